@@ -1,11 +1,15 @@
-"""Train BP2: `python train.py --stage imitation`, then `python train.py --stage relaxed`."""
+"""Train BP2: `python train.py --stage imitation`, then `python train.py --stage
+relaxed`."""
 
 import sys
 
 try:
     from bp2_rl.cli.train import main
 except ModuleNotFoundError as missing:
-    print(f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`", file=sys.stderr)
+    print(
+        f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`",
+        file=sys.stderr,
+    )
     sys.exit(2)
 
 if __name__ == "__main__":

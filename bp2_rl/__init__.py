@@ -1,4 +1,5 @@
-"""The open training stack for BP2: robot model, reference motion, MDP, learner, policy, evidence.
+"""The open training stack for BP2: robot model, reference motion, MDP, learner, policy,
+evidence.
 
     import bp2_rl as bp2
 
@@ -25,9 +26,17 @@ if TYPE_CHECKING:  # isort: off
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import preset as preset
     from bp2_rl.settings.training import TrainConfig as TrainConfig
-    from bp2_rl.simulation.rollout import RunRequest as RunRequest, rollout as rollout, simulate as simulate
+    from bp2_rl.simulation.rollout import (
+        RunRequest as RunRequest,
+        rollout as rollout,
+        simulate as simulate,
+    )
     from bp2_rl.simulation.metrics import RunMetrics as RunMetrics
-    from bp2_rl.simulation.schedule import Course as Course, CourseLeg as CourseLeg, Ramp as Ramp
+    from bp2_rl.simulation.schedule import (
+        Course as Course,
+        CourseLeg as CourseLeg,
+        Ramp as Ramp,
+    )
     from bp2_rl.simulation.trajectory import Trajectory as Trajectory
     from bp2_rl.simulation.world import Push as Push, World as World
 # isort: on
@@ -54,7 +63,8 @@ HOMES = {
     }.items()
     for name in names.split()
 }
-"""Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
+"""Where each public name is defined: its module is imported when the name is asked for,
+so that commands start fast."""
 
 
 __all__ = list(HOMES)  # what help(bp2_rl) shows  # pyright: ignore[reportUnsupportedDunderAll]
@@ -63,7 +73,9 @@ __all__ = list(HOMES)  # what help(bp2_rl) shows  # pyright: ignore[reportUnsupp
 def __getattr__(name: str) -> Any:
     """Return a public name of the package."""
     if name not in HOMES:
-        raise AttributeError(f"bp2_rl has no {name}; its public names are {', '.join(HOMES)}")
+        raise AttributeError(
+            f"bp2_rl has no {name}; its public names are {', '.join(HOMES)}"
+        )
     return getattr(importlib.import_module(f"bp2_rl.{HOMES[name]}"), name)
 
 

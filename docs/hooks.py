@@ -1,4 +1,5 @@
-"""What `mkdocs` builds beside the pages of this folder: files of the repository's root, every command's help."""
+"""What `mkdocs` builds beside the pages of this folder: files of the repository's root,
+every command's help."""
 
 import contextlib
 import importlib
@@ -17,7 +18,11 @@ from mkdocs.structure.files import File, Files
 from bp2_rl.cli import __main__ as bp2
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+PAGES = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+}
 COLUMNS = "80"  # of the terminal in which the help is printed
 INTRODUCTION = """# Commands
 
@@ -35,19 +40,28 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let links to files of the root, which work where the repository is browsed, lead to their pages.
+    """Let links to files of the root, which work where the repository is browsed, lead
+    to their pages.
 
     A public name is headed as users type it: `bp2.rollout`.
     """
     markdown = re.sub(
-        r"^::: bp2_rl(\.\w+)$", r"\g<0>\n    options: {heading: bp2\1, toc_label: bp2\1}", markdown, flags=re.M
+        r"^::: bp2_rl(\.\w+)$",
+        r"\g<0>\n    options: {heading: bp2\1, toc_label: bp2\1}",
+        markdown,
+        flags=re.M,
     )
     names = "|".join(map(re.escape, PAGES))
-    return re.sub(rf"\]\(\.\./((?:\.\./)*)({names})", lambda found: f"]({found[1]}{PAGES[found[2]]}", markdown)
+    return re.sub(
+        rf"\]\(\.\./((?:\.\./)*)({names})",
+        lambda found: f"]({found[1]}{PAGES[found[2]]}",
+        markdown,
+    )
 
 
 def _linked(source: Path) -> str:
-    """The text of a file of the root, with its links as they are within `docs/`; code is not on the site."""
+    """The text of a file of the root, with its links as they are within `docs/`; code
+    is not on the site."""
 
     def link(found: re.Match[str]) -> str:
         text, target, anchor = found["text"], found["target"], found["anchor"] or ""
@@ -58,7 +72,9 @@ def _linked(source: Path) -> str:
         return found[0] if "://" in target else f"`{text}`"
 
     return re.sub(
-        r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)(?P<anchor>#[^)]*)?\)", link, source.read_text(encoding="utf-8")
+        r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)(?P<anchor>#[^)]*)?\)",
+        link,
+        source.read_text(encoding="utf-8"),
     )
 
 
@@ -70,10 +86,14 @@ def _commands() -> str:
 
 
 def _sections(heading: str, package: str, words: list[str]) -> list[str]:
-    """The help of a command whose module lies in this package, and of all commands below it, a section each."""
+    """The help of a command whose module lies in this package, and of all commands
+    below it, a section each."""
     sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help-all"])]
     below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
-    if hasattr(importlib.import_module(package), "__path__") and importlib.util.find_spec(below) is not None:
+    if (
+        hasattr(importlib.import_module(package), "__path__")
+        and importlib.util.find_spec(below) is not None
+    ):
         for part in getattr(importlib.import_module(below), "COMMANDS", ()):
             sections += _sections(f"{heading}#", below, [*words, part])
     return sections
@@ -88,12 +108,18 @@ def _block(words: list[str]) -> str:
             status = end.code
     if status:
         raise RuntimeError(f"bp2 {' '.join(words)} ended with status {status}")
-    lines = [line.rstrip() for line in said.getvalue().replace(str(Path.home()), "~").splitlines()]
+    lines = [
+        line.rstrip()
+        for line in said.getvalue().replace(str(Path.home()), "~").splitlines()
+    ]
     return "\n".join(["```text", *lines, "```\n"])
 
 
 @contextlib.contextmanager
 def _terminal() -> Iterator[None]:
-    """As wide as a page, without colours; what commands set in the environment ends with them."""
-    with mock.patch.dict(os.environ, {"COLUMNS": COLUMNS, "NO_COLOR": "1", "JAX_PLATFORMS": "cpu"}):
+    """As wide as a page, without colours; what commands set in the environment ends
+    with them."""
+    with mock.patch.dict(
+        os.environ, {"COLUMNS": COLUMNS, "NO_COLOR": "1", "JAX_PLATFORMS": "cpu"}
+    ):
         yield

@@ -1,4 +1,5 @@
-"""Follow a trajectory from the optimiser to the policy: what was asked for, what is played, what is run.
+"""Follow a trajectory from the optimiser to the policy: what was asked for, what is
+played, what is run.
 
 pip install -c constraints.txt -e ".[trajopt]"
 python examples/optimiser_to_policy.py
@@ -29,13 +30,15 @@ class Stride(NamedTuple):
 
 
 def solved(speed: float, intervals: int) -> tuple[Stride, float]:
-    """The optimiser's trot on a coarse mesh, and the energy that a judge of its own misses in it."""
+    """The optimiser's trot on a coarse mesh, and the energy that a judge of its own
+    misses in it."""
     solution = solve(Problem(speed=speed, intervals=intervals))
     return Stride(solution.period, solution.duty), verify(solution)["energy_residual"]
 
 
 def played(speed: float) -> Stride:
-    """The library that ships: such solutions at thirty speeds, each near its neighbour, as training plays it."""
+    """The library that ships: such solutions at thirty speeds, each near its neighbour,
+    as training plays it."""
     gait, command = CollocationGait(), jnp.array([speed, 0.0, 0.0])
     cycle = jax.jit(gait)(jnp.tile(command, (1000, 1)), jnp.arange(1000) / 1000.0)
     return Stride(1.0 / float(gait.phase_rate(command)), float(cycle.contact.mean()))
@@ -53,7 +56,11 @@ def main() -> None:
     """All three at 8 m/s."""
     found, missing = solved(8.0, 16)
     print(f"the optimiser's stride misses {missing:.1e} of its motors' work")
-    for name, stride in (("optimiser", found), ("library", played(8.0)), ("policy", run(8.0, 4.0))):
+    for name, stride in (
+        ("optimiser", found),
+        ("library", played(8.0)),
+        ("policy", run(8.0, 4.0)),
+    ):
         print(f"{name:10} period {stride.period:.3f} s, duty {stride.duty:.2f}")
 
 

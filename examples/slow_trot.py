@@ -2,7 +2,8 @@
 
     python examples/slow_trot.py
 
-It is what `python train.py --stage imitation --preset first` does, in Python: settings, a run, what came of it.
+It is what `python train.py --stage imitation --preset first` does, in Python: settings,
+a run, what came of it.
 """
 
 import dataclasses
@@ -17,12 +18,16 @@ def settings() -> TrainConfig:
     """The preset `first`, with commands of at most 2 m/s instead of 2.5."""
     config = bp2.preset("imitation", "first")
     slow = dataclasses.replace(config.env.commands, max_forward=2.0)
-    return dataclasses.replace(config, env=dataclasses.replace(config.env, commands=slow))
+    return dataclasses.replace(
+        config, env=dataclasses.replace(config.env, commands=slow)
+    )
 
 
 def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
-    """Train a run in a new folder; return the lines of its metrics, without the judge's."""
-    # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `bp2.resume`.
+    """Train a run in a new folder; return the lines of its metrics, without the
+    judge's."""
+    # A run is a folder: settings, metrics, checkpoints, and a policy at every save.
+    # Killed, it goes on by `bp2.resume`.
     bp2.train(config, folder)
     return [line for line in read_metrics(folder) if "reward" in line]
 
@@ -32,9 +37,14 @@ def main() -> None:
     folder = Path("runs/slow_trot")
     lines = train(settings(), folder)
     for line in (lines[0], lines[-1]):
-        rows = {name: line[f"reward/{name}"] for name in ("joint_position", "joint_velocity", "tracking")}
+        rows = {
+            name: line[f"reward/{name}"]
+            for name in ("joint_position", "joint_velocity", "tracking")
+        }
         said = ", ".join(f"{name} {value:.3f}" for name, value in rows.items())
-        print(f"train step {line['step']}: reward {line['reward']:.3f}, of it {said}; falls {line['falls']:.1%}")
+        print(
+            f"train step {line['step']}: reward {line['reward']:.3f}, of it {said}; falls {line['falls']:.1%}"
+        )
     print(f"watch it: python examples/watch.py {folder}")
 
 

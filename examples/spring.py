@@ -24,13 +24,19 @@ class Tried(NamedTuple):
     fell_at: float | None  # s
 
 
-def try_spring(stiffness: float, speed: float, hold: float, policy: Path | str = "built") -> Tried:
+def try_spring(
+    stiffness: float, speed: float, hold: float, policy: Path | str = "built"
+) -> Tried:
     """Launch the policy on the built robot with springs of this stiffness, N/m."""
     robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
-    # `hardware` is the robot that runs; controller and policy still take it for the one that they were trained on.
-    run = bp2.rollout(bp2.load_policy(policy), bp2.Ramp((speed, 0.0, 0.0), hold=hold), hardware=robot)
+    # `hardware` is the robot that runs; controller and policy still take it for the one
+    # that they were trained on.
+    run = bp2.rollout(
+        bp2.load_policy(policy), bp2.Ramp((speed, 0.0, 0.0), hold=hold), hardware=robot
+    )
     metrics = run.metrics
-    sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
+    # the first sample is the settled stand
+    sag = float(np.mean(run.spring_compression[0]))
     return Tried(sag, metrics.mean_speed, metrics.peak_spring_travel, metrics.fell_at)
 
 
@@ -40,7 +46,9 @@ def main() -> None:
     for stiffness in (4000.0, 6000.0, 9000.0):
         tried = try_spring(stiffness, speed=6.0, hold=4.0)
         fell = "" if tried.fell_at is None else f"   fell after {tried.fell_at:.1f} s"
-        print(f"{stiffness:6.0f} {1000 * tried.sag:8.1f} {tried.speed:6.2f} {1000 * tried.travel:11.0f}{fell}")
+        print(
+            f"{stiffness:6.0f} {1000 * tried.sag:8.1f} {tried.speed:6.2f} {1000 * tried.travel:11.0f}{fell}"
+        )
     print("train on it: python train.py --env.hardware.spring-stiffness 4000")
 
 

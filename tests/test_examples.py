@@ -1,4 +1,5 @@
-"""The examples of `examples/`, each once, as small as they can be; that which trains is in learning/test_run.py."""
+"""The examples of `examples/`, each once, as small as they can be; that which trains is
+in learning/test_run.py."""
 
 import json
 import os
@@ -25,51 +26,87 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 @pytest.fixture(autouse=True)
 def _briefly_settled(monkeypatch):
-    """Every millisecond counts where all shapes are checked: a stand of 0.3 s is within 4 % of a settled one."""
+    """Every millisecond counts where all shapes are checked: a stand of 0.3 s is within
+    4 % of a settled one."""
     monkeypatch.setattr(simulator, "SETTLING_TIME", 0.3)
 
 
 def test_a_policy_is_watched(tmp_path):
-    metrics = watch.watch(asset_path("policies/built"), speed=1.0, hold=0.3, out=tmp_path)
+    metrics = watch.watch(
+        asset_path("policies/built"), speed=1.0, hold=0.3, out=tmp_path
+    )
     assert metrics.fell_at is None
-    assert metrics.mean_speed == pytest.approx(1.0, abs=0.5)  # slow running is not this policy's strength
+    # slow running is not this policy's strength
+    assert metrics.mean_speed == pytest.approx(1.0, abs=0.5)
     run = Trajectory.load(tmp_path / "trajectory.npz")
     assert len(run) * run.dt == pytest.approx(1.0 / 2.4 + 0.3, abs=0.01)
     assert (tmp_path / "gait.png").stat().st_size > 1000
 
 
 def test_springs_of_any_stiffness_bear_the_same_robot():
-    soft, hard = (spring.try_spring(stiffness, speed=0.2, hold=0.1) for stiffness in (4000.0, 8000.0))
-    assert 4000.0 * soft.sag == pytest.approx(8000.0 * hard.sag, rel=0.03)  # Hooke; legs stand a little differently
+    soft, hard = (
+        spring.try_spring(stiffness, speed=0.2, hold=0.1)
+        for stiffness in (4000.0, 8000.0)
+    )
+    # Hooke; legs stand a little differently
+    assert 4000.0 * soft.sag == pytest.approx(8000.0 * hard.sag, rel=0.03)
     assert soft.fell_at is None
 
 
 def test_a_reward_row_is_weighed_among_the_others():
-    leaning: Any = types.SimpleNamespace(e_z=jnp.array([np.sqrt(0.75), 0.0, 0.5]))  # by 60 degrees
+    # by 60 degrees
+    leaning: Any = types.SimpleNamespace(e_z=jnp.array([np.sqrt(0.75), 0.0, 0.5]))
     unread: Any = None
-    assert reward_row.level_trunk(leaning, unread, unread) == pytest.approx(0.1 * np.exp(-10.0), rel=1e-5)
+    assert reward_row.level_trunk(leaning, unread, unread) == pytest.approx(
+        0.1 * np.exp(-10.0), rel=1e-5
+    )
     means = reward_row.weigh(steps=2, robots=2)
     assert means.keys() == {*ROWS, "level_trunk"}
-    assert 0.09 < means["level_trunk"] <= 0.1  # the reference holds the trunk all but level
+    # the reference holds the trunk all but level
+    assert 0.09 < means["level_trunk"] <= 0.1
 
 
 def test_the_notebook_runs(tmp_path):
-    """All cells in a process of their own, on this interpreter; what they print is not compared."""
-    words = ["--nbval-lax", "--nbval-current-env", "-p", "no:cacheprovider", "-o", "addopts=", "-o", "filterwarnings="]
+    """All cells in a process of their own, on this interpreter; what they print is not
+    compared."""
+    words = [
+        "--nbval-lax",
+        "--nbval-current-env",
+        "-p",
+        "no:cacheprovider",
+        "-o",
+        "addopts=",
+        "-o",
+        "filterwarnings=",
+    ]
     notebook = EXAMPLES / "quickstart.ipynb"
     command = [sys.executable, "-m", "pytest", *words, str(notebook)]
-    done = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True)
+    done = subprocess.run(
+        command,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stdout
 
 
 def test_a_stride_is_followed_from_the_optimiser_to_the_policy():
-    """In a process of its own, where shapes are not checked at each of the run's milliseconds."""
+    """In a process of its own, where shapes are not checked at each of the run's
+    milliseconds."""
     program = (
         "import json; from optimiser_to_policy import played, run, solved; found, missing = solved(8.0, 6); "
         "print(json.dumps([missing, found.period, played(8.0).period, run(8.0, 1.0).period]))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=EXAMPLES, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=EXAMPLES,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     missing, found, played, run = json.loads(done.stdout.splitlines()[-1])
-    assert missing < 0.05  # of the motors' work, on six intervals; docs/notes/trajectories.md has finer meshes
-    assert played == pytest.approx(found, rel=0.1)  # the library keeps a reserve, and stays near its neighbours
+    # of the motors' work, on six intervals; docs/notes/trajectories.md has finer meshes
+    assert missing < 0.05
+    # the library keeps a reserve, and stays near its neighbours
+    assert played == pytest.approx(found, rel=0.1)
     assert run == pytest.approx(played, rel=0.02)  # the policy's clock is the library's

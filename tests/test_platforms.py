@@ -1,9 +1,20 @@
-"""What macOS and Windows lack is taken away here, on Linux: everything can still be imported, and folders made."""
+"""What macOS and Windows lack is taken away here, on Linux: everything can still be
+imported, and folders made."""
 
 import subprocess
 import sys
 
-POSIX_ONLY = ("fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty")
+POSIX_ONLY = (
+    "fcntl",
+    "grp",
+    "posix",
+    "pty",
+    "pwd",
+    "resource",
+    "syslog",
+    "termios",
+    "tty",
+)
 """Modules that Windows has not; macOS has them."""
 
 PROGRAM = f"""
@@ -47,7 +58,9 @@ with lock_folder(pathlib.Path("made"), "busy"):
 
 
 def test_every_module_imports_without_what_other_systems_lack(tmp_path):
-    done = subprocess.run([sys.executable, "-c", PROGRAM], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=tmp_path, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     counted = done.stdout.splitlines()[-1]  # MuJoCo's say of Warp comes before
     assert int(counted.split()[0]) > 200  # of the package, not of an empty folder

@@ -1,4 +1,5 @@
-"""README's table of results says what the cards say, cell by cell, as the table rounds; README's Python runs."""
+"""README's table of results says what the cards say, cell by cell, as the table rounds;
+README's Python runs."""
 
 import json
 import math
@@ -37,7 +38,11 @@ IDEAL = {
 def table() -> dict[str, list[str]]:
     """Return the cells of README's table of results by the names of its rows."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines
+        if line.startswith("| ")
+    ]
     return {row[0]: row[1:] for row in rows if len(row) == 5}
 
 
@@ -45,7 +50,9 @@ def table() -> dict[str, list[str]]:
 @pytest.mark.parametrize("start", ROWS)
 def test_a_cell_is_what_the_card_says(start, policy):
     (cells,) = (cells for name, cells in table().items() if name.startswith(start))
-    results = json.loads((ROOT / f"assets/policies/{policy}/card.json").read_text(encoding="utf-8"))["results"]
+    results = json.loads(
+        (ROOT / f"assets/policies/{policy}/card.json").read_text(encoding="utf-8")
+    )["results"]
     row = (IDEAL if policy == "fastest" else {}).get(start, ROWS[start])
     assert cells[1 + POLICIES.index(policy)] == row(results)
 
@@ -53,7 +60,9 @@ def test_a_cell_is_what_the_card_says(start, policy):
 def test_the_columns_are_those_policies_and_the_papers_robot():
     head, _, *rows = table().values()
     assert head[0] == "BP2 (paper)"
-    assert [found[1] for cell in head[1:] if (found := re.search(r"`(\w+)`", cell))] == list(POLICIES)
+    assert [
+        found[1] for cell in head[1:] if (found := re.search(r"`(\w+)`", cell))
+    ] == list(POLICIES)
     assert tuple(cells[0] for cells in rows) == PAPER
     assert (bp2.TREADMILL_TOP_SPEED, bp2.OUTDOOR_TOP_SPEED) == (13.2, 10.74)
 
@@ -61,12 +70,26 @@ def test_the_columns_are_those_policies_and_the_papers_robot():
 def test_the_prediction_intervals_are_those_of_all_trainings():
     """Student's interval for one more draw, by SciPy."""
     text = (ROOT / "docs/notes/training.md").read_text(encoding="utf-8")
-    rows = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| seeds ")]
+    rows = [
+        line.strip("|").split("|")
+        for line in text.splitlines()
+        if line.startswith("| seeds ")
+    ]
     readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    for column, digits, words in ((1, 1, "between {} and {} m/s"), (2, 2, "100 m in {} to {} s")):
-        values = [float(value) for row in rows for value in row[column].split(",") if value.strip()]
+    for column, digits, words in (
+        (1, 1, "between {} and {} m/s"),
+        (2, 2, "100 m in {} to {} s"),
+    ):
+        values = [
+            float(value)
+            for row in rows
+            for value in row[column].split(",")
+            if value.strip()
+        ]
         n, spread = len(values), statistics.stdev(values)
-        low, high = stats.t(n - 1, statistics.mean(values), spread * math.sqrt(1.0 + 1.0 / n)).interval(0.9)
+        low, high = stats.t(
+            n - 1, statistics.mean(values), spread * math.sqrt(1.0 + 1.0 / n)
+        ).interval(0.9)
         low, high = (f"{bound:.{digits}f}" for bound in (low, high))
         assert f"**{low} to {high}**" in text
         assert words.format(low, high) in readme
@@ -74,15 +97,27 @@ def test_the_prediction_intervals_are_those_of_all_trainings():
 
 
 def test_the_lines_of_python_run(tmp_path):
-    """Each block as a script of its own, but for the preset: `smoke` takes a minute less."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    """Each block as a script of its own, but for the preset: `smoke` takes a minute
+    less."""
+    blocks = re.findall(
+        r"```python\n(.*?)```",
+        (ROOT / "README.md").read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
     assert ['"cpu"' in block for block in blocks] == [False, True]
     said = []
     for block in blocks:
-        (tmp_path / "script.py").write_text(block.replace('"cpu"', '"smoke"'), encoding="utf-8")
-        done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
+        (tmp_path / "script.py").write_text(
+            block.replace('"cpu"', '"smoke"'), encoding="utf-8"
+        )
+        done = subprocess.run(
+            [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         said += done.stdout.split()
     assert 9.5 < float(said[0]) < 11.0
-    card = json.loads((tmp_path / "runs/go1/policy/card.json").read_text(encoding="utf-8"))
-    assert card["env"]["hardware"]["body"]["name"] == "Unitree Go1"  # the robot of the second block
+    card = json.loads(
+        (tmp_path / "runs/go1/policy/card.json").read_text(encoding="utf-8")
+    )
+    # the robot of the second block
+    assert card["env"]["hardware"]["body"]["name"] == "Unitree Go1"

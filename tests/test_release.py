@@ -16,7 +16,9 @@ def test_the_citation_is_of_this_version_and_licence():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", citation, re.M) == [bp2_rl.__version__]
     assert re.findall(r"^license: (.+)$", citation, re.M) == [PROJECT["license"]]
-    holder = re.findall(r"^Copyright \(c\) \d+ (.+)$", (ROOT / "LICENSE").read_text(), re.M)
+    holder = re.findall(
+        r"^Copyright \(c\) \d+ (.+)$", (ROOT / "LICENSE").read_text(), re.M
+    )
     assert re.findall(r"^authors:\n  - name: (.+)$", citation, re.M) == holder
 
 
@@ -26,14 +28,29 @@ def test_the_package_says_that_it_is_typed():
 
 
 def test_what_the_documentation_is_built_with_is_pinned():
-    pinned = {line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line}
+    pinned = {
+        line.split("==")[0]
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if "==" in line
+    }
     extras = PROJECT["optional-dependencies"]
-    assert {re.split(r"[>=<\[]", need)[0] for need in extras["docs"] + extras["release"]} <= pinned
+    assert {
+        re.split(r"[>=<\[]", need)[0] for need in extras["docs"] + extras["release"]
+    } <= pinned
 
 
 def test_no_pin_holds_on_a_python_that_is_too_old():
-    """There pip of Python 3.10 would tell of a conflict of packages, and of Python nothing."""
-    pins = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line]
+    """There pip of Python 3.10 would tell of a conflict of packages, and of Python
+    nothing."""
+    pins = [
+        Requirement(line)
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if "==" in line
+    ]
     assert len(pins) > 50
-    old = [pin.name for pin in pins if pin.marker is None or pin.marker.evaluate({"python_version": "3.10"})]
+    old = [
+        pin.name
+        for pin in pins
+        if pin.marker is None or pin.marker.evaluate({"python_version": "3.10"})
+    ]
     assert old == []

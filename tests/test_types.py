@@ -1,4 +1,5 @@
-"""While tests run, every function's and dataclass's annotations are checked at its first calls in each test."""
+"""While tests run, every function's and dataclass's annotations are checked at its
+first calls in each test."""
 
 import numpy as np
 import pytest

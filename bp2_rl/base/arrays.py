@@ -1,11 +1,13 @@
-"""What functions may ask of numbers that are NumPy's, JAX's or CasADi's, without importing any of these."""
+"""What functions may ask of numbers that are NumPy's, JAX's or CasADi's, without
+importing any of these."""
 
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 
 @runtime_checkable
 class Number(Protocol):
-    """A float, an array of NumPy or JAX, or an expression of CasADi: all that one can calculate with."""
+    """A float, an array of NumPy or JAX, or an expression of CasADi: all that one can
+    calculate with."""
 
     def __add__(self, other: Any, /) -> Any: ...  # noqa: D105
     def __radd__(self, other: Any, /) -> Any: ...  # noqa: D105
@@ -25,7 +27,8 @@ class Number(Protocol):
 
 @runtime_checkable
 class Array(Number, Protocol):
-    """An array of NumPy or JAX: a number with a shape, whose functions are in `__array_namespace__()`."""
+    """An array of NumPy or JAX: a number with a shape, whose functions are in
+    `__array_namespace__()`."""
 
     @property
     def shape(self) -> tuple[int, ...]: ...  # noqa: D102

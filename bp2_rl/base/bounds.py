@@ -1,12 +1,14 @@
-"""Types of settings and bounds of their numbers, declared where the field is and checked in one place.
+"""Types of settings and bounds of their numbers, declared where the field is and
+checked in one place.
 
     sweep: Positive = 0.7
     friction: Annotated[float, Within(0.01, 10.0)] = 0.9
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
 
-`check_bounds` goes through a dataclass and the ones in it; a dataclass that is `Bounded` does so when it is made. A
-value must be of the field's type. A number must be finite unless its bounds say otherwise, and an integer must fit 64
-bits; in a tuple every entry must be within, and a `Range` must ascend.
+`check_bounds` goes through a dataclass and the ones in it; a dataclass that is
+`Bounded` does so when it is made. A value must be of the field's type. A number must be
+finite unless its bounds say otherwise, and an integer must fit 64 bits; in a tuple
+every entry must be within, and a `Range` must ascend.
 """
 
 import dataclasses
@@ -53,7 +55,9 @@ class Within:
         elif lower:
             ends.append(f"at least {_show(self.least)}")
         if upper:
-            ends.append(f"{'below' if self.open_above else 'at most'} {_show(self.most)}")
+            ends.append(
+                f"{'below' if self.open_above else 'at most'} {_show(self.most)}"
+            )
         return " and ".join(ends) or "a finite number"
 
 
@@ -69,15 +73,18 @@ Range = tuple[float, float]
 
 
 def check_bounds(config: Any, path: str = "") -> None:
-    """Refuse a dataclass with a value of another type or a number out of bounds; those in it are looked at, too.
+    """Refuse a dataclass with a value of another type or a number out of bounds; those
+    in it are looked at, too.
 
     Args:
         config: an instance.
-        path: what its fields' names are preceded by in messages, `control.`; empty for none. If that begins as a flag
-            does, `--operator.`, they are written as flags.
+        path: what its fields' names are preceded by in messages, `control.`; empty for
+            none. If that begins as a flag does, `--operator.`, they are written as
+            flags.
 
     Raises:
-        UserError: one line that names the first such field, its type or bounds, and its value.
+        UserError: one line that names the first such field, its type or bounds, and its
+            value.
     """
     hints = typing.get_type_hints(type(config), include_extras=True)
     for field in dataclasses.fields(config):
@@ -85,7 +92,9 @@ def check_bounds(config: Any, path: str = "") -> None:
         name = name.replace("_", "-") if path.startswith("--") else name
         annotation = hints[field.name]
         if not _fits(value, annotation):
-            raise UserError(f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}")
+            raise UserError(
+                f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}"
+            )
         entries = value if isinstance(value, tuple) else (value,)
         for each in entries:
             if dataclasses.is_dataclass(each):
@@ -98,19 +107,30 @@ def check_bounds(config: Any, path: str = "") -> None:
         bounds = _bounds(annotation)
         for number in numbers:
             if number not in bounds:
-                endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
-                raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
+                endless = not (
+                    _is_finite(number)
+                    or math.isfinite(bounds.most)
+                    or bounds.infinite
+                    or bounds == ANY
+                )
+                raise UserError(
+                    f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}"
+                )
         if numbers and _kinds(annotation) == [Range] and not value[0] <= value[1]:
-            raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
+            raise UserError(
+                f"{name} must be a range (low, high) with low <= high, got {value}"
+            )
 
 
 class Bounded:
-    """A dataclass that refuses numbers out of bounds; one with more to refuse has a `__post_init__` of its own."""
+    """A dataclass that refuses numbers out of bounds; one with more to refuse has a
+    `__post_init__` of its own."""
 
     _path: ClassVar[str] = ""
 
     def __init_subclass__(cls, path: str | None = None) -> None:
-        """Keep `path`, with which `check_bounds` names a subclass's fields; a subclass of that inherits it."""
+        """Keep `path`, with which `check_bounds` names a subclass's fields; a subclass
+        of that inherits it."""
         if path is not None:
             cls._path = path
 
@@ -120,7 +140,8 @@ class Bounded:
 
 
 def _bounds(annotation: Any) -> Within:
-    """The bounds that an annotation declares, of an optional one or a tuple's entries as well."""
+    """The bounds that an annotation declares, of an optional one or a tuple's entries
+    as well."""
     if get_origin(annotation) is Annotated:
         inner, *remarks = get_args(annotation)
         found = [remark for remark in remarks if isinstance(remark, Within)]
@@ -133,7 +154,8 @@ def _bounds(annotation: Any) -> Within:
 
 
 def _fits(value: Any, annotation: Any) -> bool:
-    """Whether a value is of a type; of one that cannot be looked into, such as a function's, it always is."""
+    """Whether a value is of a type; of one that cannot be looked into, such as a
+    function's, it always is."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _fits(value, inner[0])
@@ -144,11 +166,17 @@ def _fits(value: Any, annotation: Any) -> bool:
     if origin in (tuple, Sequence):
         if not isinstance(value, origin):
             return False
-        kinds = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+        kinds = (
+            inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+        )
         return len(value) == len(kinds) and all(map(_fits, value, kinds))
     if annotation in NUMBERS:
         return isinstance(value, NUMBERS[annotation]) and not isinstance(value, bool)
-    return annotation is Any or not isinstance(annotation, type) or isinstance(value, annotation)
+    return (
+        annotation is Any
+        or not isinstance(annotation, type)
+        or isinstance(value, annotation)
+    )
 
 
 def _kinds(annotation: Any) -> list[Any]:
@@ -156,7 +184,12 @@ def _kinds(annotation: Any) -> list[Any]:
     if get_origin(annotation) is Annotated:
         return _kinds(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
-        return [kind for member in get_args(annotation) if member is not NoneType for kind in _kinds(member)]
+        return [
+            kind
+            for member in get_args(annotation)
+            if member is not NoneType
+            for kind in _kinds(member)
+        ]
     return [annotation]
 
 
@@ -167,13 +200,23 @@ def _in_words(kind: Any) -> str:
         return " or ".join(map(str, inner))
     if inner:
         return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(_kinds(inner[0])[0])}"
-    words = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
-    return words.get(kind) or f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+    words = {
+        float: "a number",
+        int: "a whole number",
+        bool: "True or False",
+        str: "a text",
+    }
+    return (
+        words.get(kind)
+        or f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+    )
 
 
 def _is_finite(number: float) -> bool:
     """Whether a float is finite, or an integer of at most 64 bits."""
-    return -(2**63) <= number < 2**63 if isinstance(number, int) else math.isfinite(number)
+    return (
+        -(2**63) <= number < 2**63 if isinstance(number, int) else math.isfinite(number)
+    )
 
 
 def _show(number: float) -> str:

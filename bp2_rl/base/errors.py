@@ -1,4 +1,5 @@
-"""How a command can end but for success and failure: by a user's mistake, or early, with the work kept."""
+"""How a command can end but for success and failure: by a user's mistake, or early,
+with the work kept."""
 
 import difflib
 from collections.abc import Iterable
@@ -8,12 +9,18 @@ OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 class UserError(ValueError):
-    """Wrong input: one line that says what is wrong and how to mend it; the command exits with status 2."""
+    """Wrong input: one line that says what is wrong and how to mend it; the command
+    exits with status 2."""
 
 
-def not_installed(what: str, package: str, extra: str, otherwise: str = "") -> UserError:
-    """The mistake of asking for what needs a package of one of the project's extras, and how to install that."""
-    return UserError(f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}')
+def not_installed(
+    what: str, package: str, extra: str, otherwise: str = ""
+) -> UserError:
+    """The mistake of asking for what needs a package of one of the project's extras,
+    and how to install that."""
+    return UserError(
+        f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}'
+    )
 
 
 LONGEST_LINE = 2000
@@ -21,17 +28,26 @@ LONGEST_LINE = 2000
 
 
 def one_line(text: str) -> str:
-    """Return the text without line breaks, and with escapes for what no terminal shows, or what steers one."""
-    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
-    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
+    """Return the text without line breaks, and with escapes for what no terminal shows,
+    or what steers one."""
+    line = "".join(
+        c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split())
+    )
+    return (
+        line
+        if len(line) <= LONGEST_LINE
+        else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
+    )
 
 
 class RunStopped(Exception):
-    """A run that ends before its last step, with its work kept: one line that says why and how to go on.
+    """A run that ends before its last step, with its work kept: one line that says why
+    and how to go on.
 
     Args:
         message: the line.
-        status: the command's exit status: 1 where something failed, 128 + n for signal n.
+        status: the command's exit status: 1 where something failed, 128 + n for signal
+            n.
     """
 
     def __init__(self, message: str, status: int):
@@ -43,21 +59,30 @@ def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
     """Raise a `UserError` that lists the choices where `name` is none of them."""
     if name not in (names := tuple(choices)):
         near = did_you_mean(str(name), names) or ":"
-        raise UserError(f"there is no {what} {name!r}{near} choose one of {', '.join(names)}")
+        raise UserError(
+            f"there is no {what} {name!r}{near} choose one of {', '.join(names)}"
+        )
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the question whether that of the `known` was meant that is spelled most like a word, if one is like it."""
-    return "".join(f": did you mean {near}?" for near in difflib.get_close_matches(word, list(known), 1))
+    """Return the question whether that of the `known` was meant that is spelled most
+    like a word, if one is like it."""
+    return "".join(
+        f": did you mean {near}?"
+        for near in difflib.get_close_matches(word, list(known), 1)
+    )
 
 
-def require_kind(what: str, value: object, kinds: type | tuple[type, ...], such_as: str) -> None:
+def require_kind(
+    what: str, value: object, kinds: type | tuple[type, ...], such_as: str
+) -> None:
     """Raise a `UserError` with an example where a value is of none of these kinds."""
     if not isinstance(value, kinds):
         raise UserError(f"{what} takes {such_as}, got {shown(value)}")
 
 
 def shown(value: object) -> str:
-    """Return a value for a message: as it is written, or only its type where that is long."""
+    """Return a value for a message: as it is written, or only its type where that is
+    long."""
     text = one_line(repr(value))
     return text if len(text) < 80 else f"a {type(value).__name__}"

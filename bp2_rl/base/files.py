@@ -1,8 +1,10 @@
-"""Files that are whole or not there, and strangers' files that are looked at before use.
+"""Files that are whole or not there, and strangers' files that are looked at before
+use.
 
-Everything that the package keeps is written by these functions, and everything that it reads back goes through
-`read_json` and `read_npz`: whatever such a file holds, it ends in the value wanted or in one line that says what is
-wrong with it. Folders are in `folders.py`.
+Everything that the package keeps is written by these functions, and everything that it
+reads back goes through `read_json` and `read_npz`: whatever such a file holds, it ends
+in the value wanted or in one line that says what is wrong with it. Folders are in
+`folders.py`.
 """
 
 import contextlib
@@ -27,7 +29,8 @@ from bp2_rl.base.errors import UserError, require_kind
 
 LARGEST_FILE = 4 << 30
 LARGEST_TEXT = 64 << 20
-"""Bytes of the largest file, and of the largest JSON file, that is read: ours are far smaller."""
+"""Bytes of the largest file, and of the largest JSON file, that is read: ours are far
+smaller."""
 LARGEST_ARRAYS = 1 << 30
 """Bytes that the arrays of one .npz file may have unless the reader says otherwise."""
 DEEPEST = 50
@@ -35,18 +38,21 @@ DEEPEST = 50
 
 
 class BadFileError(UserError):
-    """A file that is not there, cannot be read, or does not hold what it should; the line begins with its path."""
+    """A file that is not there, cannot be read, or does not hold what it should; the
+    line begins with its path."""
 
 
-# --- Writing -------------------------------------------------------------------------------------------------
+# --- Writing --------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
 def new_file(path: Path | str) -> Generator[IO[bytes]]:
-    """A file to fill, which takes the place of `path` when the block ends, whole and on disk, or not at all.
+    """A file to fill, which takes the place of `path` when the block ends, whole and on
+    disk, or not at all.
 
     Raises:
-        OSError: the disk is full, or the folder not ours; what was there before still is.
+        OSError: the disk is full, or the folder not ours; what was there before still
+            is.
     """
     path = Path(path)
     temporary = _temporary(path, os.getpid())  # another process may write the same file
@@ -73,14 +79,18 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def write_npz(path: Path | str, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
-    """Write named arrays with `np.savez` or `np.savez_compressed`, whole or not at all."""
+def write_npz(
+    path: Path | str, arrays: Mapping[str, Any], *, compressed: bool = False
+) -> None:
+    """Write named arrays with `np.savez` or `np.savez_compressed`, whole or not at
+    all."""
     with new_file(path) as file:
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
 
 
 def open_in_place(path: Path) -> IO[str]:
-    """Open a file, made if need be, to append text in UTF-8; in somebody else's folder it may be anything.
+    """Open a file, made if need be, to append text in UTF-8; in somebody else's folder
+    it may be anything.
 
     Raises:
         BadFileError: it is a link, a folder, a device or a pipe.
@@ -90,10 +100,15 @@ def open_in_place(path: Path) -> IO[str]:
 
 
 def _open(path: Path | str, mode: str, **options: Any) -> IO[Any]:
-    """Open a regular file, without waiting for a pipe's other end; one that is written is no link."""
+    """Open a regular file, without waiting for a pipe's other end; one that is written
+    is no link."""
     special = _WITHOUT_WAITING if mode == "rb" else _WITHOUT_WAITING | _WITHOUT_LINKS
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | special, 0o666)
+
     try:
-        file = open(path, mode, opener=lambda name, flags: os.open(name, flags | special, 0o666), **options)  # noqa: SIM115
+        file = open(path, mode, opener=opener, **options)  # noqa: SIM115
     except OSError as error:
         if what := _NO_FILE.get(error.errno or 0):
             raise BadFileError(f"{path} is {what}") from error
@@ -104,7 +119,10 @@ def _open(path: Path | str, mode: str, **options: Any) -> IO[Any]:
     return file
 
 
-_NO_FILE = {errno.ELOOP: "a link to elsewhere: remove it", errno.EISDIR: "a folder, not a file"}
+_NO_FILE = {
+    errno.ELOOP: "a link to elsewhere: remove it",
+    errno.EISDIR: "a folder, not a file",
+}
 _WITHOUT_WAITING, _WITHOUT_LINKS = (
     getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLOW")
 )  # Windows has neither
@@ -121,7 +139,8 @@ def flush(file: IO[Any] | io.IOBase) -> None:
 
 
 def sync(path: Path) -> None:
-    """Until a file's content, or a folder's names, are on disk; Windows, which opens no folders, is left to itself."""
+    """Until a file's content, or a folder's names, are on disk; Windows, which opens no
+    folders, is left to itself."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     descriptor = os.open(path, os.O_RDONLY)
@@ -132,39 +151,58 @@ def sync(path: Path) -> None:
 
 
 def require_name(path: Path | str) -> None:
-    """Raise `UserError` unless a file or a folder can be written under this name, whether there is one or not."""
-    require_kind("the name of a file or folder", path, (str, os.PathLike), "a text or a Path, such as 'runs/first'")
+    """Raise `UserError` unless a file or a folder can be written under this name,
+    whether there is one or not."""
+    require_kind(
+        "the name of a file or folder",
+        path,
+        (str, os.PathLike),
+        "a text or a Path, such as 'runs/first'",
+    )
     try:
         str(path).encode()
-        for name in (Path(path), _temporary(Path(path), 10**7)) if Path(path).name else (path,):
-            with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+        for name in (
+            (Path(path), _temporary(Path(path), 10**7)) if Path(path).name else (path,)
+        ):
+            with contextlib.suppress(
+                FileNotFoundError, NotADirectoryError, PermissionError
+            ):
                 os.stat(name)
     except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
         name = ascii(str(path))
         name = name if len(name) <= 60 else f"{name[:57]}..."
-        what = error.strerror if isinstance(error, OSError) else "it holds a NUL or bytes that are not UTF-8"
+        what = (
+            error.strerror
+            if isinstance(error, OSError)
+            else "it holds a NUL or bytes that are not UTF-8"
+        )
         raise UserError(f"no file or folder can be called {name}: {what}") from error
 
 
-# --- Reading -------------------------------------------------------------------------------------------------
+# --- Reading --------------------------------------------------------------------------
 
 
 def read_bytes(path: Path | str, largest: int = LARGEST_FILE) -> bytes:
     """A file's content.
 
     Raises:
-        BadFileError: it is not there, cannot be read, is no regular file, or is larger than `largest` bytes.
+        BadFileError: it is not there, cannot be read, is no regular file, or is larger
+            than `largest` bytes.
     """
     try:
         with _open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
             if size > largest:
-                raise BadFileError(f"{path} has {size:,} bytes, {largest:,} at most are read")
+                raise BadFileError(
+                    f"{path} has {size:,} bytes, {largest:,} at most are read"
+                )
             return file.read(size)
     except BadFileError:
         raise
     except (OSError, ValueError) as error:  # a ValueError: no file can have this name
-        raise BadFileError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise BadFileError(
+            f"{path} cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from error
 
 
 def read_json(path: Path) -> Any:
@@ -180,22 +218,27 @@ def parse_json(content: bytes | str, source: str) -> Any:
     """The JSON value that a file's content stands for.
 
     Raises:
-        BadFileError: it is not JSON in UTF-8, or nested too deeply; `source` stands before the line.
+        BadFileError: it is not JSON in UTF-8, or nested too deeply; `source` stands
+            before the line.
     """
     try:
         value = json.loads(content if isinstance(content, str) else content.decode())
         check_values(value)
     except RecursionError as error:
-        raise BadFileError(f"{source} is no JSON file of ours: it is nested too deeply") from error
+        raise BadFileError(
+            f"{source} is no JSON file of ours: it is nested too deeply"
+        ) from error
     except ValueError as error:  # JSON, UTF-8 and endless integers alike
         raise BadFileError(f"{source} is damaged or not JSON: {error}") from error
     return value
 
 
 def check_values(value: Any) -> None:
-    """Raise RecursionError or ValueError where a value of JSON or TOML cannot be walked through or shown.
+    """Raise RecursionError or ValueError where a value of JSON or TOML cannot be walked
+    through or shown.
 
-    It may be nested too deeply, and a text may hold half a character or what steers a terminal.
+    It may be nested too deeply, and a text may hold half a character or what steers a
+    terminal.
     """
     level = [value]
     for _ in range(DEEPEST):
@@ -203,8 +246,11 @@ def check_values(value: Any) -> None:
             text.encode()
             if found := _STEERING.search(text):
                 raise ValueError(f"a text holds the control character {found[0]!a}")
-        inner = [(list(entry) + list(entry.values()) if isinstance(entry, dict) else entry) for entry in level
-                 if isinstance(entry, dict | list)]  # fmt: skip
+        inner = [
+            (list(entry) + list(entry.values()) if isinstance(entry, dict) else entry)
+            for entry in level
+            if isinstance(entry, dict | list)
+        ]
         level = [entry for entries in inner for entry in entries]
         if not level:
             return
@@ -212,13 +258,16 @@ def check_values(value: Any) -> None:
 
 
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Control characters but tab and line feed, and marks that turn the direction of writing."""
+"""Control characters but tab and line feed, and marks that turn the direction of
+writing."""
 
 
 class ArraySpec(NamedTuple):
-    """What an array of an .npz file must be: NumPy's dtype (or a kind of them, `np.floating`) and a shape.
+    """What an array of an .npz file must be: NumPy's dtype (or a kind of them,
+    `np.floating`) and a shape.
 
-    A name in the shape is a size that must be the same wherever it stands; None is any size.
+    A name in the shape is a size that must be the same wherever it stands; None is any
+    size.
     """
 
     dtype: Any
@@ -226,12 +275,17 @@ class ArraySpec(NamedTuple):
 
 
 def read_npz(
-    path: Path | str, wanted: Mapping[str, ArraySpec], *, content: bytes | None = None, largest: int = LARGEST_ARRAYS
+    path: Path | str,
+    wanted: Mapping[str, ArraySpec],
+    *,
+    content: bytes | None = None,
+    largest: int = LARGEST_ARRAYS,
 ) -> dict[str, np.ndarray]:
-    """The arrays `wanted` of an .npz file, and nothing else of it: pickles and further arrays are never unpacked.
+    """The arrays `wanted` of an .npz file, and nothing else of it: pickles and further
+    arrays are never unpacked.
 
-    Names, types, shapes and sizes are compared with the headers before an array is read, so that a small file cannot
-    fill the memory.
+    Names, types, shapes and sizes are compared with the headers before an array is
+    read, so that a small file cannot fill the memory.
 
     Args:
         path: of the file, for its content and for the message.
@@ -240,7 +294,8 @@ def read_npz(
         largest: bytes that the arrays may have together, unpacked.
 
     Raises:
-        BadFileError: the file is missing, damaged, or holds anything else under these names.
+        BadFileError: the file is missing, damaged, or holds anything else under these
+            names.
     """
     content = read_bytes(path) if content is None else content
     try:
@@ -248,7 +303,8 @@ def read_npz(
             members = {
                 one.filename.removesuffix(".npy"): one.filename
                 for one in archive.infolist()
-                if one.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as NumPy does
+                # as NumPy does
+                if one.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
             }
             sizes: dict[str, int] = {}
             total = 0
@@ -263,41 +319,68 @@ def read_npz(
                     )
                 total += dtype.itemsize * math.prod(shape)
             if total > largest:
-                raise BadFileError(f"{path} holds {total:,} bytes of arrays, {largest:,} at most are read")
+                raise BadFileError(
+                    f"{path} holds {total:,} bytes of arrays, {largest:,} at most are read"
+                )
             arrays = {}
             for name in wanted:
                 with archive.open(members[name]) as member:
                     arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
                     if member.read(1):
-                        raise BadFileError(f"{path} is damaged: {name} is longer than it says")
+                        raise BadFileError(
+                            f"{path} is damaged: {name} is longer than it says"
+                        )
             return arrays
     except UserError:
         raise
     except _DAMAGE as error:
-        raise BadFileError(f"{path} is damaged or no .npz file ({type(error).__name__}: {error})") from error
+        raise BadFileError(
+            f"{path} is damaged or no .npz file ({type(error).__name__}: {error})"
+        ) from error
 
 
-# What zipfile, zlib and NumPy raise for bytes that are not theirs; found by flipping bits of every file we write.
+# What zipfile, zlib and NumPy raise for bytes that are not theirs; found by flipping
+# bits of every file we write.
 _DAMAGE = (
-    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, OverflowError, MemoryError, RecursionError,
-    NotImplementedError, RuntimeError, SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+    NotImplementedError,
+    RuntimeError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def _read_header(member: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
-    if (version := np.lib.format.read_magic(member)) != (1, 0):  # later ones may have headers of gigabytes
+    # later ones may have headers of gigabytes
+    if (version := np.lib.format.read_magic(member)) != (1, 0):
         raise ValueError(f"array format {version}")
     return np.lib.format.read_array_header_1_0(member)
 
 
-def _fits(dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]) -> bool:
-    """Whether an array is as wanted; the sizes that `spec` names are set by their first appearance."""
+def _fits(
+    dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]
+) -> bool:
+    """Whether an array is as wanted; the sizes that `spec` names are set by their first
+    appearance."""
     kind = isinstance(spec.dtype, type) and issubclass(spec.dtype, np.generic)
     right_type = np.issubdtype(dtype, spec.dtype) if kind else dtype == spec.dtype
     if not right_type or dtype.hasobject or len(shape) != len(spec.shape):
         return False
     for size, expected in zip(shape, spec.shape, strict=True):
-        limit = sizes.setdefault(expected, size) if isinstance(expected, str) else expected
+        limit = (
+            sizes.setdefault(expected, size) if isinstance(expected, str) else expected
+        )
         if limit is not None and size != limit:
             return False
     return True
@@ -305,5 +388,12 @@ def _fits(dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[
 
 def _describe(spec: ArraySpec, sizes: Mapping[str, int]) -> str:
     name = spec.dtype.__name__ if isinstance(spec.dtype, type) else str(spec.dtype)
-    shape = [sizes.get(size, size) if isinstance(size, str) else "any" if size is None else size for size in spec.shape]
+    shape = [
+        sizes.get(size, size)
+        if isinstance(size, str)
+        else "any"
+        if size is None
+        else size
+        for size in spec.shape
+    ]
     return f"{name}[{', '.join(map(str, shape))}]"

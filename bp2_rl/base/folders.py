@@ -1,4 +1,5 @@
-"""Folders that are replaced whole or not at all, and folders that belong to one piece of work."""
+"""Folders that are replaced whole or not at all, and folders that belong to one piece
+of work."""
 
 import contextlib
 import errno
@@ -16,15 +17,17 @@ LOCK = ".lock"
 """The file in a folder that `lock_folder` locks; it stays there."""
 
 
-# --- Replaced whole -----------------------------------------------------------------------------------------
+# --- Replaced whole -------------------------------------------------------------------
 
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Generator[Path]:
-    """A folder to fill, which takes the place of `path` when the block ends, whole or not at all.
+    """A folder to fill, which takes the place of `path` when the block ends, whole or
+    not at all.
 
-    Killed at any moment, either the old folder or the new one is there under its name, or the old one is complete
-    under `.NAME.old`, where `find_folder` finds it and from where `restore_folder` brings it back.
+    Killed at any moment, either the old folder or the new one is there under its name,
+    or the old one is complete under `.NAME.old`, where `find_folder` finds it and from
+    where `restore_folder` brings it back.
 
     Raises:
         OSError: as `write_bytes`.
@@ -54,34 +57,45 @@ def new_folder(path: Path) -> Generator[Path]:
 
 
 def remove_folder(path: Path) -> None:
-    """Remove a folder so that, killed half-way, nothing of it is left under its name."""
+    """Remove a folder so that, killed half-way, nothing of it is left under its
+    name."""
     doomed = _aside(Path(path), "gone")
     Path(path).rename(doomed)
     _remove(doomed)
 
 
 def find_folder(path: Path) -> Path:
-    """Where the folder is that `new_folder` calls `path`: there, or set aside by a process that was killed."""
+    """Where the folder is that `new_folder` calls `path`: there, or set aside by a
+    process that was killed."""
     path = Path(path)
-    return path if path.exists() or not _aside(path, "old").is_dir() else _aside(path, "old")
+    return (
+        path
+        if path.exists() or not _aside(path, "old").is_dir()
+        else _aside(path, "old")
+    )
 
 
 def folder_names(parent: Path) -> set[str]:
-    """Names of the folders in a folder, of those with an own name and those that `find_folder` finds aside."""
+    """Names of the folders in a folder, of those with an own name and those that
+    `find_folder` finds aside."""
     names = {entry.name for entry in Path(parent).iterdir() if entry.is_dir()}
     asides = {name: match for name in names if (match := _ASIDE.fullmatch(name))}
-    return names - asides.keys() | {match[1] for match in asides.values() if match[2] == "old"}
+    return names - asides.keys() | {
+        match[1] for match in asides.values() if match[2] == "old"
+    }
 
 
 def restore_folder(path: Path) -> None:
-    """Undo what a process left that was killed between the two renames of `new_folder`."""
+    """Undo what a process left that was killed between the two renames of
+    `new_folder`."""
     old = _aside(Path(path), "old")
     if old.is_dir() and not Path(path).exists():
         old.rename(path)
 
 
 def tidy(parent: Path) -> None:
-    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have left in a folder."""
+    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have
+    left in a folder."""
     for entry in list(Path(parent).iterdir()):
         match = _ASIDE.fullmatch(entry.name)
         if match and entry.is_dir():
@@ -105,21 +119,24 @@ def _aside(path: Path, kind: str) -> Path:
 _ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
 
 
-# --- Somebody's ------------------------------------------------------------------------------------------------
+# --- Somebody's -----------------------------------------------------------------------
 
 
 @contextlib.contextmanager
 def lock_folder(folder: Path, busy: str) -> Generator[int]:
-    """Keep other processes from working in an existing folder meanwhile; gives the lock's file descriptor.
+    """Keep other processes from working in an existing folder meanwhile; gives the
+    lock's file descriptor.
 
-    A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the lock as well, so that it is not
-    free while one of them still works. It ends with the last of them, however that ends.
+    A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the
+    lock as well, so that it is not free while one of them still works. It ends with the
+    last of them, however that ends.
 
     Args:
         folder: of the work.
         busy: the line for whoever comes second.
 
-    Where the system or the file system knows no such locks, as Windows and some clusters, there is none.
+    Where the system or the file system knows no such locks, as Windows and some
+    clusters, there is none.
 
     Raises:
         UserError: another process holds it, or the folder cannot be written.
@@ -127,7 +144,9 @@ def lock_folder(folder: Path, busy: str) -> Generator[int]:
     try:
         file = open_in_place(Path(folder) / LOCK)
     except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
+        raise UserError(
+            f"cannot write to {folder}: {error.strerror or error}"
+        ) from error
     with file:
         _lock(file, busy)
         yield file.fileno()
@@ -159,8 +178,14 @@ def make_folder(folder: Path) -> None:
         if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
             raise UserError(f"cannot write to {folder}: choose another folder")
     except OSError as error:
-        reason = "it is a file, not a folder" if isinstance(error, FileExistsError) else error.strerror or error
-        raise UserError(f"cannot write to {folder}: {reason}; choose another folder") from error
+        reason = (
+            "it is a file, not a folder"
+            if isinstance(error, FileExistsError)
+            else error.strerror or error
+        )
+        raise UserError(
+            f"cannot write to {folder}: {reason}; choose another folder"
+        ) from error
 
 
 @contextlib.contextmanager
@@ -171,7 +196,10 @@ def own_folder(folder: Path) -> Generator[None]:
         UserError: another one does, or the folder cannot be made or written.
     """
     make_folder(folder)
-    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
+    with lock_folder(
+        folder,
+        f"another process works in {folder}: wait for it, or choose another --out",
+    ):
         yield
 
 
@@ -188,4 +216,6 @@ def open_report(folder: Path, mark: str, what: str) -> None:
     """
     make_folder(folder)
     if any(folder.iterdir()) and not (folder / mark).is_file():
-        raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}")
+        raise UserError(
+            f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}"
+        )

@@ -6,15 +6,22 @@ import socket
 import threading
 from collections.abc import Callable, Generator
 
-STOPPING = tuple(signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's, which Windows has not."""
+STOPPING = tuple(
+    signal.Signals[name]
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)
+)
+"""Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's,
+which Windows has not."""
 
 
 @contextlib.contextmanager
 def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:
-    """Call `hear` with each signal that a handler in Python waits for, at once and from a thread of its own.
+    """Call `hear` with each signal that a handler in Python waits for, at once and from
+    a thread of its own.
 
-    Python runs its handlers between two lines of Python, and so not while XLA compiles. To be used in the main thread.
+    Python runs its handlers between two lines of Python, and so not while XLA compiles.
+    To be used in the main thread.
     """
     ear, mouth = socket.socketpair()
     mouth.setblocking(False)

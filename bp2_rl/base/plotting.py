@@ -1,6 +1,7 @@
 """How every picture of the package looks, and the few things that several of them draw.
 
-Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a shade of grey is never data.
+Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a shade of
+grey is never data.
 """
 
 import functools
@@ -18,7 +19,8 @@ from bp2_rl.base.files import new_file
 
 LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
 INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
-FRONT, FALL = LEG_COLORS["FR"], "#D55E00"  # where there are no legs to tell apart: what the figure is about, and falls
+# where there are no legs to tell apart: what the figure is about, and falls
+FRONT, FALL = LEG_COLORS["FR"], "#D55E00"
 STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 9.5,
@@ -61,13 +63,17 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture, PNG, PDF or SVG by the file's name, whole or not at all; raises as `files.new_file`."""
+    """Write a picture, PNG, PDF or SVG by the file's name, whole or not at all; raises
+    as `files.new_file`."""
     with new_file(path) as file:
         figure.savefig(file, format=path.suffix.removeprefix("."))
 
 
-def moving_mean(values: Float[np.ndarray, "N ..."], samples: int) -> Float[np.ndarray, "N ..."]:
-    """Mean over a window around each sample, which narrows towards the ends and so stays centred."""
+def moving_mean(
+    values: Float[np.ndarray, "N ..."], samples: int
+) -> Float[np.ndarray, "N ..."]:
+    """Mean over a window around each sample, which narrows towards the ends and so
+    stays centred."""
     sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
     index = np.arange(len(values))
     half = np.minimum(samples // 2, np.minimum(index, len(values) - 1 - index))
@@ -77,12 +83,31 @@ def moving_mean(values: Float[np.ndarray, "N ..."], samples: int) -> Float[np.nd
 
 def legend_above(axes: Axes) -> None:
     """The legend in the line of the title, clear of the data."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=5, handlelength=1.6, borderpad=0.0)
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.98),
+        ncols=5,
+        handlelength=1.6,
+        borderpad=0.0,
+    )
 
 
 def mark_level(axes: Axes, level: float, text: str) -> None:
     """A dashed line across, with its name."""
     axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
-    box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    box = {
+        "boxstyle": "square,pad=0.15",
+        "facecolor": "white",
+        "edgecolor": "none",
+        "alpha": 0.85,
+    }
     at = (1.0, level)
-    axes.annotate(text, at, xycoords=("axes fraction", "data"), ha="right", va="center", color=QUIET, bbox=box)
+    axes.annotate(
+        text,
+        at,
+        xycoords=("axes fraction", "data"),
+        ha="right",
+        va="center",
+        color=QUIET,
+        bbox=box,
+    )

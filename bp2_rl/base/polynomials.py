@@ -1,7 +1,9 @@
-"""Lines, parabolas and cubics between given points: arithmetic alone, for numbers of NumPy, JAX and CasADi alike.
+"""Lines, parabolas and cubics between given points: arithmetic alone, for numbers of
+NumPy, JAX and CasADi alike.
 
-`s` is the share of an interval that has gone by, from 0 to 1; `left` and `right` are values at its ends, `middle` the
-one halfway, `out` and `into` the rates at the ends, and `h` the interval's length.
+`s` is the share of an interval that has gone by, from 0 to 1; `left` and `right` are
+values at its ends, `middle` the one halfway, `out` and `into` the rates at the ends,
+and `h` the interval's length.
 """
 
 from typing import Any
@@ -16,14 +18,29 @@ def line(s: Number, left: Number, right: Number) -> Any:
 
 def parabola(s: Number, left: Number, middle: Number, right: Number) -> Any:
     """Lagrange's polynomial through three points."""
-    return left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
+    return (
+        left * (1 - s) * (1 - 2 * s)
+        + middle * 4 * s * (1 - s)
+        + right * s * (2 * s - 1)
+    )
 
 
-def hermite_and_rate(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> tuple[Any, Any]:
+def hermite_and_rate(
+    s: Number, h: Number, left: Number, right: Number, out: Number, into: Number
+) -> tuple[Any, Any]:
     """Hermite's cubic through two values and their rates: (value, rate)."""
     out, into, r = h * out, h * into, 1.0 - s
-    value = left * r**2 * (1.0 + 2.0 * s) + right * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
-    slope = 6.0 * s * r * (right - left) + out * r * (1.0 - 3.0 * s) - into * s * (2.0 - 3.0 * s)
+    value = (
+        left * r**2 * (1.0 + 2.0 * s)
+        + right * s**2 * (3.0 - 2.0 * s)
+        + out * s * r**2
+        - into * s**2 * r
+    )
+    slope = (
+        6.0 * s * r * (right - left)
+        + out * r * (1.0 - 3.0 * s)
+        - into * s * (2.0 - 3.0 * s)
+    )
     return value, slope / h
 
 
@@ -32,10 +49,17 @@ def hermite_coefficients(
 ) -> tuple[Any, Any, Any, Any]:
     """Coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
     out, into = h * out, h * into
-    return left, out, 3.0 * (right - left) - 2.0 * out - into, 2.0 * (left - right) + out + into
+    return (
+        left,
+        out,
+        3.0 * (right - left) - 2.0 * out - into,
+        2.0 * (left - right) + out + into,
+    )
 
 
-def cubic_and_slope(s: Number, c: tuple[Number, Number, Number, Number]) -> tuple[Any, Any]:
+def cubic_and_slope(
+    s: Number, c: tuple[Number, Number, Number, Number]
+) -> tuple[Any, Any]:
     """A cubic by its coefficients, and its derivative by s."""
     value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
     return value, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])

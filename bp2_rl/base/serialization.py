@@ -1,8 +1,10 @@
-"""Configs are frozen dataclasses; this is how they become JSON and how JSON becomes them again, strictly.
+"""Configs are frozen dataclasses; this is how they become JSON and how JSON becomes
+them again, strictly.
 
-What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, a float or a tuple, Literals, nested
-dataclasses, any of those or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the dataclass
-is refused with the path of the key at fault, never patched up. One of several dataclasses is written with its name
+What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, a float or a
+tuple, Literals, nested dataclasses, any of those or None, `dict[str, ...]` and `Any`
+(any JSON value). A file that does not fit the dataclass is refused with the path of the
+key at fault, never patched up. One of several dataclasses is written with its name
 under `type`.
 """
 
@@ -35,7 +37,8 @@ class ConfigError(UserError):
 
 
 def to_json(config: Any) -> dict[str, Any]:
-    """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0), non-finite ones as strings.
+    """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0),
+    non-finite ones as strings.
 
     Raises:
         ConfigError: a field holds a value of another type than the one declared.
@@ -44,12 +47,15 @@ def to_json(config: Any) -> dict[str, Any]:
 
 
 def from_json(cls: type[Config], data: Any) -> Config:
-    """The `cls` that `data`, an object as `to_json` makes it, describes: `from_json(cls, to_json(c)) == c`.
+    """The `cls` that `data`, an object as `to_json` makes it, describes:
+    `from_json(cls, to_json(c)) == c`.
 
-    Fields with a default may be absent. An integer is a fine float; nothing else is converted.
+    Fields with a default may be absent. An integer is a fine float; nothing else is
+    converted.
 
     Raises:
-        ConfigError: an unknown key, a missing one, a wrong type, or a value that the dataclass itself refuses.
+        ConfigError: an unknown key, a missing one, a wrong type, or a value that the
+            dataclass itself refuses.
     """
     return _decode(cls, data, "")
 
@@ -59,34 +65,44 @@ def flatten(data: Any, path: str = "") -> dict[str, Any]:
     if not isinstance(data, dict):
         return {path: data}
     return {
-        name: value for key, inner in data.items() for name, value in flatten(inner, f"{path}.{key}".strip(".")).items()
+        name: value
+        for key, inner in data.items()
+        for name, value in flatten(inner, f"{path}.{key}".strip(".")).items()
     }
 
 
 def merge(before: Config, changed: Config, after: Config) -> Config:
-    """`after`, with what `changed` sets otherwise than `before`: three dataclasses of one type, field by field."""
+    """`after`, with what `changed` sets otherwise than `before`: three dataclasses of
+    one type, field by field."""
 
     def field(old: Any, mine: Any, new: Any) -> Any:
         nested = dataclasses.is_dataclass(old) and type(old) is type(mine) is type(new)
         return merge(old, mine, new) if nested else new if mine == old else mine
 
     names = (f.name for f in dataclasses.fields(typing.cast(Any, before)))
-    values = {name: field(*(getattr(c, name) for c in (before, changed, after))) for name in names}
+    values = {
+        name: field(*(getattr(c, name) for c in (before, changed, after)))
+        for name in names
+    }
     return dataclasses.replace(typing.cast(Any, after), **values)
 
 
 def config_hash(config: Any) -> str:
-    """Twelve hex digits that are equal for equal configs, on every machine and in every process."""
+    """Twelve hex digits that are equal for equal configs, on every machine and in every
+    process."""
     return _sha256(to_json(config))[:12]
 
 
 def _sha256(data: Mapping[str, Any]) -> str:
     """The checksum of a JSON object, however it is laid out in a file."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 def save_config(path: Path, config: Any) -> None:
-    """Write `config` to `path` as readable JSON; the file is either the old one or the whole new one."""
+    """Write `config` to `path` as readable JSON; the file is either the old one or the
+    whole new one."""
     write_text(path, json.dumps(to_json(config), indent=2, allow_nan=False) + "\n")
 
 
@@ -105,13 +121,18 @@ def load_config(cls: type[Config], path: Path) -> Config:
 
 
 def save_sealed(path: Path, card: Any, checksum: str) -> None:
-    """Write a dataclass as `save_config` does, with a checksum of all its values under the name `checksum`."""
+    """Write a dataclass as `save_config` does, with a checksum of all its values under
+    the name `checksum`."""
     data = to_json(card)
-    write_text(path, json.dumps(data | {checksum: _sha256(data)}, indent=2, allow_nan=False) + "\n")
+    write_text(
+        path,
+        json.dumps(data | {checksum: _sha256(data)}, indent=2, allow_nan=False) + "\n",
+    )
 
 
 def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> Config:
-    """Read the `cls` that `save_sealed` wrote to `path`; without a checksum the file is taken as it is.
+    """Read the `cls` that `save_sealed` wrote to `path`; without a checksum the file is
+    taken as it is.
 
     Args:
         cls: a dataclass with the fields `format_version` and `versions`.
@@ -121,28 +142,36 @@ def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> C
 
     Raises:
         BadFileError: the file is missing or is not JSON.
-        ConfigError: the file is not ours, of another format, edited, or does not describe a `cls`.
+        ConfigError: the file is not ours, of another format, edited, or does not
+            describe a `cls`.
     """
     data = read_json(path)
     found = data.get("format_version") if isinstance(data, dict) else None
     if type(found) is not int:
         raise ConfigError(f"{path} is not of bp2_rl: it has no format_version")
     versions = data.get("versions")
-    author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
+    author = (
+        versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
+    )
     if found != version:
         mend = "update bp2_rl" if found > version else "use the bp2_rl that wrote it"
-        raise ConfigError(f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {mend}")
+        raise ConfigError(
+            f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {mend}"
+        )
     rest = {key: value for key, value in data.items() if key != checksum}
     try:
         if checksum in data and data[checksum] != _sha256(rest):
-            raise ConfigError(f"damaged or edited: {checksum} is the checksum of something else")
+            raise ConfigError(
+                f"damaged or edited: {checksum} is the checksum of something else"
+            )
         return from_json(cls, rest)
     except ConfigError as error:
         raise ConfigError(f"{path} (written by bp2_rl {author}): {error}") from error
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
-    """Make a folder, and make it that of `settings`, so that work which goes on in it later is the same work.
+    """Make a folder, and make it that of `settings`, so that work which goes on in it
+    later is the same work.
 
     Args:
         folder: of the work.
@@ -159,7 +188,11 @@ def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
         save_config(path, settings)
         return
     old = load_config(type(settings), path)
-    changed = [f.name for f in dataclasses.fields(old) if getattr(old, f.name) != getattr(settings, f.name)]
+    changed = [
+        f.name
+        for f in dataclasses.fields(old)
+        if getattr(old, f.name) != getattr(settings, f.name)
+    ]
     if changed:
         raise UserError(
             f"{folder} holds {what} with another {' and '.join(changed)} (see {path}): "
@@ -175,10 +208,12 @@ def utc_now() -> str:
 def package_versions() -> dict[str, str]:
     """The versions that a result depends on, to be written beside it."""
     others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "numpy")
-    return {"bp2_rl": bp2_rl.__version__} | {name: importlib.metadata.version(name) for name in others}
+    return {"bp2_rl": bp2_rl.__version__} | {
+        name: importlib.metadata.version(name) for name in others
+    }
 
 
-# --- Encoding -------------------------------------------------------------------------------------------------
+# --- Encoding -------------------------------------------------------------------------
 def _encode(annotation: Any, value: Any, path: str) -> Any:
     """The JSON value of `value`, which is declared as `annotation` at `path`."""
     annotation = _bare(annotation)
@@ -192,12 +227,19 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
         _require(type(value) is annotation, annotation, value, path)
         hints = _hints(annotation)
         return {
-            field.name: _encode(hints[field.name], getattr(value, field.name), _join(path, field.name))
+            field.name: _encode(
+                hints[field.name], getattr(value, field.name), _join(path, field.name)
+            )
             for field in dataclasses.fields(annotation)
             if field.init
         }
     if annotation is float:
-        _require(isinstance(value, int | float) and not isinstance(value, bool), annotation, value, path)
+        _require(
+            isinstance(value, int | float) and not isinstance(value, bool),
+            annotation,
+            value,
+            path,
+        )
         number = float(value)
         return number if math.isfinite(number) else str(number)
     if annotation is Path:
@@ -208,21 +250,31 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
         return [_encode(*item) for item in _items(annotation, value, path)]
     if get_origin(annotation) is dict:
         _require(isinstance(value, Mapping), annotation, value, path)
-        return {key: _encode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in value.items()}
+        return {
+            key: _encode(get_args(annotation)[1], entry, _join(path, key))
+            for key, entry in value.items()
+        }
     return _plain(annotation, value, path)
 
 
-# --- Decoding -------------------------------------------------------------------------------------------------
+# --- Decoding -------------------------------------------------------------------------
 def _decode(annotation: Any, data: Any, path: str) -> Any:
-    """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
+    """The value, declared as `annotation` at `path`, that the JSON value `data` stands
+    for."""
     annotation = _bare(annotation)
     nothing, optional = data is None, type(None) in get_args(annotation)
     if (choices := _choices(annotation)) and not (nothing and optional):
         _require(isinstance(data, dict), annotation, data, path)
         name = data.get(_TYPE)
         if name not in choices:
-            raise ConfigError(f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}")
-        return _decode(choices[name], {key: entry for key, entry in data.items() if key != _TYPE}, path)
+            raise ConfigError(
+                f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}"
+            )
+        return _decode(
+            choices[name],
+            {key: entry for key, entry in data.items() if key != _TYPE},
+            path,
+        )
     if (some := _number_or_tuple(annotation)) is not None:
         return _decode(some[isinstance(data, list | tuple)], data, path)
     if (inner := _of_optional(annotation, path)) is not None:
@@ -232,7 +284,12 @@ def _decode(annotation: Any, data: Any, path: str) -> Any:
     if annotation is float:
         if isinstance(data, str) and data in _NON_FINITE:
             return _NON_FINITE[data]
-        _require(isinstance(data, int | float) and not isinstance(data, bool), annotation, data, path)
+        _require(
+            isinstance(data, int | float) and not isinstance(data, bool),
+            annotation,
+            data,
+            path,
+        )
         try:
             return float(data)
         except OverflowError as error:  # an integer of hundreds of digits
@@ -245,7 +302,10 @@ def _decode(annotation: Any, data: Any, path: str) -> Any:
         return tuple(_decode(*item) for item in _items(annotation, data, path))
     if get_origin(annotation) is dict:
         _require(isinstance(data, dict), annotation, data, path)
-        return {key: _decode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in data.items()}
+        return {
+            key: _decode(get_args(annotation)[1], entry, _join(path, key))
+            for key, entry in data.items()
+        }
     return _plain(annotation, data, path)
 
 
@@ -254,26 +314,43 @@ def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
     for key in data:
         if key not in fields:
-            raise ConfigError(f"{_join(path, key)}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}")
+            raise ConfigError(
+                f"{_join(path, key)}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}"
+            )
     hints = _hints(cls)
     values = {}
     for name, field in fields.items():
         if name in data:
             values[name] = _decode(hints[name], data[name], _join(path, name))
-        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            raise ConfigError(f"{_join(path, name)}: missing, and {cls.__name__} has no default for it")
+        elif (
+            field.default is dataclasses.MISSING
+            and field.default_factory is dataclasses.MISSING
+        ):
+            raise ConfigError(
+                f"{_join(path, name)}: missing, and {cls.__name__} has no default for it"
+            )
     try:
         return cls(**values)
-    except (ValueError, ArithmeticError) as error:  # the dataclass's own checks, in __post_init__
+    except (
+        ValueError,
+        ArithmeticError,
+    ) as error:  # the dataclass's own checks, in __post_init__
         raise ConfigError(f"{path}: {error}" if path else str(error)) from error
 
 
-# --- What both ways share -------------------------------------------------------------------------------------
+# --- What both ways share -------------------------------------------------------------
 def _plain(annotation: Any, value: Any, path: str) -> Any:
     """Values that are the same in Python and in JSON."""
     if get_origin(annotation) is Literal:
-        _require(any(value == choice and type(value) is type(choice) for choice in get_args(annotation)),
-                 annotation, value, path)  # fmt: skip
+        _require(
+            any(
+                value == choice and type(value) is type(choice)
+                for choice in get_args(annotation)
+            ),
+            annotation,
+            value,
+            path,
+        )
         return value
     if annotation is Any:
         try:
@@ -288,14 +365,25 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
 
 
 def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the dataclasses of a union of several, by name; of another annotation nothing."""
-    found = {member.__name__: member for member in get_args(annotation) if isinstance(member, type)}
-    found = {name: member for name, member in found.items() if dataclasses.is_dataclass(member)}
+    """Return the dataclasses of a union of several, by name; of another annotation
+    nothing."""
+    found = {
+        member.__name__: member
+        for member in get_args(annotation)
+        if isinstance(member, type)
+    }
+    found = {
+        name: member
+        for name, member in found.items()
+        if dataclasses.is_dataclass(member)
+    }
     if len(found) < 2:
         return {}
     for name, member in found.items():
         if _TYPE in {field.name for field in dataclasses.fields(member)}:
-            raise TypeError(f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart")
+            raise TypeError(
+                f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart"
+            )
     return found
 
 
@@ -303,7 +391,11 @@ def _number_or_tuple(annotation: Any) -> tuple[Any, Any] | None:
     """Return the two of a `float | tuple[...]`; None of what is another type."""
     members = get_args(annotation)
     fits = len(members) == 2 and members[0] is float and get_origin(members[1]) is tuple
-    return (members[0], members[1]) if fits and get_origin(annotation) in (Union, types.UnionType) else None
+    return (
+        (members[0], members[1])
+        if fits and get_origin(annotation) in (Union, types.UnionType)
+        else None
+    )
 
 
 def _of_optional(annotation: Any, path: str) -> Any:
@@ -312,22 +404,29 @@ def _of_optional(annotation: Any, path: str) -> Any:
         return None
     members = [member for member in get_args(annotation) if member is not type(None)]
     if len(members) != 1:
-        raise TypeError(f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None")
+        raise TypeError(
+            f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None"
+        )
     return members[0]
 
 
 def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
-    """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any number."""
+    """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any
+    number."""
     items = get_args(annotation)
     if len(items) == 2 and items[1] is Ellipsis:
         items = items[:1] * len(values)
     if len(items) != len(values):
         raise ConfigError(f"{path}: expected {len(items)} entries, got {len(values)}")
-    return [(item, value, f"{path}[{i}]") for i, (item, value) in enumerate(zip(items, values, strict=True))]
+    return [
+        (item, value, f"{path}[{i}]")
+        for i, (item, value) in enumerate(zip(items, values, strict=True))
+    ]
 
 
 def _bare(annotation: Any) -> Any:
-    """The type without the remarks (`Annotated[X, ...]`) that the command line's parser reads."""
+    """The type without the remarks (`Annotated[X, ...]`) that the command line's parser
+    reads."""
     while get_origin(annotation) is typing.Annotated:
         annotation = get_args(annotation)[0]
     return annotation
@@ -353,7 +452,13 @@ def _name(annotation: Any) -> str:
     annotation = _bare(annotation)
     if get_origin(annotation) is Literal:
         return " or ".join(repr(choice) for choice in get_args(annotation))
-    plain = {float: "a number", int: "an integer", bool: "true or false", str: "a string", Path: "a path"}
+    plain = {
+        float: "a number",
+        int: "an integer",
+        bool: "true or false",
+        str: "a string",
+        Path: "a path",
+    }
     if annotation in plain:
         return plain[annotation]
     if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):

@@ -13,8 +13,10 @@ def render(template: str, **values: Any) -> str:
     """Return the text of a template with its values in their places.
 
     Args:
-        template: its path from the package's folder. What goes into HTML or SVG is escaped.
-        values: by the names that the template has for them; a name without a value is an error.
+        template: its path from the package's folder. What goes into HTML or SVG is
+            escaped.
+        values: by the names that the template has for them; a name without a value is
+            an error.
     """
     return _environment().get_template(template).render(values)
 
@@ -29,5 +31,8 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    environment.policies["json.dumps_kwargs"] = {
+        "separators": (",", ":"),
+        "allow_nan": False,
+    }
     return environment

@@ -1,4 +1,5 @@
-"""Worker processes: fresh ones, an interruption ends what has not begun, and none outlives its parent."""
+"""Worker processes: fresh ones, an interruption ends what has not begun, and none
+outlives its parent."""
 
 import concurrent.futures
 import contextlib
@@ -18,25 +19,32 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.listening import STOPPING
 
 PARENT = "BP2_PARENT"
-"""The environment variable by which a command is told the process that it is to end with."""
+"""The environment variable by which a command is told the process that it is to end
+with."""
 NPROC_IS_OURS = "NPROC" not in os.environ
-"""Whether the number of XLA's threads is ours to set; if not, the user or a parent process has set it."""
+"""Whether the number of XLA's threads is ours to set; if not, the user or a parent
+process has set it."""
 _DEVICES = "xla_force_host_platform_device_count"
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
-_AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
+# Windows has but the latter, to the same end
+_AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)
 
 
 @contextlib.contextmanager
 def spawned(
     count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
 ) -> Generator[concurrent.futures.ProcessPoolExecutor]:
-    """A pool of `count` processes, spawned: one forked beside JAX's threads can hang. Each begins with `initializer`.
+    """A pool of `count` processes, spawned: one forked beside JAX's threads can hang.
+    Each begins with `initializer`.
 
-    The processes do not run the caller's script again, as spawned ones do: what they are given is of this package.
+    The processes do not run the caller's script again, as spawned ones do: what they
+    are given is of this package.
 
-    They are killed when this process ends, however that ends, and leave `STOPPING` signals to it. Linux counts the end
-    of the thread that submitted the first tasks for that: submit from one that outlives the pool. After an exception,
-    and with `abandon` always, they are killed when the block ends, whatever they are at; else that is waited for.
+    They are killed when this process ends, however that ends, and leave `STOPPING`
+    signals to it. Linux counts the end of the thread that submitted the first tasks for
+    that: submit from one that outlives the pool. After an exception, and with `abandon`
+    always, they are killed when the block ends, whatever they are at; else that is
+    waited for.
 
     Raises:
         UserError: fewer than one.
@@ -44,14 +52,20 @@ def spawned(
     if count < 1:
         raise UserError(f"workers must be at least 1, got {count}")
     others = multiprocessing.active_children()
-    with _deaf():  # Python's tracker of semaphores, which begins here, is not to hear of a closed terminal
+    # Python's tracker of semaphores, which begins here, is not to hear of a closed
+    # terminal
+    with _deaf():
         pool = concurrent.futures.ProcessPoolExecutor(
-            count, mp_context=_SpawnContext(), initializer=_begin, initargs=(os.getpid(), initializer)
+            count,
+            mp_context=_SpawnContext(),
+            initializer=_begin,
+            initargs=(os.getpid(), initializer),
         )
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)  # first: the pool fails on cancelled tasks of killed processes
+        # first: the pool fails on cancelled tasks of killed processes
+        pool.shutdown(wait=False, cancel_futures=True)
         abandon = True
         raise
     finally:
@@ -64,14 +78,19 @@ def spawned(
 
 def processors() -> int:
     """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
 
 
 class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
     def start(self) -> None:
-        """Start the process as if the caller had no main module, deaf to signals before `_begin`, too."""
+        """Start the process as if the caller had no main module, deaf to signals before
+        `_begin`, too."""
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
@@ -84,7 +103,11 @@ class _SpawnProcess(SpawnProcess):
 @contextlib.contextmanager
 def _deaf() -> Generator[None]:
     """Block `STOPPING` signals here, and in processes that begin meanwhile."""
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING) if hasattr(signal, "pthread_sigmask") else None
+    mask = (
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+        if hasattr(signal, "pthread_sigmask")
+        else None
+    )
     try:
         yield
     finally:
@@ -99,26 +122,34 @@ class _SpawnContext(SpawnContext):
 def use_one_xla_thread() -> None:
     """Let XLA compute in one thread where JAX has no accelerator, unless NPROC is set.
 
-    On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
-    the pool for help from inside the pool, which one thread cannot. XLA reads NPROC when JAX starts its backend.
-    Trainings in the fused kernel take all processors (`use_all_processors`).
+    On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256
+    robots on two cores do it) asks the pool for help from inside the pool, which one
+    thread cannot. XLA reads NPROC when JAX starts its backend. Trainings in the fused
+    kernel take all processors (`use_all_processors`).
     """
-    on_cpu = os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None
+    on_cpu = (
+        os.environ.get("JAX_PLATFORMS") == "cpu"
+        or importlib.util.find_spec("jax_plugins") is None
+    )
     if on_cpu:
         os.environ.setdefault("NPROC", "1")
 
 
 def use_all_processors() -> None:
-    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and before JAX starts its backend."""
+    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and
+    before JAX starts its backend."""
     if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
         return
     os.environ["NPROC"] = str(processors())
     if _DEVICES not in os.environ.get("XLA_FLAGS", ""):
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
+        os.environ["XLA_FLAGS"] = (
+            f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
+        )
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:
-    """From here on this process gets the signal `by` when its parent ends, even if Python never gets to run.
+    """From here on this process gets the signal `by` when its parent ends, even if
+    Python never gets to run.
 
     Args:
         parent: its process id; where that has ended already, the signal comes now.
@@ -129,11 +160,14 @@ def end_with_parent(parent: int, by: signal.Signals) -> None:
         if os.getppid() != parent:
             os.kill(os.getpid(), by)
     else:
-        threading.Thread(target=_watch, args=(parent, by), name="parent", daemon=True).start()
+        threading.Thread(
+            target=_watch, args=(parent, by), name="parent", daemon=True
+        ).start()
 
 
 def end_with_caller() -> None:
-    """`end_with_parent`, by SIGTERM, for a command whose environment names its parent; else nothing."""
+    """`end_with_parent`, by SIGTERM, for a command whose environment names its parent;
+    else nothing."""
     parent = os.environ.pop(PARENT, "")
     if parent.isdecimal():
         end_with_parent(int(parent), signal.SIGTERM)
@@ -141,7 +175,8 @@ def end_with_caller() -> None:
 
 def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
     end_with_parent(parent, _AT_ONCE)
-    for number in STOPPING:  # which the parent answers, though a terminal sends them to the whole group
+    # which the parent answers, though a terminal sends them to the whole group
+    for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     if initializer is not None:
         initializer()

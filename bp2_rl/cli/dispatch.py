@@ -1,4 +1,5 @@
-"""From the name of a command to the command; nothing slow is imported before the name is known."""
+"""From the name of a command to the command; nothing slow is imported before the name
+is known."""
 
 import dataclasses
 import importlib
@@ -11,7 +12,8 @@ from bp2_rl.base.errors import OK, WRONG_INPUT, UserError, did_you_mean
 from bp2_rl.cli import usage
 
 Main = Callable[[Sequence[str] | None], int]
-"""A command: it takes the words after its name, None for the process's own arguments, and returns the exit status."""
+"""A command: it takes the words after its name, None for the process's own arguments,
+and returns the exit status."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,17 +45,23 @@ Entry = tuple[str, Main]
 
 
 def entries(commands: Mapping[str, Command]) -> dict[str, Entry]:
-    """Return the entries of commands that do what the first sentence about their flags says."""
+    """Return the entries of commands that do what the first sentence about their flags
+    says."""
 
     def what(command: Command) -> str:
-        sentence = " ".join(re.split(r"(?<!Fig)\.\s|\.$", (command.arguments.__doc__ or "").strip())[0].split())
+        sentence = " ".join(
+            re.split(r"(?<!Fig)\.\s|\.$", (command.arguments.__doc__ or "").strip())[
+                0
+            ].split()
+        )
         return sentence[:1].lower() + sentence[1:]
 
     return {name: (what(command), command) for name, command in commands.items()}
 
 
 def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
-    """Return the entries of modules that have a `main`, each imported when its command is run, from what each does."""
+    """Return the entries of modules that have a `main`, each imported when its command
+    is run, from what each does."""
 
     def entry(name: str, what: str) -> Entry:
         def main(argv: Sequence[str] | None) -> int:
@@ -70,7 +78,8 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
 
 
 def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
-    """Run the command that `argv` begins with, or say what there is; return the exit status."""
+    """Run the command that `argv` begins with, or say what there is; return the exit
+    status."""
     argv = sys.argv[1:] if argv is None else argv
     rows = [(name, what) for name, (what, _) in commands.items()]
     listed = "\n".join(usage.lay_out(rows, max(map(len, commands)) + 4))

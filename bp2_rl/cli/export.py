@@ -1,4 +1,5 @@
-"""`bp2 export`: a run's policy in a folder of its own: as it is, or as what runs on a robot."""
+"""`bp2 export`: a run's policy in a folder of its own: as it is, or as what runs on a
+robot."""
 
 import dataclasses
 import os
@@ -15,9 +16,11 @@ from bp2_rl.robot.easing import COMMAND_LIMITS
 
 @dataclasses.dataclass(frozen=True)
 class ExportConfig:
-    """Copy a run's policy to a folder of its own, to keep it or to pass it on, or write what a robot's computer needs.
+    """Copy a run's policy to a folder of its own, to keep it or to pass it on, or write
+    what a robot's computer needs.
 
-    With reports, the copy's card says what was measured: run eval.py on the policy first.
+    With reports, the copy's card says what was measured: run eval.py on the policy
+    first.
 
     Examples:
         bp2 export runs/RUN --to my_policy
@@ -29,14 +32,20 @@ class ExportConfig:
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The copy's folder; a policy or a bundle that is there is replaced."""
     format: Literal["policy", "onnx"] = "policy"
-    """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network, the reference motion, a
-    controller of NumPy and onnxruntime, and a rehearsal in C MuJoCo (docs/deploy.md)"""
-    report: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")] = ()
-    """A folder that eval.py wrote of this policy; may be given several times. Not with onnx, which has no card."""
+    """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network,
+    the reference motion, a controller of NumPy and onnxruntime, and a rehearsal in C
+    MuJoCo (docs/deploy.md)"""
+    report: Annotated[
+        tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")
+    ] = ()
+    """A folder that eval.py wrote of this policy; may be given several times. Not with
+    onnx, which has no card."""
     braking: float | None = None
-    """m/s2, at which the forward command that the policy is told falls at most: the copy's `control.braking`"""
+    """m/s2, at which the forward command that the policy is told falls at most: the
+    copy's `control.braking`"""
     stopping_time: float | None = None
-    """s, in which it falls by itself and 0.5 m/s, at most: the copy's `control.stopping_time`"""
+    """s, in which it falls by itself and 0.5 m/s, at most: the copy's
+    `control.stopping_time`"""
     launching: float | None = None
     """m/s2, at which it rises at most from a stand: the copy's `control.launching`"""
     launching_speed: float | None = None
@@ -44,22 +53,32 @@ class ExportConfig:
 
 
 def export(config: ExportConfig) -> None:
-    """Export as configured; nothing is written before everything has been read and fits together."""
+    """Export as configured; nothing is written before everything has been read and fits
+    together."""
     if config.format == "onnx" and config.report:
-        raise UserError("--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx")
+        raise UserError(
+            "--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx"
+        )
     find_policy(config.run)
-    # MuJoCo binds this library when imported and fails if it is not there; nothing is drawn here.
+    # MuJoCo binds this library when imported and fails if it is not there; nothing is
+    # drawn here.
     os.environ.pop("MUJOCO_GL", None)
-    # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
+    # Imported here for that reason, and so that --help and a mistyped flag are answered
+    # at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip
 
     from bp2_rl.evaluation.report.folder import read_report
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
-    eased = {name: value for name in COMMAND_LIMITS if (value := getattr(config, name)) is not None}
+    eased = {
+        name: value
+        for name in COMMAND_LIMITS
+        if (value := getattr(config, name)) is not None
+    }
     env = policy.card.env
-    env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))  # refuses what cannot be
+    # refuses what cannot be
+    env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
     if config.format == "onnx":
         from bp2_rl.deploy.bundle import write_bundle
@@ -67,24 +86,35 @@ def export(config: ExportConfig) -> None:
         write_bundle(config.to, policy)
         print(f"exported {config.run} to {config.to}")
         if policy.card.stage == "imitation":
-            print("it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that")
-        print(f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse")
+            print(
+                "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
+            )
+        print(
+            f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
+        )
         return
     results = policy.card.results
     for folder in config.report:
         report = read_report(folder)
-        ours, theirs = policy.card.weights_sha256, report.conditions.get("weights_sha256", "")
+        ours, theirs = (
+            policy.card.weights_sha256,
+            report.conditions.get("weights_sha256", ""),
+        )
         if theirs != ours:
             raise UserError(
                 f"report {folder} is of another policy: weights {theirs[:12] or 'unknown'}, those of "
                 f"{config.run} are {ours[:12]}; make one: python eval.py {config.run} --out DIR"
             )
         results = results | report.results
-    policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results=results))
+    policy = dataclasses.replace(
+        policy, card=dataclasses.replace(policy.card, results=results)
+    )
     save_policy(config.to, policy)
     print(f"exported {config.run} to {config.to}")
     if eased:
-        print(f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")
+        print(
+            f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR"
+        )
 
 
 main = Command("bp2 export", ExportConfig, export)

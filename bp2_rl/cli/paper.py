@@ -1,4 +1,5 @@
-"""`bp2 paper COMMAND`: hands over to the paper's evidence, which nothing else in the core knows of."""
+"""`bp2 paper COMMAND`: hands over to the paper's evidence, which nothing else in the
+core knows of."""
 
 import importlib
 from collections.abc import Sequence

@@ -32,34 +32,50 @@ class PlayConfig(Bounded, path="--"):
         bp2 play runs/RUN --robot ideal
     """
 
-    run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")] = None
-    """A training run's folder or a policy folder; by default the policy that ships with bp2_rl."""
+    run: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")
+    ] = None
+    """A training run's folder or a policy folder; by default the policy that ships with
+    bp2_rl."""
     web: bool = False
     """In a browser, though there is a display."""
     robot: RobotWish = None
-    """built: BP2 with losses and solid legs; ideal: without; by default built, or the policy's own robot where that is
-    neither"""
+    """built: BP2 with losses and solid legs; ideal: without; by default built, or the
+    policy's own robot where that is neither"""
     host: str = "127.0.0.1"
-    """Address at which the page is served; 0.0.0.0: to all machines that can reach this one, under any name."""
+    """Address at which the page is served; 0.0.0.0: to all machines that can reach this
+    one, under any name."""
     port: Annotated[int, Within(1, 65535)] = 8080
     """Port of the page; the next free one where another program has it."""
     speed: Annotated[float, Within(-100.0, 100.0)] = 0.0
     """m/s that are commanded at first."""
-    seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float("inf")
+    seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float(
+        "inf"
+    )
     """Ends by itself after so long."""
 
 
 def play(config: PlayConfig) -> None:
-    """Play as configured. What can be wrong is looked at before the robot is set on its feet."""
+    """Play as configured. What can be wrong is looked at before the robot is set on its
+    feet."""
     path = config.run or asset_path(DEFAULT_POLICY)
     find_policy(path)
     web = config.web or not has_display()
-    if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
+    if web and (
+        missing := next(
+            (name for name in WEB if importlib.util.find_spec(name) is None), None
+        )
+    ):
         raise not_installed("bp2 play in a browser", missing, "play")
-    print(f"{path}: loading it and the simulator; compiling takes a minute at the first start", flush=True)
-    # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
+    print(
+        f"{path}: loading it and the simulator; compiling takes a minute at the first start",
+        flush=True,
+    )
+    # MuJoCo binds this library when imported and fails if it is not there; a window
+    # brings its own.
     os.environ.pop("MUJOCO_GL", None)
-    # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
+    # Imported here for that reason, and so that --help and a mistyped flag are answered
+    # at once.
     from bp2_rl.base.compilation import keep_compiled
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
@@ -70,10 +86,14 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.simulation.parallel import compute_here
 
     compute_here()
-    sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
+    # s: else the page's thread may keep the robot waiting for a control step
+    sys.setswitchinterval(1e-3)
     keep_compiled()
     policy = load_policy(path, layout_of=layout_of)
-    robot, (least, most) = robot_of(policy, Setup(robot=config.robot)), wish_limits(policy.card.env.commands)
+    robot, (least, most) = (
+        robot_of(policy, Setup(robot=config.robot)),
+        wish_limits(policy.card.env.commands),
+    )
     if not least.speed <= config.speed <= most.speed:
         raise UserError(
             f"--speed must be from {least.speed:g} to {most.speed:g}, what this policy was trained "
@@ -88,7 +108,9 @@ def play(config: PlayConfig) -> None:
         stage = Page(session, host=config.host, port=config.port)
         place = f"open {stage.url}"
         if config.host not in OWN_NAMES:
-            print(f"--host {config.host}: anyone on the network who can reach this machine can steer the robot")
+            print(
+                f"--host {config.host}: anyone on the network who can reach this machine can steer the robot"
+            )
     else:
         from bp2_rl.play.native import Window
 
@@ -102,10 +124,13 @@ def play(config: PlayConfig) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened; on macOS MuJoCo has one only for its own Python."""
+    """Whether a window can be opened; on macOS MuJoCo has one only for its own
+    Python."""
     if sys.platform == "darwin":
         return False
-    return sys.platform == "win32" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return sys.platform == "win32" or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 main = Command("bp2 play", PlayConfig, play)

@@ -15,9 +15,11 @@ from bp2_rl.cli.dispatch import Command, choose, entries
 
 @dataclasses.dataclass(frozen=True)
 class NewConfig(Bounded, path="--"):
-    """Write a robot file, filled in from an MJCF or URDF, with CONFIRM beside each number that you must confirm.
+    """Write a robot file, filled in from an MJCF or URDF, with CONFIRM beside each
+    number that you must confirm.
 
-    Structure tells which joint is which: a trunk with four legs of abduction, hip and knee. Meshes may be missing.
+    Structure tells which joint is which: a trunk with four legs of abduction, hip and
+    knee. Meshes may be missing.
 
     Examples:
         bp2 robot new my_robot.xml     # writes my_robot.toml
@@ -26,20 +28,25 @@ class NewConfig(Bounded, path="--"):
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
     """An MJCF or URDF file; it stays where it is, and the robot file points at it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="ROBOT.toml")] = None
-    """The robot file; by default beside the model, under its name. One that is there is not replaced."""
+    """The robot file; by default beside the model, under its name. One that is there is
+    not replaced."""
     numbers: bool = False
-    """Write the numbers themselves, the left legs', so that the model is not needed any more."""
+    """Write the numbers themselves, the left legs', so that the model is not needed any
+    more."""
     joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
-    """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell; all others are welded."""
+    """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell;
+    all others are welded."""
     feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
-    """A geom, site or body in each foot, FR FL RR RL; by default the farthest sphere or end of a capsule."""
+    """A geom, site or body in each foot, FR FL RR RL; by default the farthest sphere or
+    end of a capsule."""
     foot_radius: Annotated[float | None, Within(0.0, 1.0, open_below=True)] = None
     """m, of the feet, where they are no spheres."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CheckConfig:
-    """Print a robot on one sheet, with what to mend behind "!", and draw it, after 5 s of standing in C MuJoCo.
+    """Print a robot on one sheet, with what to mend behind "!", and draw it, after 5 s
+    of standing in C MuJoCo.
 
     Examples:
         bp2 robot check go1
@@ -59,15 +66,33 @@ def new(config: NewConfig) -> None:
     out = config.model.with_suffix(".toml") if config.out is None else config.out
     require_name(out)
     if out.exists():
-        raise UserError(f"{out} is there already: remove it, or choose another name with --out")
+        raise UserError(
+            f"{out} is there already: remove it, or choose another name with --out"
+        )
     if out.suffix != ".toml" or not out.parent.is_dir():
-        raise UserError(f"--out {out} must be a name that ends in .toml, in a folder that is there")
+        raise UserError(
+            f"--out {out} must be a name that ends in .toml, in a folder that is there"
+        )
     from bp2_rl.robot.reading import read_mjcf
     from bp2_rl.robot.robot_file import robot_text
 
-    reading = read_mjcf(config.model, joints=config.joints, feet=config.feet, foot_radius=config.foot_radius)
+    reading = read_mjcf(
+        config.model,
+        joints=config.joints,
+        feet=config.feet,
+        foot_radius=config.foot_radius,
+    )
     mjcf = None if config.numbers else os.path.relpath(config.model, out.parent)
-    write_text(out, robot_text(reading, mjcf, joints=config.joints, feet=config.feet, foot_radius=config.foot_radius))
+    write_text(
+        out,
+        robot_text(
+            reading,
+            mjcf,
+            joints=config.joints,
+            feet=config.feet,
+            foot_radius=config.foot_radius,
+        ),
+    )
     print(f"{out}: confirm the numbers marked CONFIRM, then: bp2 robot check {out}")
 
 
@@ -77,8 +102,14 @@ def check(config: CheckConfig) -> None:
 
     out = Path(f"{Path(config.robot).stem}.png") if config.out is None else config.out
     require_name(out)
-    if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
-        raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
+    if (
+        out.suffix not in (".png", ".pdf", ".svg")
+        or not out.parent.is_dir()
+        or out.is_dir()
+    ):
+        raise UserError(
+            f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there"
+        )
     from bp2_rl.robot.named import find_robot_file
 
     robot = find_robot_file(config.robot)

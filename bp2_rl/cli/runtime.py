@@ -8,8 +8,8 @@ import os
 
 import jax
 
-# MuJoCo binds the GL library that MUJOCO_GL names when it is imported, and fails if it is not there; only films need
-# one, in a process of their own.
+# MuJoCo binds the GL library that MUJOCO_GL names when it is imported, and fails if it
+# is not there; only films need one, in a process of their own.
 _gl_library = os.environ.pop("MUJOCO_GL", None)
 import bp2_rl.robot.mjx  # noqa: E402, F401
 from bp2_rl.base.errors import UserError  # noqa: E402
@@ -34,21 +34,28 @@ def find_backend() -> str:
 
 
 def wake_device() -> None:
-    """Let the device begin beside what is imported meanwhile: a GPU's first operation takes a second."""
+    """Let the device begin beside what is imported meanwhile: a GPU's first operation
+    takes a second."""
     concurrent.futures.ThreadPoolExecutor(1).submit(jax.numpy.zeros, 1)
 
 
 def require_accelerator(preset: str) -> None:
-    """Refuse the preset `gpu` where JAX would simulate its thousands of robots on processors, for days.
+    """Refuse the preset `gpu` where JAX would simulate its thousands of robots on
+    processors, for days.
 
     Raises:
         UserError: the preset is `gpu`, and there is no accelerator.
     """
     if preset == "gpu" and find_backend() == "cpu":
-        raise UserError("JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu")
+        raise UserError(
+            "JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu"
+        )
 
 
 def repeat_bit_for_bit() -> None:
-    """Make a GPU repeat itself bit for bit, for some speed; call it before JAX starts. A CPU does so anyhow."""
+    """Make a GPU repeat itself bit for bit, for some speed; call it before JAX starts.
+    A CPU does so anyhow."""
     # Of two flags the later one holds.
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()
+    os.environ["XLA_FLAGS"] = (
+        f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()
+    )

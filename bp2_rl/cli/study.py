@@ -16,28 +16,34 @@ from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
 
-VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, variant in VARIANTS.items())
+VARIANTS_HELP = "which: " + "; ".join(
+    f"{name}: {variant.meaning}" for name, variant in VARIANTS.items()
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class StudyArguments(Bounded, path="--"):
-    """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
+    """Train variants of the recipe with several seeds, judge every saved policy in C
+    MuJoCo, and compare.
 
-    One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
-    again. The table grows as trainings end.
+    One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on
+    where it stands when called again. The table grows as trainings end.
 
     Examples:
         bp2 study --variants ours kinematic --seeds 0 1 2
     """
 
-    variants: Annotated[tuple[str, ...], tyro.conf.arg(help=VARIANTS_HELP)] = tuple(VARIANTS)
+    variants: Annotated[tuple[str, ...], tyro.conf.arg(help=VARIANTS_HELP)] = tuple(
+        VARIANTS
+    )
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
     robot: RobotChoice = "built"
     """which is trained and judged, as for train.py"""
     steps: tuple[Steps, Steps] | None = None
-    """control steps of the imitation and of the relaxed stage; by default the preset's"""
+    """control steps of the imitation and of the relaxed stage; by default the
+    preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
     judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
@@ -51,7 +57,9 @@ def _study(arguments: StudyArguments) -> None:
     require_name(arguments.out)
     arguments.jobs.require()
     steps = arguments.steps or default_steps(arguments.preset)
-    plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot)
+    plan = Plan(
+        arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot
+    )
 
     from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.base.plotting import save_figure
@@ -61,7 +69,9 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.training import run
 
     def tabulate() -> list[Outcome]:
-        found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
+        found = [
+            outcome(arguments.out, variant, plan.seeds) for variant in plan.variants
+        ]
         outcomes = [one for one in found if one is not None]
         for one in outcomes:
             save_config(arguments.out / f"{one.variant}.json", one)
@@ -76,20 +86,31 @@ def _study(arguments: StudyArguments) -> None:
             runtime.require_accelerator(arguments.preset)
         where = f"{len(gpus)} GPU{'s' * (len(gpus) != 1)}" if gpus else "the processors"
         if arguments.jobs.executor != "here":
-            where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
+            where = (
+                f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
+            )
         print(f"{sum(map(len, plan.chains))} trainings on {where}")
         resources = Resources(gpus, arguments.judges, print, arguments.jobs)
         missing = run(plan, arguments.out, resources, measured=lambda _: tabulate())
     outcomes = tabulate()
     if outcomes:
-        save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")
+        save_figure(
+            learning_curves(arguments.out, plan.variants, plan.seeds),
+            arguments.out / "learning_curves.png",
+        )
         save_figure(top_speeds(outcomes), arguments.out / "top_speeds.png")
         print(table(outcomes))
         if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
-            print(f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison")
-        print(f"figures: {arguments.out / 'top_speeds.png'}, {arguments.out / 'learning_curves.png'}")
+            print(
+                f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison"
+            )
+        print(
+            f"figures: {arguments.out / 'top_speeds.png'}, {arguments.out / 'learning_curves.png'}"
+        )
     elif not arguments.train:
-        raise UserError(f"{arguments.out} holds no judged run of {', '.join(plan.variants)}")
+        raise UserError(
+            f"{arguments.out} holds no judged run of {', '.join(plan.variants)}"
+        )
     if missing:
         names = ", ".join(training.name for training in missing)
         raise RunStopped(f"not trained: {names}; call again to go on", status=1)

@@ -18,15 +18,20 @@ from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.tuning.space import parse_dimension
 
-SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")
+SEARCH = (
+    "ppo.learning-rate=1e-4:1e-3:log",
+    "ppo.entropy-cost=5e-4:1e-2:log",
+    "env.reward.tracking=0.5:3",
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class TuneArguments(Bounded, path="--"):
-    """Search for settings of the imitation stage with which a policy runs faster, judged in C MuJoCo.
+    """Search for settings of the imitation stage with which a policy runs faster,
+    judged in C MuJoCo.
 
-    Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
-    again.
+    Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on
+    where it stands when called again.
 
     Examples:
         bp2 tune --search ppo.learning-rate=1e-4:1e-3:log env.reward.tracking=0.5:3
@@ -58,7 +63,14 @@ def _tune(arguments: TuneArguments) -> None:
         raise UserError("--search takes one flag or more, and each once")
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
-            words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
+            words = [
+                "--preset",
+                arguments.preset,
+                "--robot",
+                arguments.robot,
+                f"--{one.flag}",
+                value,
+            ]
             answer_early(words, "bp2 train", train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
@@ -74,16 +86,29 @@ def _tune(arguments: TuneArguments) -> None:
     if arguments.jobs.executor == "here" and not resources.gpus:
         runtime.require_accelerator(arguments.preset)
     ranked = run(search, arguments.out, arguments.trials, resources)
-    speeds = ["-" if one.top_speed is None else f"{one.top_speed:.2f}" for one in ranked]
-    lines = [f"| {one.number} | {speed} | {' '.join(one.flags)} |" for one, speed in zip(ranked, speeds, strict=True)]
-    table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
+    speeds = [
+        "-" if one.top_speed is None else f"{one.top_speed:.2f}" for one in ranked
+    ]
+    lines = [
+        f"| {one.number} | {speed} | {' '.join(one.flags)} |"
+        for one, speed in zip(ranked, speeds, strict=True)
+    ]
+    table = "\n".join(
+        ["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""]
+    )
     write_text(arguments.out / "table.md", table)
     print(table)
     if ranked[0].top_speed is None:
-        raise RunStopped(f"no trial was trained to its end: see {arguments.out}/trial-*.txt", status=1)
+        raise RunStopped(
+            f"no trial was trained to its end: see {arguments.out}/trial-*.txt",
+            status=1,
+        )
     if ranked[0].top_speed == 0.0:
-        raise RunStopped("all policies fell in every launch, so no trial is better than another: let --steps be more, "
-                         "or take a larger --preset", status=1)  # fmt: skip
+        raise RunStopped(
+            "all policies fell in every launch, so no trial is better than another: let --steps be more, "
+            "or take a larger --preset",
+            status=1,
+        )
     print(f"python train.py --preset {arguments.preset} {' '.join(ranked[0].flags)}")
 
 

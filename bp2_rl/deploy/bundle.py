@@ -1,4 +1,5 @@
-"""A policy as a folder for a robot's computer: network, reference motion, settings, and the controller's code.
+"""A policy as a folder for a robot's computer: network, reference motion, settings, and
+the controller's code.
 
 manifest.json      the SHA-256 of every file that follows
 policy.onnx        the network: observation (1, n) -> action (1, 12)
@@ -26,7 +27,16 @@ from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import require_onnx, to_onnx
-from bp2_rl.deploy.onboard.contents import CODE, FORMAT, NEEDS, NETWORK, REFERENCE, ROBOT_FOLDER, SETTINGS, seal
+from bp2_rl.deploy.onboard.contents import (
+    CODE,
+    FORMAT,
+    NEEDS,
+    NETWORK,
+    REFERENCE,
+    ROBOT_FOLDER,
+    SETTINGS,
+    seal,
+)
 from bp2_rl.deploy.onboard.controller import OBSERVATION, split_name
 from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
@@ -34,7 +44,17 @@ from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.reference import stepping, trot_law
-from bp2_rl.robot import actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses
+from bp2_rl.robot import (
+    actuator,
+    anatomy,
+    bp2,
+    bp2_body,
+    conventions,
+    coordinates,
+    easing,
+    hardware,
+    losses,
+)
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
@@ -43,7 +63,14 @@ from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
-MOTORS = ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "current_lag", "torque_rate")
+MOTORS = (
+    "peak_torque",
+    "corner_speed",
+    "no_load_speed",
+    "braking_speed",
+    "current_lag",
+    "torque_rate",
+)
 OF_POLICY = ("stage", "created", "weights_sha256", "library_sha256", "config_hash")
 OF_CONTROL = ("action_scale", "action_limit", "feedforward", "clock_at_rest")
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
@@ -52,42 +79,79 @@ LAWS = [
     str(module.__file__)
     for module in (
         *(arrays, bounds, errors, files, polynomials),
-        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses, stepping, trot_law),
+        *(
+            actuator,
+            anatomy,
+            bp2,
+            bp2_body,
+            conventions,
+            coordinates,
+            easing,
+            hardware,
+            losses,
+            stepping,
+            trot_law,
+        ),
     )
 ]
-"""The modules of bp2_rl that the code on board shares; a bundle holds copies of them, so that it is whole."""
-FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|reference|robot)(?: (?=import)|\.)", re.MULTILINE)
+"""The modules of bp2_rl that the code on board shares; a bundle holds copies of them,
+so that it is whole."""
+FROM_PACKAGE = re.compile(
+    r"^from bp2_rl\.(?:base|reference|robot)(?: (?=import)|\.)", re.MULTILINE
+)
 """What the imports of these modules begin with."""
 
 
 def write_bundle(directory: Path, policy: Policy) -> None:
-    """Write the policy's bundle to `directory`, whole or not at all; a bundle that is there is replaced.
+    """Write the policy's bundle to `directory`, whole or not at all; a bundle that is
+    there is replaced.
 
     Raises:
-        UserError: the controller cannot run this policy, a package is missing, or the place cannot be written.
+        UserError: the controller cannot run this policy, a package is missing, or the
+            place cannot be written.
     """
     require_name(directory)
     require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy)
-    network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **settings["policy"]})
+    network = to_onnx(
+        policy,
+        {"observation": json.dumps(settings["observation"]), **settings["policy"]},
+    )
     try:
         place = Path(directory).resolve()
         if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
-            raise FileExistsError(0, "the folder holds files that are no bundle's; choose another")
+            raise FileExistsError(
+                0, "the folder holds files that are no bundle's; choose another"
+            )
         with new_folder(place) as fresh:
             write_bytes(fresh / NETWORK, network)
             write_npz(fresh / REFERENCE, arrays)
-            write_text(fresh / SETTINGS, json.dumps(settings, indent=1, allow_nan=False) + "\n")
-            write_text(fresh / NEEDS, "".join(f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES))
+            write_text(
+                fresh / SETTINGS, json.dumps(settings, indent=1, allow_nan=False) + "\n"
+            )
+            write_text(
+                fresh / NEEDS,
+                "".join(
+                    f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES
+                ),
+            )
             for folder in (CODE, ROBOT_FOLDER):
                 (fresh / folder).mkdir()
-            for module in (*sorted(Path(onboard.__file__).parent.glob("*.py")), *map(Path, LAWS)):
-                write_text(fresh / CODE / module.name, FROM_PACKAGE.sub("from .", module.read_text()))
+            for module in (
+                *sorted(Path(onboard.__file__).parent.glob("*.py")),
+                *map(Path, LAWS),
+            ):
+                write_text(
+                    fresh / CODE / module.name,
+                    FROM_PACKAGE.sub("from .", module.read_text()),
+                )
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
             seal(fresh)
     except OSError as error:
-        raise UserError(f"cannot write bundle {directory}: {error.strerror or error}") from error
+        raise UserError(
+            f"cannot write bundle {directory}: {error.strerror or error}"
+        ) from error
 
 
 def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -97,7 +161,11 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         UserError: the controller of a bundle cannot run this policy.
     """
     card, env = policy.card, policy.card.env
-    unknown = [name for name, _ in card.observation_layout if split_name(name)[0] not in OBSERVATION]
+    unknown = [
+        name
+        for name, _ in card.observation_layout
+        if split_name(name)[0] not in OBSERVATION
+    ]
     if unknown:
         raise UserError(
             f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
@@ -113,14 +181,27 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "bp2_rl": card.versions.get("bp2_rl", "unknown"),
         },
         "units": UNITS,
-        "rates": {"policy": conventions.POLICY_RATE, "drives": conventions.FORCE_LOOP_RATE},  # Hz
+        # Hz
+        "rates": {
+            "policy": conventions.POLICY_RATE,
+            "drives": conventions.FORCE_LOOP_RATE,
+        },
         "joints": list(conventions.MOTOR_NAMES),
-        "model_joints": [dataclasses.asdict(joint) for joint in env.hardware.anatomy.joints],
-        "joint_range": [list(ends) for leg in env.hardware.anatomy.legs for ends in leg.ranges],
+        "model_joints": [
+            dataclasses.asdict(joint) for joint in env.hardware.anatomy.joints
+        ],
+        "joint_range": [
+            list(ends) for leg in env.hardware.anatomy.legs for ends in leg.ranges
+        ],
         "observation": [list(entry) for entry in card.observation_layout],
         "control": {
             "mode": control.mode,
-            **_limits({name: getattr(control, name) for name in (*OF_CONTROL, *COMMAND_LIMITS)}),
+            **_limits(
+                {
+                    name: getattr(control, name)
+                    for name in (*OF_CONTROL, *COMMAND_LIMITS)
+                }
+            ),
             "stand": list(env.hardware.anatomy.stand),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},
@@ -139,38 +220,54 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
-    """Return the limits of a policy's robot, with reasons; docs/deploy.md has what normal running uses of each."""
+    """Return the limits of a policy's robot, with reasons; docs/deploy.md has what
+    normal running uses of each."""
     robot, control = env.hardware, env.control
-    size, fastest = robot.size, float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED
+    size, fastest = (
+        robot.size,
+        float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED,
+    )
     return WatchdogLimits(
         silence=0.05,
         ahead=0.005,  # a tick: stamp and `now` may be read in either order
         rate=2.0,
-        stand_time=size.time * 0.1,  # longer, and a robot at a walk is on its side before its feet are under it
+        # longer, and a robot at a walk is on its side before its feet are under it
+        stand_time=size.time * 0.1,
         braking=1.0,  # what policies brake at on bad ground
         joint_margin=0.3,  # joints bounce off their stops by .1
         joint_speed=fastest * 100.0,  # five times what the motors can do
-        # What an action can swing from one tick to the next, and what the reference motion may add to it.
-        target_step=2.0 * control.action_scale * control.action_limit + fastest * 100.0 * conventions.CONTROL_STEP,
+        # What an action can swing from one tick to the next, and what the reference
+        # motion may add to it.
+        target_step=2.0 * control.action_scale * control.action_limit
+        + fastest * 100.0 * conventions.CONTROL_STEP,
         turning=size.rate * 50.0,
         up_length=0.2,
-        tilt=math.radians(60.0),  # training ends an episode at 37 deg: no policy knows what is beyond
+        # training ends an episode at 37 deg: no policy knows what is beyond
+        tilt=math.radians(60.0),
         frozen=0.1,  # slow drivers repeat a value for some 20 ms
-        frozen_target=0.1,  # 25 Nm at BP2's stiffness, as much of another robot's weight: it moves any joint
+        # 25 Nm at BP2's stiffness, as much of another robot's weight: it moves any
+        # joint
+        frozen_target=0.1,
         window=0.5,  # a stride and more
         mismatch=0.5,  # finds speeds half or twice as large, and wrong signs
         joint_noise=0.1,  # ten times an encoder's noise in training
-        turned=0.012,  # 0.7 deg; what a gyro's noise in training adds up to is a quarter of it
-        unlike=0.4,  # half or twice the gyro is 0.5, noise 1; runs with training's noise, and a real one, have 0.18
+        # 0.7 deg; what a gyro's noise in training adds up to is a quarter of it
+        turned=0.012,
+        # half or twice the gyro is 0.5, noise 1; runs with training's noise, and a real
+        # one, have 0.18
+        unlike=0.4,
         off_target=0.8,  # a hip with the wrong sign is off by 1.24 in BP2's stand
         opposed=0.5,
         swing=0.1,
-        still=0.15,  # an encoder's noise in training is a third of it, joints that work are at 0.35 and more
+        # an encoder's noise in training is a third of it, joints that work are at 0.35
+        # and more
+        still=0.15,
     )
 
 
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
-    """Return the robots to rehearse on: BP2's two, and first the policy's own as `own` if it is another."""
+    """Return the robots to rehearse on: BP2's two, and first the policy's own as `own`
+    if it is another."""
     if not env.hardware.is_bp2:
         return {"own": env.hardware}
     own = {} if robot_name(env.hardware) else {"own": env.hardware}
@@ -178,8 +275,12 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
 
 
 def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
-    """Return motors, bus, losses and settled stand of each robot for `onboard.robot`; None means no limit."""
-    robots = {name: dataclasses.replace(env, hardware=hardware) for name, hardware in _robots(env).items()}
+    """Return motors, bus, losses and settled stand of each robot for `onboard.robot`;
+    None means no limit."""
+    robots = {
+        name: dataclasses.replace(env, hardware=hardware)
+        for name, hardware in _robots(env).items()
+    }
     stands = settled([RobotSetup(robot) for robot in robots.values()])
     described: dict[str, dict[str, Any]] = {}
     for i, (name, robot) in enumerate(robots.items()):
@@ -188,11 +289,18 @@ def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
             "motors": _limits({field: getattr(motors, field) for field in MOTORS}),
             "bus": None if motors.bus is None else vars(motors.bus),
             "losses": None if resistance is None else _limits(vars(resistance)),
-            "stand": {"qpos": stands.qpos[i].tolist(), "torque": stands.torque[i].tolist()},
+            "stand": {
+                "qpos": stands.qpos[i].tolist(),
+                "torque": stands.torque[i].tolist(),
+            },
         }
     return described
 
 
 def _limits(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return limits by name, a number or twelve, with None for an infinite one, because JSON has no infinity."""
-    return {name: np.where(np.isfinite(value), value, np.array(None)).tolist() for name, value in values.items()}
+    """Return limits by name, a number or twelve, with None for an infinite one, because
+    JSON has no infinity."""
+    return {
+        name: np.where(np.isfinite(value), value, np.array(None)).tolist()
+        for name, value in values.items()
+    }

@@ -1,4 +1,5 @@
-"""Convert a policy's network to ONNX, and check that onnxruntime computes the policy's actions."""
+"""Convert a policy's network to ONNX, and check that onnxruntime computes the policy's
+actions."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,11 +13,13 @@ INPUT, OUTPUT = "observation", "action"
 OPSET, IR_VERSION = 17, 8
 """Every onnxruntime from 1.12 on reads these versions."""
 SAMPLES, CLOSE = 256, 1e-5
-"""Number of random observations to compare on, and the largest relative error that float32 rounding may cause."""
+"""Number of random observations to compare on, and the largest relative error that
+float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
-    """The network as an ONNX model: `observation` (batch, n) -> `action` (batch, 12), float32, not clipped.
+    """The network as an ONNX model: `observation` (batch, n) -> `action` (batch, 12),
+    float32, not clipped.
 
     Raises:
         UserError: the package onnx is missing.
@@ -34,18 +37,31 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         last = i == len(policy.layers) - 1
         arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
         out = OUTPUT if last else f"sum_{i}"
-        nodes.append(helper.make_node("Gemm", [f"hidden_{i}", f"weight_{i}", f"bias_{i}"], [out]))
+        nodes.append(
+            helper.make_node("Gemm", [f"hidden_{i}", f"weight_{i}", f"bias_{i}"], [out])
+        )
         if not last:
             nodes += _activation(helper, card.activation, f"sum_{i}", f"hidden_{i + 1}")
     graph = helper.make_graph(
         nodes,
         "bp2_policy",
-        [helper.make_tensor_value_info(INPUT, TensorProto.FLOAT, ["batch", card.observation_size])],
-        [helper.make_tensor_value_info(OUTPUT, TensorProto.FLOAT, ["batch", card.action_size])],
+        [
+            helper.make_tensor_value_info(
+                INPUT, TensorProto.FLOAT, ["batch", card.observation_size]
+            )
+        ],
+        [
+            helper.make_tensor_value_info(
+                OUTPUT, TensorProto.FLOAT, ["batch", card.action_size]
+            )
+        ],
         [numpy_helper.from_array(array, name) for name, array in arrays.items()],
     )
     model = helper.make_model(
-        graph, producer_name="bp2_rl", ir_version=IR_VERSION, opset_imports=[helper.make_opsetid("", OPSET)]
+        graph,
+        producer_name="bp2_rl",
+        ir_version=IR_VERSION,
+        opset_imports=[helper.make_opsetid("", OPSET)],
     )
     helper.set_model_props(model, dict(metadata))
     checker.check_model(model, full_check=True)
@@ -57,22 +73,36 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
 def _activation(helper: Any, name: str, before: str, after: str) -> list[Any]:
     if name == "swish":
         gate = f"{before}_gate"
-        return [helper.make_node("Sigmoid", [before], [gate]), helper.make_node("Mul", [before, gate], [after])]
-    return [helper.make_node({"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}[name], [before], [after])]
+        return [
+            helper.make_node("Sigmoid", [before], [gate]),
+            helper.make_node("Mul", [before, gate], [after]),
+        ]
+    return [
+        helper.make_node(
+            {"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}[name], [before], [after]
+        )
+    ]
 
 
 def _compare(policy: Policy, content: bytes) -> None:
-    """Raise unless onnxruntime and the policy give the same actions for random observations in the sensors' range."""
+    """Raise unless onnxruntime and the policy give the same actions for random
+    observations in the sensors' range."""
     import onnxruntime
 
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
-    drawn = np.random.default_rng(0).normal(size=(SAMPLES, policy.card.observation_size))
+    drawn = np.random.default_rng(0).normal(
+        size=(SAMPLES, policy.card.observation_size)
+    )
     observation = (policy.mean + 2.0 * policy.std * drawn).astype(np.float32)
     (found,) = session.run([OUTPUT], {INPUT: observation})
     expected = policy(observation)
-    error = float(np.max(np.abs(np.asarray(found) - expected) / (1.0 + np.abs(expected))))
+    error = float(
+        np.max(np.abs(np.asarray(found) - expected) / (1.0 + np.abs(expected)))
+    )
     if not error <= CLOSE:
-        raise RuntimeError(f"onnxruntime {onnxruntime.__version__} is off by {error:.1e} from the policy")
+        raise RuntimeError(
+            f"onnxruntime {onnxruntime.__version__} is off by {error:.1e} from the policy"
+        )
 
 
 def require_onnx() -> tuple[Any, Any, Any]:

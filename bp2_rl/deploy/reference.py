@@ -1,4 +1,5 @@
-"""Write a reference motion as plain numbers, from which `onboard.motion` plays the motion."""
+"""Write a reference motion as plain numbers, from which `onboard.motion` plays the
+motion."""
 
 from typing import Any
 
@@ -20,7 +21,8 @@ Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 def playback(config: EnvConfig) -> Playback:
-    """Return the numbers of the reference motion that `config` names, for the robot of `config`.
+    """Return the numbers of the reference motion that `config` names, for the robot of
+    `config`.
 
     Raises:
         UserError: the motion library cannot be read.
@@ -30,15 +32,23 @@ def playback(config: EnvConfig) -> Playback:
         return _trot(motion)
     if isinstance(motion, Standing):
         with jax.enable_x64(True):
-            pose, rate = motion(jnp.zeros(3), jnp.zeros(())), motion.phase_rate(jnp.zeros(3))
-        return {"kind": "none", "phase_rate": float(rate)}, {"pose": np.asarray(pose.joint_position)}
+            pose, rate = (
+                motion(jnp.zeros(3), jnp.zeros(())),
+                motion.phase_rate(jnp.zeros(3)),
+            )
+        return {"kind": "none", "phase_rate": float(rate)}, {
+            "pose": np.asarray(pose.joint_position)
+        }
     assert isinstance(motion, KinematicGait)
     return _kinematic(motion)
 
 
 def _kinematic(gait: KinematicGait) -> Playback:
     law = dict(vars(gait.law))
-    arrays = {**law.pop("legs")._asdict(), **{name: law.pop(name) for name in ("nominal", "sole_clearance")}}
+    arrays = {
+        **law.pop("legs")._asdict(),
+        **{name: law.pop(name) for name in ("nominal", "sole_clearance")},
+    }
     return {"kind": "kinematic", **law}, arrays
 
 
@@ -57,18 +67,28 @@ def _trot(gait: CollocationGait) -> Playback:
     columns = {
         "sag": sag,  # m, of a spring at rest
         "thigh": legs.thigh,  # m
-        "lower": legs.lower - legs.foot_radius,  # m, knee to the foot's centre, spring at rest
+        # m, knee to the foot's centre, spring at rest
+        "lower": legs.lower - legs.foot_radius,
         "lateral": legs.lateral,  # m, abduction axis to the leg's plane, to the left
         "drop": legs.drop,  # m, of the hip axis below the abduction axis
         "bend": legs.bend,  # sign of the knee's angle
-        "straight_knee": kinematics.straightest_knees(hardware),  # rad, at which a leg has no reach left
+        # rad, at which a leg has no reach left
+        "straight_knee": kinematics.straightest_knees(hardware),
     }
-    settings["legs"] = [dict(zip(columns, map(float, leg), strict=True)) for leg in zip(*columns.values(), strict=True)]
+    settings["legs"] = [
+        dict(zip(columns, map(float, leg), strict=True))
+        for leg in zip(*columns.values(), strict=True)
+    ]
     arrays = {
-        "strides": table.strides,  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+        # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+        "strides": table.strides,
         "cubics": table.cubics,
-        "stand_feet": kinematics.foot_position(angles, sag + legs.foot_radius, hardware),  # m
+        # m
+        "stand_feet": kinematics.foot_position(
+            angles, sag + legs.foot_radius, hardware
+        ),
         "leg_origins": kinematics.leg_origins(hardware),  # m
-        "stand_torque": np.asarray(rest.torque).reshape(4, 3)[:, 1:],  # Nm, hip and knee
+        # Nm, hip and knee
+        "stand_torque": np.asarray(rest.torque).reshape(4, 3)[:, 1:],
     }
     return settings, arrays

@@ -32,7 +32,12 @@ from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.robot import conventions
-from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
+from bp2_rl.robot.coordinates import (
+    compression_rates,
+    compressions,
+    joint_positions,
+    joint_velocities,
+)
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
@@ -40,17 +45,22 @@ from bp2_rl.settings.env import EnvConfig, Impl
 
 
 class BP2Env(envs.Env):
-    """A quadruped, by default BP2, follows a velocity command (v_x, v_y, omega_z) on flat ground.
+    """A quadruped, by default BP2, follows a velocity command (v_x, v_y, omega_z) on
+    flat ground.
 
-    One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD, envelope, motor) recomputed at
-    each. Actions are 12 joint position targets (see `ControlConfig`). Observations: `state`, what the policy sees
-    (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
-    when the robot falls or its physics stops being finite; time limits are the wrapper's.
+    One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD,
+    envelope, motor) recomputed at each. Actions are 12 joint position targets (see
+    `ControlConfig`). Observations: `state`, what the policy sees
+    (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward
+    is Table S4. An episode ends when the robot falls or its physics stops being finite;
+    time limits are the wrapper's.
 
-    `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the largest batch that `warp` steps at
-    once; the other engines ignore it. `rows` are the reward's terms by name: Table S4's, or these and your own.
+    `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the
+    largest batch that `warp` steps at once; the other engines ignore it. `rows` are the
+    reward's terms by name: Table S4's, or these and your own.
 
-    `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
+    `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which
+    outlives episodes).
     """
 
     def __init__(
@@ -74,14 +84,15 @@ class BP2Env(envs.Env):
         self.starts = EpisodeStarts(config, self.controller, self.mj_model)
         self.trunk = int(self.mj_model.body("trunk").id)
 
-    # --- The Brax interface --------------------------------------------------------------------------------------
+    # --- The Brax interface -----------------------------------------------------------
 
     def reset(self, rng: Array) -> envs.State:
         """Return a new robot at curriculum level 0; `rng` is one PRNG key."""
         return self._start_episode(rng, jnp.zeros(()))
 
     def restart(self, state: envs.State, rng: Array) -> envs.State:
-        """Return a new episode for the robot of `state`, which keeps its curriculum level."""
+        """Return a new episode for the robot of `state`, which keeps its curriculum
+        level."""
         return self._start_episode(rng, state.info["curriculum"])
 
     def step(self, state: envs.State, action: Float[Array, "12"]) -> envs.State:
@@ -90,18 +101,30 @@ class BP2Env(envs.Env):
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
         finite = jnp.where(jnp.all(jnp.isfinite(action)), action, 0.0)
-        controller, targets, reference = self.controller.act(before.controller, before.command.current, finite)
+        controller, targets, reference = self.controller.act(
+            before.controller, before.command.current, finite
+        )
         physics, effort, foot_contact = self._simulate(before, targets, key_push)
-        fall = termination.fall_in_training(physics.qpos, physics.qvel, physics.torque, action, self.config)
+        fall = termination.fall_in_training(
+            physics.qpos, physics.qvel, physics.torque, action, self.config
+        )
         physics, effort = self._replace_exploded(physics, effort, fall)
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
-        after = self._average(before, before.replace(physics=physics, controller=controller), outcome)
-        terms = rewards.reward_terms(self._reward_inputs(before, after, outcome), self.config, self.rows)
+        after = self._average(
+            before, before.replace(physics=physics, controller=controller), outcome
+        )
+        terms = rewards.reward_terms(
+            self._reward_inputs(before, after, outcome), self.config, self.rows
+        )
 
-        command_state, level = self._next_command(before.command, state.info["curriculum"], outcome, key_command)
-        after, obs = self._observe(after.replace(command=command_state), foot_contact, key_noise)
+        command_state, level = self._next_command(
+            before.command, state.info["curriculum"], outcome, key_command
+        )
+        after, obs = self._observe(
+            after.replace(command=command_state), foot_contact, key_noise
+        )
         return dataclasses.replace(
             state,
             pipeline_state=after,
@@ -115,12 +138,16 @@ class BP2Env(envs.Env):
     @property
     def observation_size(self) -> dict[str, int]:
         """Sizes of the policy's and of the critic's observation."""
-        return {name: observations.size_of(layout) for name, layout in self._layouts.items()}
+        return {
+            name: observations.size_of(layout) for name, layout in self._layouts.items()
+        }
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
         """How a mirror, half a cycle on, changes both observations and the action."""
-        return {name: mirror_of(layout) for name, layout in self._layouts.items()} | {"action": ACTION}
+        return {name: mirror_of(layout) for name, layout in self._layouts.items()} | {
+            "action": ACTION
+        }
 
     @property
     def action_size(self) -> int:
@@ -129,7 +156,8 @@ class BP2Env(envs.Env):
 
     @property
     def backend(self) -> str:
-        """Brax's name for the family of physics engines; `impl` names the engine in use."""
+        """Brax's name for the family of physics engines; `impl` names the engine in
+        use."""
         return "mjx"
 
     @property
@@ -137,13 +165,17 @@ class BP2Env(envs.Env):
         """Return the control step, s."""
         return conventions.CONTROL_STEP
 
-    # --- To look at it with Brax's tools --------------------------------------------------------------------------
+    # --- To look at it with Brax's tools ----------------------------------------------
 
     @functools.cached_property
     def sys(self) -> base.System:
-        """Return the robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
-        with warnings.catch_warnings():  # that Brax's physics is not maintained, which nothing here uses
-            warnings.filterwarnings("ignore", message="Brax System", category=UserWarning)
+        """Return the robot with its looks, for `brax.io` alone: nothing here is
+        simulated in Brax."""
+        # that Brax's physics is not maintained, which nothing here uses
+        with warnings.catch_warnings():
+            warnings.filterwarnings(
+                "ignore", message="Brax System", category=UserWarning
+            )
             return mjcf.load_model(load_model(self.config.hardware))
 
     def render(
@@ -153,16 +185,20 @@ class BP2Env(envs.Env):
         width: int = 320,
         camera: str | None = None,
     ) -> Sequence[np.ndarray] | np.ndarray:
-        """Pictures of one robot's `pipeline_state`s, as Brax's environments make them; needs a GL library."""
-        states: Any = trajectory if isinstance(trajectory, PipelineState) else list(trajectory)
+        """Pictures of one robot's `pipeline_state`s, as Brax's environments make them;
+        needs a GL library."""
+        states: Any = (
+            trajectory if isinstance(trajectory, PipelineState) else list(trajectory)
+        )
         return image.render_array(self.sys, states, height, width, camera)
 
     def brax_state(self, state: PipelineState) -> base.State:
-        """One robot's `pipeline_state` with the places of its links: what `brax.io.html.render(env.sys, ...)` shows."""
+        """One robot's `pipeline_state` with the places of its links: what
+        `brax.io.html.render(env.sys, ...)` shows."""
         x, xd = kinematics.forward(self.sys, state.q, state.qd)
         return base.State(q=state.q, qd=state.qd, x=x, xd=xd, contact=None)  # pyright: ignore[reportCallIssue]
 
-    # --- The parts of a step -------------------------------------------------------------------------------------
+    # --- The parts of a step ----------------------------------------------------------
 
     def _start_episode(self, rng: Array, level: Float[Array, ""]) -> envs.State:
         rng, *keys, key_noise = jax.random.split(rng, NUM_KEYS + 2)
@@ -172,9 +208,16 @@ class BP2Env(envs.Env):
         outcome = StepOutcome(
             command=episode.command.current,
             reference=reference,
-            effort=Effort(torque=jnp.zeros(conventions.NUM_MOTORS), power=jnp.zeros(conventions.NUM_MOTORS)),
-            motion=observations.trunk_motion(episode.physics.qpos, episode.physics.qvel),
-            fall=Fall(false, false, false, false if self.config.hardware.solid_legs else None),
+            effort=Effort(
+                torque=jnp.zeros(conventions.NUM_MOTORS),
+                power=jnp.zeros(conventions.NUM_MOTORS),
+            ),
+            motion=observations.trunk_motion(
+                episode.physics.qpos, episode.physics.qvel
+            ),
+            fall=Fall(
+                false, false, false, false if self.config.hardware.solid_legs else None
+            ),
         )
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
@@ -188,28 +231,47 @@ class BP2Env(envs.Env):
     def _simulate(
         self, state: PipelineState, targets: Targets, key: Array
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """Push the robot now and then, and run the physics engine; see `PhysicsEngine`."""
+        """Push the robot now and then, and run the physics engine; see
+        `PhysicsEngine`."""
         pushed = randomization.push(state.physics.qvel, self.config.randomization, key)
-        with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
-            return self.engine(state.physics.replace(qvel=pushed), targets, state.randomization)
+        # TF32 would move contacts by millimetres
+        with jax.default_matmul_precision("highest"):
+            return self.engine(
+                state.physics.replace(qvel=pushed), targets, state.randomization
+            )
 
-    def _replace_exploded(self, physics: Physics, effort: Effort, fall: Fall) -> tuple[Physics, Effort]:
-        """Put a robot at rest in the place of one whose physics has exploded: its episode is over anyway."""
-        physics = jax.tree.map(lambda new, rest: jnp.where(fall.exploded, rest, new), physics, self.starts.at_rest())
+    def _replace_exploded(
+        self, physics: Physics, effort: Effort, fall: Fall
+    ) -> tuple[Physics, Effort]:
+        """Put a robot at rest in the place of one whose physics has exploded: its
+        episode is over anyway."""
+        physics = jax.tree.map(
+            lambda new, rest: jnp.where(fall.exploded, rest, new),
+            physics,
+            self.starts.at_rest(),
+        )
         return physics, jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
 
-    def _average(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> PipelineState:
+    def _average(
+        self, before: PipelineState, after: PipelineState, outcome: StepOutcome
+    ) -> PipelineState:
         """Return `after` with the averages over time that rewards look at."""
         error = outcome.motion.horizontal - before.command.current
         memory, dt = self.config.reward.tracking_shape.memory, conventions.CONTROL_STEP
         action, window = after.controller.last_action, rewards.ACTION_AVERAGING
         return after.replace(
             mean_torque=outcome.effort.torque,
-            tracking_error=rewards.exponential_average(before.tracking_error, error, memory, dt),
-            mean_action=rewards.exponential_average(before.mean_action, action, window, dt),
+            tracking_error=rewards.exponential_average(
+                before.tracking_error, error, memory, dt
+            ),
+            mean_action=rewards.exponential_average(
+                before.mean_action, action, window, dt
+            ),
         )
 
-    def _reward_inputs(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> rewards.RewardInputs:
+    def _reward_inputs(
+        self, before: PipelineState, after: PipelineState, outcome: StepOutcome
+    ) -> rewards.RewardInputs:
         config, physics, reference = self.config, after.physics, outcome.reference
         peak, size = config.hardware.joint_peak_torque, config.hardware.size
         moving = np.array([size.speed, size.speed, size.rate])
@@ -242,23 +304,38 @@ class BP2Env(envs.Env):
         )
 
     def _next_command(
-        self, state: CommandState, level: Float[Array, ""], outcome: StepOutcome, key: Array
+        self,
+        state: CommandState,
+        level: Float[Array, ""],
+        outcome: StepOutcome,
+        key: Array,
     ) -> tuple[CommandState, Float[Array, ""]]:
         """Return the next command and the curriculum level."""
-        state, raised = commands.advance(state, level, outcome.motion.velocity[0], key, self.config)
+        state, raised = commands.advance(
+            state, level, outcome.motion.velocity[0], key, self.config
+        )
         lowered = jnp.maximum(level - self.config.curriculum.lower_by, 0.0)
         return state, jnp.where(outcome.fall.happened, lowered, raised)
 
     def _observe(
         self, state: PipelineState, foot_contact: Float[Array, "4"], key: Array
     ) -> tuple[PipelineState, dict[str, Array]]:
-        """Return the state in which the controller remembers its observation, and both observations."""
-        config, physics, command = self.config.randomization, state.physics, state.command
+        """Return the state in which the controller remembers its observation, and both
+        observations."""
+        config, physics, command = (
+            self.config.randomization,
+            state.physics,
+            state.command,
+        )
         measurement = observations.sense(physics.qpos, physics.qvel)
-        noiseless = self.controller.frame(state.controller, command.current, measurement)
+        noiseless = self.controller.frame(
+            state.controller, command.current, measurement
+        )
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
-        controller, noisy = self.controller.observe(state.controller, command.current, measurement)
+        controller, noisy = self.controller.observe(
+            state.controller, command.current, measurement
+        )
         privileged = observations.Privileged(
             velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
             height=physics.qpos[2],
@@ -273,7 +350,10 @@ class BP2Env(envs.Env):
             latency=state.randomization.latency,
             tracking_error=state.tracking_error,
         )
-        obs = {"state": noisy, "privileged_state": observations.critic_observation(noiseless, privileged)}
+        obs = {
+            "state": noisy,
+            "privileged_state": observations.critic_observation(noiseless, privileged),
+        }
         return state.replace(controller=controller), obs
 
     @property
@@ -284,7 +364,9 @@ class BP2Env(envs.Env):
         }
 
 
-def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
+def _make_engine(
+    impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int
+) -> PhysicsEngine:
     require_one_of("physics", impl, get_args(Impl))
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
@@ -314,13 +396,27 @@ def make(
         >>> make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     if name in robot_names():
-        raise UserError(f'{name} is a robot: make("bp2", preset("imitation", "cpu", robot="{name}").env)')
+        raise UserError(
+            f'{name} is a robot: make("bp2", preset("imitation", "cpu", robot="{name}").env)'
+        )
     require_one_of("environment", name, CONFIGS)
-    require_kind("make", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
-    require_kind("rows", rows, (Mapping, NoneType), "the reward's terms by name, as env.rewards.ROWS has them")
+    require_kind(
+        "make",
+        config,
+        (EnvConfig, NoneType),
+        'settings, such as preset("imitation", "cpu").env',
+    )
+    require_kind(
+        "rows",
+        rows,
+        (Mapping, NoneType),
+        "the reward's terms by name, as env.rewards.ROWS has them",
+    )
     if num_robots < 1:
         raise UserError(f"num_robots must be at least 1, got {num_robots}")
-    return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)
+    return BP2Env(
+        config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows
+    )
 
 
 for each in CONFIGS:

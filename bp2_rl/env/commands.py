@@ -1,4 +1,5 @@
-"""Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed curriculum."""
+"""Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed
+curriculum."""
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +12,15 @@ from bp2_rl.settings.env import CommandConfig, EnvConfig
 
 
 class CommandState(struct.PyTreeNode):
-    """The present command on its way to a target, and how well commands near the robot's limit were tracked."""
+    """The present command on its way to a target, and how well commands near the
+    robot's limit were tracked."""
 
     current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
     target: Float[Array, "... 3"]
     acceleration: Float[Array, "..."]  # m/s2, of the forward command
     time_left: Float[Array, "..."]  # s, from reaching the target to the next draw
-    error: Float[Array, "..."]  # m, integral of the forward speed error near the limit, since the last draw
+    # m, integral of the forward speed error near the limit, since the last draw
+    error: Float[Array, "..."]
     time: Float[Array, "..."]  # s, spent near the limit since the last draw
 
 
@@ -28,33 +31,50 @@ def max_forward_at(level: Float[Array, ""], config: EnvConfig) -> Float[Array, "
     return start + level * (top - start)
 
 
-def max_yaw_rate_at(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
-    """Return the largest yaw rate at a forward speed, rad/s; their product is the turn's lateral acceleration."""
+def max_yaw_rate_at(
+    forward: Float[Array, ""], config: CommandConfig
+) -> Float[Array, ""]:
+    """Return the largest yaw rate at a forward speed, rad/s; their product is the
+    turn's lateral acceleration."""
     return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
 
 
-def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
+def draw_target(
+    key: Array, top: Float[Array, ""], config: CommandConfig
+) -> Float[Array, "3"]:
     """Return a command (v_x, v_y, omega_z).
 
-    It is forward up to `top`, often near it or slow; lateral and yaw commands are smaller at speed.
+    It is forward up to `top`, often near it or slow; lateral and yaw commands are
+    smaller at speed.
     """
     keys = jax.random.split(key, 6)
     anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
     near_top = jax.random.uniform(keys[1], minval=0.9, maxval=1.0) * top
-    forward = jnp.where(jax.random.bernoulli(keys[2], config.limit_fraction), near_top, anywhere)
+    forward = jnp.where(
+        jax.random.bernoulli(keys[2], config.limit_fraction), near_top, anywhere
+    )
     if config.slow_fraction:
         key_whether, key_how = jax.random.split(jax.random.fold_in(key, 6))
         slowly = jax.random.uniform(key_how, maxval=jnp.minimum(config.slow, top))
-        forward = jnp.where(jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward)
+        forward = jnp.where(
+            jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward
+        )
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
     lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
     yaw_rate *= jnp.minimum(config.max_yaw_rate, max_yaw_rate_at(forward, config))
     turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
     stand = jax.random.bernoulli(keys[5], config.stand_fraction)
-    return jnp.where(stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate]))
+    return jnp.where(
+        stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate])
+    )
 
 
-def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], config: CommandConfig) -> CommandState:
+def draw(
+    key: Array,
+    start: Float[Array, "3"] | None,
+    top: Float[Array, ""],
+    config: CommandConfig,
+) -> CommandState:
     """Return a new target from `start` (None: already at the target)."""
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
@@ -65,7 +85,11 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     return CommandState(
         current=target if start is None else start,
         target=target,
-        acceleration=jax.random.uniform(key_acceleration, minval=config.acceleration[0], maxval=config.acceleration[1]),
+        acceleration=jax.random.uniform(
+            key_acceleration,
+            minval=config.acceleration[0],
+            maxval=config.acceleration[1],
+        ),
         time_left=jax.random.uniform(key_time, minval=hold[0], maxval=hold[1]),
         error=zero,
         time=zero,
@@ -73,20 +97,35 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
 
 
 def with_command_error(
-    key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig
+    key: Array,
+    state: CommandState,
+    standing: Array,
+    top: Float[Array, ""],
+    config: EnvConfig,
 ) -> CommandState:
-    """Let a running robot start slower or faster than commanded, as it is in steep launches and when braking.
+    """Let a running robot start slower or faster than commanded, as it is in steep
+    launches and when braking.
 
     The error is the cube of a uniform number, so that most errors are small.
     """
-    error = config.reset.command_error * jax.random.uniform(key, minval=-1.0, maxval=1.0) ** 3
+    error = (
+        config.reset.command_error
+        * jax.random.uniform(key, minval=-1.0, maxval=1.0) ** 3
+    )
     forward = jnp.clip(state.current[0] + error, -config.commands.max_backward, top)
-    return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
+    return state.replace(
+        current=jnp.where(standing, state.current, state.current.at[0].set(forward))
+    )
 
 
-def with_standing_time(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
-    """Command a robot that starts at rest to stand for a while, before its first target is drawn."""
-    time = jax.random.uniform(key, minval=config.reset.standing_time[0], maxval=config.reset.standing_time[1])
+def with_standing_time(
+    key: Array, state: CommandState, standing: Array, config: EnvConfig
+) -> CommandState:
+    """Command a robot that starts at rest to stand for a while, before its first target
+    is drawn."""
+    time = jax.random.uniform(
+        key, minval=config.reset.standing_time[0], maxval=config.reset.standing_time[1]
+    )
     return state.replace(
         target=jnp.where(standing, state.current, state.target),
         time_left=jnp.where(standing, time, state.time_left),
@@ -94,19 +133,28 @@ def with_standing_time(key: Array, state: CommandState, standing: Array, config:
 
 
 def advance(
-    state: CommandState, level: Float[Array, ""], forward_velocity: Float[Array, ""], key: Array, config: EnvConfig
+    state: CommandState,
+    level: Float[Array, ""],
+    forward_velocity: Float[Array, ""],
+    key: Array,
+    config: EnvConfig,
 ) -> tuple[CommandState, Float[Array, ""]]:
     """Return the command state and the curriculum level one control step later.
 
-    Before a new target is drawn, the level rises if the robot was commanded near its limit for long enough and
-    followed within tolerance. What it follows far from the limit says nothing about the limit.
+    Before a new target is drawn, the level rises if the robot was commanded near its
+    limit for long enough and followed within tolerance. What it follows far from the
+    limit says nothing about the limit.
     """
     dt, curriculum = conventions.CONTROL_STEP, config.curriculum
     top = max_forward_at(level, config)
-    rate = jnp.stack([state.acceleration, *(jnp.asarray(config.commands.turn_acceleration),) * 2])
+    rate = jnp.stack(
+        [state.acceleration, *(jnp.asarray(config.commands.turn_acceleration),) * 2]
+    )
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
-    current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
+    current = state.current + jnp.clip(
+        state.target - state.current, -rate * dt, rate * dt
+    )
     current = eased(state.current, current, config.control)
     moved = state.replace(
         # The target's yaw rate may be too much on the way to its speed.
@@ -116,12 +164,20 @@ def advance(
         time=state.time + dt * near,
     )
     expired = moved.time_left <= 0.0
-    tracked = (moved.time >= curriculum.evidence) & (moved.error < curriculum.tolerance * (1.0 + top) * moved.time)
-    level = jnp.where(expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
+    tracked = (moved.time >= curriculum.evidence) & (
+        moved.error < curriculum.tolerance * (1.0 + top) * moved.time
+    )
+    level = jnp.where(
+        expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level
+    )
     fresh = draw(key, moved.current, max_forward_at(level, config), config.commands)
-    return jax.tree.map(lambda new, old: jnp.where(expired, new, old), fresh, moved), level
+    return jax.tree.map(
+        lambda new, old: jnp.where(expired, new, old), fresh, moved
+    ), level
 
 
-def _turn_limited(command: Float[Array, "3"], config: CommandConfig) -> Float[Array, "3"]:
+def _turn_limited(
+    command: Float[Array, "3"], config: CommandConfig
+) -> Float[Array, "3"]:
     turn = max_yaw_rate_at(command[0], config)
     return command.at[2].set(jnp.clip(command[2], -turn, turn))

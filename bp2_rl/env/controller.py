@@ -1,4 +1,5 @@
-"""What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
+"""What runs on the robot 200 times a second: the same functions in MJX training and in
+C MuJoCo rollouts.
 
     state, observation = controller.observe(state, command, measurement)
     action = policy(observation)
@@ -41,7 +42,8 @@ class Targets(struct.PyTreeNode):
 
 
 class Controller:
-    """Phase clock, observation, and the meaning of actions. Pure functions of arrays for one robot; vmap for more."""
+    """Phase clock, observation, and the meaning of actions. Pure functions of arrays
+    for one robot; vmap for more."""
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
@@ -53,56 +55,92 @@ class Controller:
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(conventions.NUM_MOTORS),
-            # At least a row: an array of no size, split over devices, crashes JAX 0.11.2's compiler.
+            # At least a row: an array of no size, split over devices, crashes JAX
+            # 0.11.2's compiler.
             past_frames=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
             steps=jnp.zeros(()),
         )
 
     def observe(
-        self, state: ControllerState, command: Float[Array, "3"], measurement: Measurement
+        self,
+        state: ControllerState,
+        command: Float[Array, "3"],
+        measurement: Measurement,
     ) -> tuple[ControllerState, Float[Array, " observation"]]:
-        """Return the state that remembers this moment, and the policy's observation (see `observations.layout_of`).
+        """Return the state that remembers this moment, and the policy's observation
+        (see `observations.layout_of`).
 
-        The command is the present one, m/s and rad/s. A policy without a history needs nothing remembered.
+        The command is the present one, m/s and rad/s. A policy without a history needs
+        nothing remembered.
         """
         frame = self.frame(state, command, measurement)
         if not self._control.history:
             return state, frame
         steps = np.array(self._control.history)
-        changes = jnp.where(steps[:, None] <= state.steps, frame - state.past_frames[steps - 1], 0.0)
+        changes = jnp.where(
+            steps[:, None] <= state.steps, frame - state.past_frames[steps - 1], 0.0
+        )
         remembers = state.replace(
-            past_frames=jnp.concatenate([frame[None], state.past_frames[:-1]]), steps=state.steps + 1.0
+            past_frames=jnp.concatenate([frame[None], state.past_frames[:-1]]),
+            steps=state.steps + 1.0,
         )
         return remembers, jnp.concatenate([frame, changes.reshape(-1)])
 
     def frame(
-        self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
+        self,
+        state: ControllerState,
+        command: Float[Array, "... 3"],
+        measurement: Measurement,
     ) -> Float[Array, "... 47"]:
         """Return the observation of this moment alone, without a history."""
-        phase_amplitude = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
-        return actor_observation(command, state.phase, measurement, state.last_action, self._stand, phase_amplitude)
+        phase_amplitude = (
+            1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        )
+        return actor_observation(
+            command,
+            state.phase,
+            measurement,
+            state.last_action,
+            self._stand,
+            phase_amplitude,
+        )
 
     def act(
-        self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
+        self,
+        state: ControllerState,
+        command: Float[Array, "... 3"],
+        action: Float[Array, "... 12"],
     ) -> tuple[ControllerState, Targets, Reference]:
-        """Advance the phase by one control step under the present command and turn the action into joint targets.
+        """Advance the phase by one control step under the present command and turn the
+        action into joint targets.
 
         With them comes the reference at the end of the step.
 
-        `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
-        reference's velocity; a share `feedforward` of its torque comes in as the offset that the PD law turns into it.
+        `residual`: targets are the reference at the *end* of the step, plus
+        action_scale x action, with the reference's velocity; a share `feedforward` of
+        its torque comes in as the offset that the PD law turns into it.
         `absolute`: standing pose plus action_scale x action, with zero velocity.
         """
         control = self._control
-        phase = (state.phase + conventions.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
+        phase = (
+            state.phase + conventions.CONTROL_STEP * self.reference.phase_rate(command)
+        ) % 1.0
         reference = self.reference(command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
         if control.mode == "residual":
-            centre = reference.joint_position + control.feedforward / control.stiffness * reference.torque
+            centre = (
+                reference.joint_position
+                + control.feedforward / control.stiffness * reference.torque
+            )
             velocity = reference.joint_velocity
         else:
-            centre, velocity = jnp.asarray(self._stand), jnp.zeros(conventions.NUM_MOTORS)
-        targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
+            centre, velocity = (
+                jnp.asarray(self._stand),
+                jnp.zeros(conventions.NUM_MOTORS),
+            )
+        targets = Targets(
+            position=centre + control.action_scale * action, velocity=velocity
+        )
         return state.replace(phase=phase, last_action=action), targets, reference
 
 
@@ -110,7 +148,8 @@ def motion_of(config: EnvConfig) -> ReferenceMotion:
     """Return the reference motion that the config names, on its robot.
 
     Raises:
-        UserError: the motion library cannot be read, is of another robot, or trots lower than where a robot has fallen.
+        UserError: the motion library cannot be read, is of another robot, or trots
+            lower than where a robot has fallen.
     """
     match config.reference:
         case "kinematic":

@@ -1,4 +1,5 @@
-"""Where episodes begin: on the running reference with its velocities, or standing still."""
+"""Where episodes begin: on the running reference with its velocities, or standing
+still."""
 
 from collections.abc import Sequence
 
@@ -16,7 +17,12 @@ from bp2_rl.env.physics.interface import Physics
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import conventions
-from bp2_rl.robot.coordinates import compressions, joint_positions, motor_indices, with_legs
+from bp2_rl.robot.coordinates import (
+    compressions,
+    joint_positions,
+    motor_indices,
+    with_legs,
+)
 from bp2_rl.settings.env import EnvConfig
 
 NUM_KEYS = 5
@@ -31,7 +37,8 @@ class PipelineState(struct.PyTreeNode):
     command: CommandState
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
-    tracking_error: Float[Array, "... 3"]  # m/s and rad/s: velocity less command, averaged where the reward asks for it
+    # m/s and rad/s: velocity less command, averaged where the reward asks for it
+    tracking_error: Float[Array, "... 3"]
     mean_action: Float[Array, "... 12"]  # averaged over `rewards.ACTION_AVERAGING`
 
     @property
@@ -48,12 +55,17 @@ class PipelineState(struct.PyTreeNode):
 class EpisodeStarts:
     """The starts that a config describes, for a robot with this model."""
 
-    def __init__(self, config: EnvConfig, controller: Controller, model: mujoco.MjModel):
+    def __init__(
+        self, config: EnvConfig, controller: Controller, model: mujoco.MjModel
+    ):
         self._config, self._controller, self._model = config, controller, model
         self._stand = np.asarray(model.key("stand").qpos, np.float32)
 
-    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Reference]:
-        """Return a new episode at a curriculum level, and the reference there; `keys` are `NUM_KEYS` random keys."""
+    def draw(
+        self, keys: Sequence[Array] | Array, level: Float[Array, ""]
+    ) -> tuple[PipelineState, Reference]:
+        """Return a new episode at a curriculum level, and the reference there; `keys`
+        are `NUM_KEYS` random keys."""
         config = self._config
         key_command, key_stand, key_phase, key_pose, key_robot = keys
         standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
@@ -64,12 +76,18 @@ class EpisodeStarts:
         reference = self._controller.reference(command.current, phase)
         told = command
         if config.reset.command_error:
-            told = commands.with_command_error(jax.random.fold_in(key_command, 1), command, standing, top, config)
+            told = commands.with_command_error(
+                jax.random.fold_in(key_command, 1), command, standing, top, config
+            )
         if config.reset.standing_time[1]:
-            told = commands.with_standing_time(jax.random.fold_in(key_command, 2), told, standing, config)
+            told = commands.with_standing_time(
+                jax.random.fold_in(key_command, 2), told, standing, config
+            )
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
-        robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
+        robot = randomization.draw(
+            key_robot, config.randomization, self._model.nbody, config.hardware
+        )
         episode = PipelineState(
             physics=_physics_at_rest(qpos, qvel, targets),
             controller=self._controller.init(phase),
@@ -82,43 +100,90 @@ class EpisodeStarts:
         return episode, reference
 
     def at_rest(self) -> Physics:
-        """Return a robot that stands still, to put in the place of one that has exploded."""
-        stand = Targets(jnp.asarray(joint_positions(self._stand)), jnp.zeros(conventions.NUM_MOTORS))
-        return _physics_at_rest(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
+        """Return a robot that stands still, to put in the place of one that has
+        exploded."""
+        stand = Targets(
+            jnp.asarray(joint_positions(self._stand)), jnp.zeros(conventions.NUM_MOTORS)
+        )
+        return _physics_at_rest(
+            jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand
+        )
 
     def _pose(
-        self, key: Array, standing: Array, reference: Reference, command: Float[Array, "3"]
+        self,
+        key: Array,
+        standing: Array,
+        reference: Reference,
+        command: Float[Array, "3"],
     ) -> tuple[Array, Array]:
-        """Return (qpos, qvel) on the reference with its velocities, or standing still; both with joint noise."""
+        """Return (qpos, qvel) on the reference with its velocities, or standing still;
+        both with joint noise."""
         config = self._config.reset
         key_joint, key_velocity = jax.random.split(key)
-        joints = jnp.where(standing, joint_positions(self._stand), reference.joint_position)
-        joints += jax.random.uniform(key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise)
+        joints = jnp.where(
+            standing, joint_positions(self._stand), reference.joint_position
+        )
+        joints += jax.random.uniform(
+            key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise
+        )
         height = jnp.where(standing, self._stand[2], reference.height)
         half_pitch = 0.5 * jnp.where(standing, 0.0, reference.pitch)
         qpos = jnp.zeros(self._model.nq)
-        qpos = qpos.at[2].set(height).at[3].set(jnp.cos(half_pitch)).at[5].set(jnp.sin(half_pitch))
-        qpos = with_legs(qpos, joints, jnp.where(standing, compressions(self._stand), reference.spring_compression))
+        qpos = (
+            qpos.at[2]
+            .set(height)
+            .at[3]
+            .set(jnp.cos(half_pitch))
+            .at[5]
+            .set(jnp.sin(half_pitch))
+        )
+        qpos = with_legs(
+            qpos,
+            joints,
+            jnp.where(
+                standing, compressions(self._stand), reference.spring_compression
+            ),
+        )
         qvel = jnp.zeros(self._model.nv)
-        qvel = qvel.at[:3].set(reference.velocity).at[4].set(reference.pitch_rate).at[5].set(command[2])
+        qvel = (
+            qvel.at[:3]
+            .set(reference.velocity)
+            .at[4]
+            .set(reference.pitch_rate)
+            .at[5]
+            .set(command[2])
+        )
         qvel = with_legs(qvel, reference.joint_velocity, reference.spring_velocity)
         spread = config.velocity_noise
-        qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
+        qvel *= 1.0 + jax.random.uniform(
+            key_velocity, qvel.shape, minval=-spread, maxval=spread
+        )
         return self._without_self_collision(qpos, jnp.where(standing, 0.0, qvel))
 
-    def _without_self_collision(self, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> tuple[Array, Array]:
-        """Return a state whose legs keep clear of each other: where they do not, each leg is put in its hip's plane."""
-        self_collision = termination.self_collision(qpos, self._config.termination, self._config.hardware)
+    def _without_self_collision(
+        self, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]
+    ) -> tuple[Array, Array]:
+        """Return a state whose legs keep clear of each other: where they do not, each
+        leg is put in its hip's plane."""
+        self_collision = termination.self_collision(
+            qpos, self._config.termination, self._config.hardware
+        )
         if self_collision is None:
             return qpos, qvel
         abads = motor_indices(self._model.nv)[0::3]
         straight = qpos.at[abads + 1].set(0.0), qvel.at[abads].set(0.0)
-        return jnp.where(self_collision, straight[0], qpos), jnp.where(self_collision, straight[1], qvel)
+        return jnp.where(self_collision, straight[0], qpos), jnp.where(
+            self_collision, straight[1], qvel
+        )
 
 
-def _physics_at_rest(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], targets: Targets) -> Physics:
-    """Return a state without torque, in which the joints have followed these targets for as long as is remembered."""
-    # One array, taken apart again: XLA would fuse separate ones with the reference, and round them otherwise.
+def _physics_at_rest(
+    qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], targets: Targets
+) -> Physics:
+    """Return a state without torque, in which the joints have followed these targets
+    for as long as is remembered."""
+    # One array, taken apart again: XLA would fuse separate ones with the reference, and
+    # round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])
     position, velocity = jnp.moveaxis(jnp.stack([now, now]), 1, 0)
     return Physics(

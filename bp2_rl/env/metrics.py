@@ -1,4 +1,5 @@
-"""What a control step says of itself, for the log: numbers that the learner averages over robots and steps."""
+"""What a control step says of itself, for the log: numbers that the learner averages
+over robots and steps."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,7 +14,8 @@ from bp2_rl.env.termination import Fall
 from bp2_rl.reference.interface import Reference
 
 SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
-"""Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
+"""Lower edges of the bins of commanded speed for which tracking errors are reported,
+m/s."""
 
 
 class StepOutcome(NamedTuple):
@@ -26,10 +28,14 @@ class StepOutcome(NamedTuple):
     fall: Fall
 
 
-def metrics(step: StepOutcome, rewards: Mapping[str, Array], level: Float[Array, ""]) -> dict[str, Array]:
-    """Return the numbers by name, of a step, its rewards by row and the curriculum level afterwards.
+def metrics(
+    step: StepOutcome, rewards: Mapping[str, Array], level: Float[Array, ""]
+) -> dict[str, Array]:
+    """Return the numbers by name, of a step, its rewards by row and the curriculum
+    level afterwards.
 
-    `error/A` over `share/A` is the mean speed error at commands from A m/s to the next bin.
+    `error/A` over `share/A` is the mean speed error at commands from A m/s to the next
+    bin.
     """
     error = jnp.abs(step.motion.velocity[0] - step.command[0])
     speed = jnp.abs(step.command[0])
@@ -41,7 +47,9 @@ def metrics(step: StepOutcome, rewards: Mapping[str, Array], level: Float[Array,
         named[f"error/{lower:g}"] = inside * error
     exploded, too_low, tilted, self_collision = step.fall
     if self_collision is not None:
-        named["fall/self_collision"] = (self_collision & ~tilted & ~too_low & ~exploded).astype(jnp.float32)
+        named["fall/self_collision"] = (
+            self_collision & ~tilted & ~too_low & ~exploded
+        ).astype(jnp.float32)
     return named | {
         "speed_error": error,
         "curriculum_level": level,

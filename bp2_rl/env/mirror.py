@@ -1,7 +1,9 @@
-"""Left and right: what observations and actions become for the robot's mirror image, half a cycle on.
+"""Left and right: what observations and actions become for the robot's mirror image,
+half a cycle on.
 
-A trot repeats itself after half a cycle with left and right exchanged. So the mirror image of BP2 under the mirrored
-command, seen half a cycle later, is BP2 again, and what is right for the one is right, mirrored, for the other.
+A trot repeats itself after half a cycle with left and right exchanged. So the mirror
+image of BP2 under the mirrored command, seen half a cycle later, is BP2 again, and what
+is right for the one is right, mirrored, for the other.
 """
 
 from collections.abc import Sequence
@@ -16,13 +18,17 @@ LEGS = (1, 0, 3, 2)  # FR, FL, RR, RL: each one's image
 
 
 class Mirror(NamedTuple):
-    """A linear reflection: entry i of the image is `sign[i]` times entry `order[i]`. Its square is the identity."""
+    """A linear reflection: entry i of the image is `sign[i]` times entry `order[i]`.
+    Its square is the identity."""
 
     order: tuple[int, ...]
     sign: tuple[int, ...]
 
-    def parities(self) -> tuple[Float[np.ndarray, "size even"], Float[np.ndarray, "size odd"]]:
-        """Return orthonormal bases of what the reflection keeps, and of what it turns into its opposite."""
+    def parities(
+        self,
+    ) -> tuple[Float[np.ndarray, "size even"], Float[np.ndarray, "size odd"]]:
+        """Return orthonormal bases of what the reflection keeps, and of what it turns
+        into its opposite."""
         even, odd = [], []
         unit = np.eye(len(self.order))
         for i, (j, sign) in enumerate(zip(self.order, self.sign, strict=True)):
@@ -42,11 +48,19 @@ def _signs(*sign: int) -> Mirror:
 def _by_leg(*sign: int) -> Mirror:
     """Return the mirror of an array that has `len(sign)` numbers a leg."""
     width = len(sign)
-    return Mirror(tuple(width * leg + i for leg in LEGS for i in range(width)), sign * len(LEGS))
+    return Mirror(
+        tuple(width * leg + i for leg in LEGS for i in range(width)), sign * len(LEGS)
+    )
 
 
 VECTOR, ROTATION, COMMAND = _signs(1, -1, 1), _signs(-1, 1, -1), _signs(1, -1, -1)
-SCALAR, PHASE, LEG, JOINTS, MOTORS = _signs(1), _signs(-1, -1), _by_leg(1), _by_leg(-1, 1, 1), _by_leg(1, 1, 1)
+SCALAR, PHASE, LEG, JOINTS, MOTORS = (
+    _signs(1),
+    _signs(-1, -1),
+    _by_leg(1),
+    _by_leg(-1, 1, 1),
+    _by_leg(1, 1, 1),
+)
 
 ACTION = JOINTS
 _ENTRIES = {

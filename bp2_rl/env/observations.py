@@ -1,4 +1,5 @@
-"""What the robot senses, what the policy sees of it, and what the critic sees beyond that."""
+"""What the robot senses, what the policy sees of it, and what the critic sees beyond
+that."""
 
 from typing import NamedTuple
 
@@ -9,7 +10,12 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
+from bp2_rl.robot.coordinates import (
+    compression_rates,
+    compressions,
+    joint_positions,
+    joint_velocities,
+)
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
@@ -33,7 +39,8 @@ LAYOUT = (
     Entry("angular_velocity", 3),
     Entry("last_action", 12),
 )
-"""The policy's observation, in order: what the paper lists (section RL training) plus the last action."""
+"""The policy's observation, in order: what the paper lists (section RL training) plus
+the last action."""
 
 PRIVILEGED = (
     Entry("velocity", 3),
@@ -49,15 +56,24 @@ PRIVILEGED = (
     Entry("latency", 1),
     Entry("tracking_error", 3),
 )
-"""What the critic sees beyond that, in order: what no sensor tells, where the command goes, the draw of the robot, and
-the errors that the reward looks at."""
+"""What the critic sees beyond that, in order: what no sensor tells, where the command
+goes, the draw of the robot, and the errors that the reward looks at."""
 CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
-"""All that the critic sees: the policy's observation of the moment, without noise, and more."""
+"""All that the critic sees: the policy's observation of the moment, without noise, and
+more."""
 
 
 def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
-    """Return the policy's observation under this controller: the present one, and `NAME@K`, its change in K steps."""
-    return (*LAYOUT, *(Entry(f"{name}@{steps}", size) for steps in control.history for name, size in LAYOUT))
+    """Return the policy's observation under this controller: the present one, and
+    `NAME@K`, its change in K steps."""
+    return (
+        *LAYOUT,
+        *(
+            Entry(f"{name}@{steps}", size)
+            for steps in control.history
+            for name, size in LAYOUT
+        ),
+    )
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
@@ -75,7 +91,8 @@ class Measurement(struct.PyTreeNode):
 
 
 def sense(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Measurement:
-    """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
+    """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint:
+    rates in the body frame)."""
     return Measurement(
         joint_position=joint_positions(qpos),
         joint_velocity=joint_velocities(qvel),
@@ -84,15 +101,21 @@ def sense(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Measurement:
     )
 
 
-def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array) -> Measurement:
-    """Return the measurement with Gaussian noise of the standard deviations in `config`."""
+def add_noise(
+    measurement: Measurement, config: RandomizationConfig, key: Array
+) -> Measurement:
+    """Return the measurement with Gaussian noise of the standard deviations in
+    `config`."""
     flat, unflatten = ravel_pytree(measurement)
     noise: Measurement = unflatten(jax.random.normal(key, flat.shape))
     return Measurement(
-        joint_position=measurement.joint_position + config.joint_position_noise * noise.joint_position,
-        joint_velocity=measurement.joint_velocity + config.joint_velocity_noise * noise.joint_velocity,
+        joint_position=measurement.joint_position
+        + config.joint_position_noise * noise.joint_position,
+        joint_velocity=measurement.joint_velocity
+        + config.joint_velocity_noise * noise.joint_velocity,
         up=measurement.up + config.orientation_noise * noise.up,
-        angular_velocity=measurement.angular_velocity + config.angular_velocity_noise * noise.angular_velocity,
+        angular_velocity=measurement.angular_velocity
+        + config.angular_velocity_noise * noise.angular_velocity,
     )
 
 
@@ -106,8 +129,8 @@ def actor_observation(
 ) -> Float[Array, "47"]:
     """Return the observation that `LAYOUT` describes.
 
-    Joint positions are relative to `stand`, the standing pose (rad); the phase is encoded as `phase_amplitude` x
-    (sin, cos).
+    Joint positions are relative to `stand`, the standing pose (rad); the phase is
+    encoded as `phase_amplitude` x (sin, cos).
     """
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
@@ -124,7 +147,8 @@ def actor_observation(
 
 
 class Privileged(NamedTuple):
-    """The critic's observation beyond the policy's: the entries of `PRIVILEGED`, in their order."""
+    """The critic's observation beyond the policy's: the entries of `PRIVILEGED`, in
+    their order."""
 
     velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
     height: Float[Array, ""]  # m, of the trunk
@@ -137,11 +161,15 @@ class Privileged(NamedTuple):
     com_offset: Float[Array, "3"]  # m, of the trunk
     strength: Float[Array, "12"]  # factor
     latency: Float[Array, ""]  # s
-    tracking_error: Float[Array, "3"]  # m/s and rad/s, averaged where the reward asks for it
+    # m/s and rad/s, averaged where the reward asks for it
+    tracking_error: Float[Array, "3"]
 
 
-def critic_observation(policy_observation: Float[Array, "47"], privileged: Privileged) -> Float[Array, "87"]:
-    """Return the vector that `CRITIC_LAYOUT` describes, from what the policy would see without noise and more."""
+def critic_observation(
+    policy_observation: Float[Array, "47"], privileged: Privileged
+) -> Float[Array, "87"]:
+    """Return the vector that `CRITIC_LAYOUT` describes, from what the policy would see
+    without noise and more."""
     return jnp.concatenate([policy_observation, *(jnp.ravel(x) for x in privileged)])
 
 
@@ -172,9 +200,14 @@ def trunk_motion(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> TrunkM
 
 
 def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
-    """Return `v` turned by a unit quaternion. Brax has the like, but its import takes a second of the judge's start."""
+    """Return `v` turned by a unit quaternion. Brax has the like, but its import takes a
+    second of the judge's start."""
     w, u = quaternion[0], quaternion[1:]
-    return 2.0 * jnp.dot(u, v) * u + (w * w - jnp.dot(u, u)) * v + 2.0 * w * jnp.cross(u, v)
+    return (
+        2.0 * jnp.dot(u, v) * u
+        + (w * w - jnp.dot(u, u)) * v
+        + 2.0 * w * jnp.cross(u, v)
+    )
 
 
 class Soles(struct.PyTreeNode):
@@ -184,11 +217,15 @@ class Soles(struct.PyTreeNode):
     rate: Float[Array, "... 4"]  # m/s
 
 
-def soles(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec) -> Soles:
+def soles(
+    qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec
+) -> Soles:
     """Return how high each sole is over flat ground, and how fast it rises."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)
     rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)
-    feet, relative = jax.jvp(lambda angles, springs: foot_position(angles, springs, hardware), joints, rates)
+    feet, relative = jax.jvp(
+        lambda angles, springs: foot_position(angles, springs, hardware), joints, rates
+    )
     velocity = relative + jnp.cross(now.angular_velocity, feet)
     return Soles(height=qpos[2] + feet @ now.up, rate=qvel[2] + velocity @ now.up)

@@ -1,4 +1,5 @@
-"""Domain randomisation: one draw of the world and the robot, how it enters model and motors, and pushes."""
+"""Domain randomisation: one draw of the world and the robot, how it enters model and
+motors, and pushes."""
 
 import dataclasses
 
@@ -25,7 +26,8 @@ class Randomization(struct.PyTreeNode):
     com_offset: Float[Array, "... 3"]  # m, trunk
     strength: Float[Array, "... 12"]  # factor
     braking: Float[Array, "..."] | None
-    """how weakly motors brake, the no-load speed over the speed at which they brake no more; None: as the hardware's"""
+    """how weakly motors brake, the no-load speed over the speed at which they brake no
+    more; None: as the hardware's"""
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
@@ -48,8 +50,11 @@ def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
     )
 
 
-def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: HardwareSpec) -> Randomization:
-    """Return a random robot around this one, or that itself where randomisation is off."""
+def draw(
+    key: Array, config: RandomizationConfig, num_bodies: int, hardware: HardwareSpec
+) -> Randomization:
+    """Return a random robot around this one, or that itself where randomisation is
+    off."""
     if not config.enabled:
         return nominal(num_bodies, hardware)
     keys = jax.random.split(key, 7)
@@ -65,19 +70,29 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
         stiffness=uniform(keys[4], (12,), config.gains),
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
-        # By keys of their own: more splits would draw other robots than before there were losses and weak brakes.
+        # By keys of their own: more splits would draw other robots than before there
+        # were losses and weak brakes.
         losses=uniform(jax.random.fold_in(key, 7), (len(LOSSES),), config.losses),
-        braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking) if config.weak_braking[1] else None,
+        braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
+        if config.weak_braking[1]
+        else None,
     )
 
 
-def push(qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array) -> Float[Array, " nv"]:
-    """Return the velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
+def push(
+    qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array
+) -> Float[Array, " nv"]:
+    """Return the velocities after a control step's chance of a push: now and then the
+    trunk's horizontal one jumps."""
     if not config.enabled or config.push_velocity == 0.0:
         return qvel
     key_when, key_what = jax.random.split(key)
-    now = jax.random.bernoulli(key_when, conventions.CONTROL_STEP / config.push_interval)
-    kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
+    now = jax.random.bernoulli(
+        key_when, conventions.CONTROL_STEP / config.push_interval
+    )
+    kick = jax.random.uniform(
+        key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity
+    )
     return qvel.at[:2].add(jnp.where(now, kick, 0.0))
 
 
@@ -90,24 +105,39 @@ def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actu
         damping=actuator.damping * randomization.damping,
     )
     if randomization.braking is not None:
-        weakest = jnp.maximum(actuator.no_load_speed / actuator.braking_speed, randomization.braking[..., None])
+        weakest = jnp.maximum(
+            actuator.no_load_speed / actuator.braking_speed,
+            randomization.braking[..., None],
+        )
         speed = actuator.no_load_speed / jnp.maximum(weakest, 1e-6)
         changed = dataclasses.replace(changed, braking_speed=speed)
-    lag, power, sag = (randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag"))
+    lag, power, sag = (
+        randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag")
+    )
     if actuator.current_lag != 0.0:
-        changed = dataclasses.replace(changed, current_lag=actuator.current_lag * lag[..., None])
+        changed = dataclasses.replace(
+            changed, current_lag=actuator.current_lag * lag[..., None]
+        )
     if (bus := actuator.bus) is not None:
         bus = dataclasses.replace(
-            bus, power_out=bus.power_out * power, power_in=bus.power_in * power, sag=bus.sag * sag
+            bus,
+            power_out=bus.power_out * power,
+            power_in=bus.power_in * power,
+            sag=bus.sag * sag,
         )
         changed = dataclasses.replace(changed, bus=bus)
     return changed
 
 
-def randomize_resistance(resistance: Resistance, randomization: Randomization) -> Resistance:
-    """Return the resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
+def randomize_resistance(
+    resistance: Resistance, randomization: Randomization
+) -> Resistance:
+    """Return the resistance with this robot's losses; each broadcasts against the
+    robots' joints or legs."""
     names = "air", "gear", "joints", "slides"
-    air, gear, joints, slides = (randomization.losses[..., LOSSES.index(name), None] for name in names)
+    air, gear, joints, slides = (
+        randomization.losses[..., LOSSES.index(name), None] for name in names
+    )
     return dataclasses.replace(
         resistance,
         drag=resistance.drag * air,

@@ -1,7 +1,9 @@
-"""Table S4, row by row: every reward term as a pure function, and the speed-dependent schedule.
+"""Table S4, row by row: every reward term as a pure function, and the speed-dependent
+schedule.
 
-Each function returns one row *without* its base coefficient (the imitation rows together carry c_m, the
-tracking row c_v; see `speed_schedule`). `reward_terms` puts the rows together.
+Each function returns one row *without* its base coefficient (the imitation rows
+together carry c_m, the tracking row c_v; see `speed_schedule`). `reward_terms` puts the
+rows together.
 """
 
 import math
@@ -17,7 +19,8 @@ from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
 Scalar = Float[Array, ""]
 PAPER_SHAPE = TrackingShape()
-ACTION_AVERAGING = 0.2  # s, time constant of the average of actions for `standing_still_penalty`
+# s, time constant of the average of actions for `standing_still_penalty`
+ACTION_AVERAGING = 0.2
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -35,12 +38,16 @@ def body_attitude(e_z: Float[Array, "3"], e_z_ref: Float[Array, "3"]) -> Scalar:
     return jnp.exp(-80.0 * squared_norm(e_z - e_z_ref))
 
 
-def joint_position_imitation(q: Float[Array, "12"], q_ref: Float[Array, "12"]) -> Scalar:
+def joint_position_imitation(
+    q: Float[Array, "12"], q_ref: Float[Array, "12"]
+) -> Scalar:
     """r_q / c_m; rad."""
     return 0.2 * jnp.exp(-2.0 * squared_norm(q_ref - q))
 
 
-def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"]) -> Scalar:
+def joint_velocity_imitation(
+    qd: Float[Array, "12"], qd_ref: Float[Array, "12"]
+) -> Scalar:
     """r_qd / c_m; rad/s."""
     return 0.7 * jnp.exp(-0.02 * squared_norm(qd_ref - qd))
 
@@ -48,7 +55,8 @@ def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"])
 def exponential_average(
     mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float
 ) -> Float[Array, " n"]:
-    """Return the exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
+    """Return the exponential average over `time` seconds, dt seconds after it was
+    `mean`; of 0 seconds: what is now."""
     return now if time == 0.0 else mean - math.expm1(-dt / time) * (now - mean)
 
 
@@ -60,19 +68,27 @@ def velocity_tracking(
     w: float,
     shape: TrackingShape = PAPER_SHAPE,
 ) -> Scalar:
-    """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the yaw rate.
+    """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the
+    yaw rate.
 
-    The paper rewards exp(-2 |e|^2), which has no slope where the error is large, beyond 2 m/s, nor where it is
-    small, as in slow motion and in fast turns; see `TrackingShape`.
+    The paper rewards exp(-2 |e|^2), which has no slope where the error is large, beyond
+    2 m/s, nor where it is small, as in slow motion and in fast turns; see
+    `TrackingShape`.
     """
     square_width = shape.floor**2 + squared_norm(v_cmd) / shape.width**2
     linear = _tracking_term(v - v_cmd, v_cmd, square_width, shape.tail, shape.reach)
-    angular = _tracking_term(omega - omega_cmd, omega_cmd, shape.yaw_width**2, shape.tail, shape.yaw_reach)
+    angular = _tracking_term(
+        omega - omega_cmd, omega_cmd, shape.yaw_width**2, shape.tail, shape.yaw_reach
+    )
     return w * linear + (1.0 - w) * angular
 
 
 def _tracking_term(
-    error: Float[Array, " n"], command: Float[Array, " n"], square_width: Scalar | float, tail: float, reach: float
+    error: Float[Array, " n"],
+    command: Float[Array, " n"],
+    square_width: Scalar | float,
+    tail: float,
+    reach: float,
 ) -> Scalar:
     bell = jnp.exp(-2.0 * squared_norm(error) / square_width)
     if tail == 0.0:
@@ -81,56 +97,84 @@ def _tracking_term(
     return (1.0 - tail) * bell + tail * jnp.maximum(line, 0.0)
 
 
-def torque_regularization(tau_n: Float[Array, "12"], tau_n_last: Float[Array, "12"], dt: float) -> Scalar:
-    """r_tau / c_tau; torques over the peak torque, at this and the last control step, dt seconds apart."""
-    return 0.9 * jnp.exp(-0.5 * squared_norm(tau_n)) + 0.1 * jnp.exp(-0.1 * squared_norm(tau_n - tau_n_last) / dt)
+def torque_regularization(
+    tau_n: Float[Array, "12"], tau_n_last: Float[Array, "12"], dt: float
+) -> Scalar:
+    """r_tau / c_tau; torques over the peak torque, at this and the last control step,
+    dt seconds apart."""
+    return 0.9 * jnp.exp(-0.5 * squared_norm(tau_n)) + 0.1 * jnp.exp(
+        -0.1 * squared_norm(tau_n - tau_n_last) / dt
+    )
 
 
 def power_regularization(power: Float[Array, "12"]) -> Scalar:
-    """r_P / c_P; mechanical power of each actuator in W. Braking is punished five times as much as driving."""
+    """r_P / c_P; mechanical power of each actuator in W. Braking is punished five times
+    as much as driving."""
     # Both exponents are kept <= 0 so that the branch not taken cannot overflow.
-    phi = jnp.where(power > 0, jnp.exp(-0.01 * jnp.maximum(power, 0.0)), jnp.exp(0.05 * jnp.minimum(power, 0.0)))
+    phi = jnp.where(
+        power > 0,
+        jnp.exp(-0.01 * jnp.maximum(power, 0.0)),
+        jnp.exp(0.05 * jnp.minimum(power, 0.0)),
+    )
     return jnp.mean(phi)
 
 
-def action_smoothness(action: Float[Array, "12"], last_action: Float[Array, "12"]) -> Scalar:
+def action_smoothness(
+    action: Float[Array, "12"], last_action: Float[Array, "12"]
+) -> Scalar:
     """r_s / c_s."""
     return jnp.exp(-3.0 * jnp.max(jnp.abs(action - last_action)))
 
 
 def straight_symmetry(abad: Float[Array, "4"], eta: Scalar) -> Scalar:
-    """r_str; abduction angles in the order FR, FL, RR, RL (rad); the table's 0 / 0.1 is its coefficient."""
+    """r_str; abduction angles in the order FR, FL, RR, RL (rad); the table's 0 / 0.1 is
+    its coefficient."""
     front, rear = abad[0] + abad[1], abad[2] + abad[3]
-    return jnp.exp(-10.0 * eta) * jnp.exp(-100.0 * (jnp.square(front) + jnp.square(rear)))
+    return jnp.exp(-10.0 * eta) * jnp.exp(
+        -100.0 * (jnp.square(front) + jnp.square(rear))
+    )
 
 
 def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
-    """Beyond Table S4: the sum over soles within 50 mm of the ground (m) of (their speed downwards / 5 m/s)^2."""
+    """Beyond Table S4: the sum over soles within 50 mm of the ground (m) of (their
+    speed downwards / 5 m/s)^2."""
     near = jnp.clip(1.0 - height / 0.05, 0.0, 1.0)
     return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
 
 
 def overspeed(qd_n: Float[Array, "12"]) -> Scalar:
-    """Beyond Table S4: the sum of how far motors are beyond their no-load speed; speeds over that speed."""
+    """Beyond Table S4: the sum of how far motors are beyond their no-load speed; speeds
+    over that speed."""
     return jnp.sum(jnp.maximum(jnp.abs(qd_n) - 1.0, 0.0))
 
 
-def standing_still_penalty(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
+def standing_still_penalty(
+    mean_action: Float[Array, "12"], command: Float[Array, "3"]
+) -> Scalar:
     """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0.
 
-    Without action the joints' own stiffness holds the standing pose. A penalty on the present action instead of its
-    average over `ACTION_AVERAGING` would make a policy explore less.
+    Without action the joints' own stiffness holds the standing pose. A penalty on the
+    present action instead of its average over `ACTION_AVERAGING` would make a policy
+    explore less.
     """
     return jnp.where(jnp.any(command != 0.0), 0.0, jnp.sum(jnp.abs(mean_action)))
 
 
-def turn_activation(command: Float[Array, "3"], max_lateral: float, max_yaw_rate: float) -> Scalar:
-    """eta: 0 for a straight command, 1 at the largest lateral or yaw command. command = (v_x, v_y, omega_z)."""
+def turn_activation(
+    command: Float[Array, "3"], max_lateral: float, max_yaw_rate: float
+) -> Scalar:
+    """eta: 0 for a straight command, 1 at the largest lateral or yaw command. command =
+    (v_x, v_y, omega_z)."""
     tiny = 1e-6  # a maximum of 0 means that the command is always 0
-    return jnp.maximum(jnp.abs(command[1]) / (max_lateral + tiny), jnp.abs(command[2]) / (max_yaw_rate + tiny))
+    return jnp.maximum(
+        jnp.abs(command[1]) / (max_lateral + tiny),
+        jnp.abs(command[2]) / (max_yaw_rate + tiny),
+    )
 
 
-def tracking_balance(max_forward: float, max_lateral: float, max_yaw_rate: float) -> float:
+def tracking_balance(
+    max_forward: float, max_lateral: float, max_yaw_rate: float
+) -> float:
     """w: share of the linear velocity in the tracking reward."""
     linear = max_forward + max_lateral
     return min(linear / (linear + max_yaw_rate), 0.6)
@@ -139,25 +183,30 @@ def tracking_balance(max_forward: float, max_lateral: float, max_yaw_rate: float
 def speed_schedule(
     v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Schedule = "text"
 ) -> tuple[Scalar, Scalar]:
-    """(c_m, c_v): weights of imitation and of velocity tracking at this commanded speed.
+    """(c_m, c_v): weights of imitation and of velocity tracking at this commanded
+    speed.
 
-    beta = (|v_x_cmd| / v_x_max)^0.3. `literal` is Table S4 to the letter: c_v = beta c_V + (1 - beta) c_J and
-    c_m = c_J + c_V - c_v. With the imitation stage's c_J = 0.6 > c_V = 0.1 this makes tracking *lose* weight with
-    speed, the opposite of what the text says ("reducing the constraint imposed by the reference trajectory at high
-    commanded velocities"). `text` gives tracking the larger of the two coefficients at v_x_max and the smaller at
-    rest, in both stages; in the relaxed stage (c_J < c_V) the two readings are the same. `off`:
-    c_J and c_V at all speeds.
+    beta = (|v_x_cmd| / v_x_max)^0.3. `literal` is Table S4 to the letter: c_v = beta
+    c_V + (1 - beta) c_J and c_m = c_J + c_V - c_v. With the imitation stage's c_J = 0.6
+    > c_V = 0.1 this makes tracking *lose* weight with speed, the opposite of what the
+    text says ("reducing the constraint imposed by the reference trajectory at high
+    commanded velocities"). `text` gives tracking the larger of the two coefficients at
+    v_x_max and the smaller at rest, in both stages; in the relaxed stage (c_J < c_V)
+    the two readings are the same. `off`: c_J and c_V at all speeds.
     """
     if schedule == "off":
         return jnp.asarray(c_J), jnp.asarray(c_V)
     beta = jnp.clip(jnp.abs(v_x_cmd) / v_x_max, 0.0, 1.0) ** 0.3
-    at_rest, at_speed = (c_J, c_V) if schedule == "literal" else (min(c_J, c_V), max(c_J, c_V))
+    at_rest, at_speed = (
+        (c_J, c_V) if schedule == "literal" else (min(c_J, c_V), max(c_J, c_V))
+    )
     c_v = beta * at_speed + (1.0 - beta) * at_rest
     return c_J + c_V - c_v, c_v
 
 
 class RewardInputs(struct.PyTreeNode):
-    """What Table S4 looks at, for one robot at one control step, all of it over the robot's `Size`."""
+    """What Table S4 looks at, for one robot at one control step, all of it over the
+    robot's `Size`."""
 
     command: Float[Array, "... 3"]  # v_x, v_y, omega_z
     z: Float[Array, "..."]
@@ -183,7 +232,8 @@ class RewardInputs(struct.PyTreeNode):
 
 
 class SharedTerms(NamedTuple):
-    """The terms that rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
+    """The terms that rows share at one command: see `speed_schedule`,
+    `tracking_balance` and `turn_activation`."""
 
     c_m: Scalar
     c_v: Scalar
@@ -198,28 +248,54 @@ ROWS: Mapping[str, RewardRow] = {
     "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
     "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
-    "joint_velocity": lambda x, _, at: at.c_m * joint_velocity_imitation(x.qd, x.qd_ref),
-    "tracking": lambda x, c, at: (
-        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.tracking_shape)
+    "joint_velocity": lambda x, _, at: (
+        at.c_m * joint_velocity_imitation(x.qd, x.qd_ref)
     ),
-    "torque": lambda x, c, at: c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt),
+    "tracking": lambda x, c, at: (
+        at.c_v
+        * velocity_tracking(
+            x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.tracking_shape
+        )
+    ),
+    "torque": lambda x, c, at: (
+        c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt)
+    ),
     "power": lambda x, c, _: c.power * power_regularization(x.power),
-    "smoothness": lambda x, c, _: c.smoothness * action_smoothness(x.action, x.last_action),
+    "smoothness": lambda x, c, _: (
+        c.smoothness * action_smoothness(x.action, x.last_action)
+    ),
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
-    "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
-    "overspeed": lambda x, c, _: -c.overspeed * overspeed(x.qd_n) if c.overspeed else jnp.zeros(()),
-    "stand": lambda x, c, _: -c.stand * standing_still_penalty(x.mean_action, x.command) if c.stand else jnp.zeros(()),
+    "landing": lambda x, c, _: (
+        -c.landing * hard_landing(x.sole_height, x.sole_rate)
+        if c.landing
+        else jnp.zeros(())
+    ),
+    "overspeed": lambda x, c, _: (
+        -c.overspeed * overspeed(x.qd_n) if c.overspeed else jnp.zeros(())
+    ),
+    "stand": lambda x, c, _: (
+        -c.stand * standing_still_penalty(x.mean_action, x.command)
+        if c.stand
+        else jnp.zeros(())
+    ),
 }
 """Table S4 and three rows more, by their names, as in the metrics `reward/NAME`."""
 
 
-def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
+def reward_terms(
+    x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS
+) -> dict[str, Scalar]:
     """Return all rows with their coefficients; the reward is their sum."""
     reward, size = config.reward, config.hardware.size
-    max_forward, max_lateral = config.commands.max_forward / size.speed, config.commands.max_lateral / size.speed
+    max_forward, max_lateral = (
+        config.commands.max_forward / size.speed,
+        config.commands.max_lateral / size.speed,
+    )
     max_yaw_rate = config.commands.max_yaw_rate / size.rate
-    c_m, c_v = speed_schedule(x.command[0], max_forward, reward.imitation, reward.tracking, reward.schedule)
+    c_m, c_v = speed_schedule(
+        x.command[0], max_forward, reward.imitation, reward.tracking, reward.schedule
+    )
     shared = SharedTerms(
         c_m=c_m,
         c_v=c_v,

@@ -11,12 +11,14 @@ from bp2_rl.settings.env import EnvConfig, TerminationConfig
 
 
 class Fall(NamedTuple):
-    """Why a robot is down, if it is; NumPy or JAX, with the batch axes of the states."""
+    """Why a robot is down, if it is; NumPy or JAX, with the batch axes of the
+    states."""
 
     exploded: Bool[Any, "..."]  # its state is no longer that of a robot
     too_low: Bool[Any, "..."]
     tilted: Bool[Any, "..."]
-    self_collision: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
+    # a leg is in another or in the trunk; None where nobody asks
+    self_collision: Bool[Any, "..."] | None = None
 
     @property
     def happened(self) -> Bool[Any, "..."]:
@@ -25,12 +27,18 @@ class Fall(NamedTuple):
         return down if self.self_collision is None else down | self.self_collision
 
 
-def fall(qpos: Float[Any, "... nq"], qvel: Float[Any, "... nv"], config: TerminationConfig) -> Fall:
-    """Return whether and why a robot in this state, in MuJoCo's coordinates, is down; NumPy and JAX alike."""
+def fall(
+    qpos: Float[Any, "... nq"], qvel: Float[Any, "... nv"], config: TerminationConfig
+) -> Fall:
+    """Return whether and why a robot in this state, in MuJoCo's coordinates, is down;
+    NumPy and JAX alike."""
     xp = qpos.__array_namespace__()
     # Every comparison is one that NaN fails.
-    sound = xp.all(xp.isfinite(qpos), axis=-1) & xp.all(xp.abs(qvel) <= config.max_speed, axis=-1)
-    up = 1.0 - 2.0 * (qpos[..., 4] ** 2 + qpos[..., 5] ** 2)  # vertical part of the trunk's z axis
+    sound = xp.all(xp.isfinite(qpos), axis=-1) & xp.all(
+        xp.abs(qvel) <= config.max_speed, axis=-1
+    )
+    # vertical part of the trunk's z axis
+    up = 1.0 - 2.0 * (qpos[..., 4] ** 2 + qpos[..., 5] ** 2)
     return Fall(~sound, ~(qpos[..., 2] >= config.min_height), ~(up >= config.min_up))
 
 
@@ -41,7 +49,8 @@ def fall_in_training(
     action: Float[Any, "... 12"],
     config: EnvConfig,
 ) -> Fall:
-    """Return whether and why an episode ends after this action: `fall`, a number that is not finite, self-collision."""
+    """Return whether and why an episode ends after this action: `fall`, a number that
+    is not finite, self-collision."""
     xp = qpos.__array_namespace__()
     state = fall(qpos, qvel, config.termination)
     finite = xp.all(xp.isfinite(action), axis=-1) & xp.all(xp.isfinite(torque), axis=-1)
@@ -52,11 +61,15 @@ def fall_in_training(
 def self_collision(
     qpos: Float[Any, "... nq"], config: TerminationConfig, hardware: HardwareSpec
 ) -> Bool[Any, "..."] | None:
-    """Return whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
+    """Return whether a leg is deeper in another, or in the trunk, than it may be; None
+    where legs are not solid.
 
-    Training has no contacts between legs and ends the episode instead; C MuJoCo has them and goes on.
+    Training has no contacts between legs and ends the episode instead; C MuJoCo has
+    them and goes on.
     """
     if not hardware.solid_legs:
         return None
     joints = joint_positions(qpos).reshape(*qpos.shape[:-1], 4, 3)
-    return ~(clearance(joints, compressions(qpos), hardware).least >= -config.max_overlap)
+    return ~(
+        clearance(joints, compressions(qpos), hardware).least >= -config.max_overlap
+    )

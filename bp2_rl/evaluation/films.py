@@ -1,7 +1,9 @@
-"""A film of each policy that is judged beside a training, and a page that shows them as they come.
+"""A film of each policy that is judged beside a training, and a page that shows them as
+they come.
 
-The judge keeps the last seconds of a policy's first launch. A process of its own films them, one policy after the
-other, with the time that everybody else leaves: results never wait for films, and neither does the training.
+The judge keeps the last seconds of a policy's first launch. A process of its own films
+them, one policy after the other, with the time that everybody else leaves: results
+never wait for films, and neither does the training.
 """
 
 import contextlib
@@ -19,17 +21,24 @@ from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
 FILMS, PAGE = "films", "films.html"
-"""In a run's folder: the films, each by its policy's control steps, and the page that shows them."""
-SHOT = Shot(length=3.0, frame_rate=25, width=432, height=240, to_the_end=True, beside=True)
+"""In a run's folder: the films, each by its policy's control steps, and the page that
+shows them."""
+SHOT = Shot(
+    length=3.0, frame_rate=25, width=432, height=240, to_the_end=True, beside=True
+)
 RELOAD = 10  # s after which a page of a run that goes on looks for more
 EVER = 10**18  # control steps
 
 
 @contextlib.contextmanager
 def filming(
-    workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None, until: float | None = None
+    workers: JudgeProcesses,
+    say: Callable[[str], None],
+    gl_library: str | None = None,
+    until: float | None = None,
 ) -> Generator["Filmed"]:
-    """The judge who films, too. Films are waited for at the end, but not when the training is stopped.
+    """The judge who films, too. Films are waited for at the end, but not when the
+    training is stopped.
 
     Args:
         workers: the judge's.
@@ -49,7 +58,11 @@ class Filmed:
     """A `learning.exports.Judge` whose results are followed by films; see `filming`."""
 
     def __init__(
-        self, workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None, until: float | None
+        self,
+        workers: JudgeProcesses,
+        say: Callable[[str], None],
+        gl_library: str | None,
+        until: float | None,
     ):
         self.places, self._until = workers.places, until
         self._workers, self._say, self._gl_library = workers, say, gl_library
@@ -60,7 +73,8 @@ class Filmed:
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
     def submit(self, policy: Path) -> Future[JudgeResult]:
-        """See `Judge`; the folder's name is the policy's control steps, and it lies in the run's own."""
+        """See `Judge`; the folder's name is the policy's control steps, and it lies in
+        the run's own."""
         if self._results is None:
             self._run_dir = policy.parent.parent
             self._results = judge_results(self._run_dir, EVER)
@@ -88,14 +102,17 @@ class Filmed:
         with self._writing:
             self._closed = True
         self._camera.shutdown(wait=True, cancel_futures=not wait)
-        for kept in (self._run_dir / FILMS).glob("*.npz") if self._results is not None else ():
+        for kept in (
+            (self._run_dir / FILMS).glob("*.npz") if self._results is not None else ()
+        ):
             kept.unlink(missing_ok=True)
         self._show(goes_on=False)
 
     def _take(self, steps: int, kept: Path | None, result: JudgeResult) -> None:
         """Show a result, and film what was kept of the launch."""
         with self._writing:
-            if self._closed or self._results is None:  # the training has ended without this result
+            # the training has ended without this result
+            if self._closed or self._results is None:
                 return
             self._results[steps] = result
             self._show(goes_on=True)
@@ -103,14 +120,17 @@ class Filmed:
                 self._camera.submit(self._film, kept)
 
     def _film(self, kept: Path) -> None:
-        """In the thread: films are a luxury, and whatever fails here must not stop a training."""
+        """In the thread: films are a luxury, and whatever fails here must not stop a
+        training."""
         try:
             if kept.is_file() and not self._no_film:
                 make_video(kept, kept.with_suffix(".mp4"), self._gl_library, SHOT)
         except NoVideo as reason:
             self._give_up(str(reason))
         except Exception as error:
-            self._give_up(f"no more films: {one_line(str(error)) or type(error).__name__}")
+            self._give_up(
+                f"no more films: {one_line(str(error)) or type(error).__name__}"
+            )
         finally:
             with contextlib.suppress(OSError):
                 kept.unlink(missing_ok=True)
@@ -125,10 +145,21 @@ class Filmed:
         with self._writing, contextlib.suppress(OSError):
             if self._results:
                 best = best_policy(self._results, self._until)
-                write_text(self._run_dir / PAGE, films_page(self._run_dir, self._results, best, self._no_film, goes_on))
+                write_text(
+                    self._run_dir / PAGE,
+                    films_page(
+                        self._run_dir, self._results, best, self._no_film, goes_on
+                    ),
+                )
 
 
-def films_page(run_dir: Path, results: dict[int, JudgeResult], best: int | None, no_film: str, goes_on: bool) -> str:
+def films_page(
+    run_dir: Path,
+    results: dict[int, JudgeResult],
+    best: int | None,
+    no_film: str,
+    goes_on: bool,
+) -> str:
     """The page of a run, with the films that are there.
 
     Args:
@@ -146,7 +177,11 @@ def films_page(run_dir: Path, results: dict[int, JudgeResult], best: int | None,
         best=best,
         last=max(shown),
         most=max(1.0, *(result.speed for result in shown.values())),
-        films={steps: f"{FILMS}/{steps}" for steps in shown if (run_dir / FILMS / f"{steps}.mp4").is_file()},
+        films={
+            steps: f"{FILMS}/{steps}"
+            for steps in shown
+            if (run_dir / FILMS / f"{steps}.mp4").is_file()
+        },
         no_film=no_film,
         goes_on=goes_on,
         count=count,

@@ -1,6 +1,8 @@
-"""The judge: processes beside a training that measure each exported policy in C MuJoCo, from a standing start.
+"""The judge: processes beside a training that measure each exported policy in C MuJoCo,
+from a standing start.
 
-Its processes run on processors that the training leaves idle. `measure_launches` defines a policy's top speed.
+Its processes run on processors that the training leaves idle. `measure_launches`
+defines a policy's top speed.
 """
 
 import contextlib
@@ -30,16 +32,21 @@ from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
 
 AT_A_TIME = 8  # most policies that are judged side by side
-NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge
+# the training gets three times the share; at 19 a training on all processors would
+# starve the judge
+NICE = 5
 
 
 @dataclasses.dataclass(frozen=True)
 class JudgedLaunch:
-    """A launch from a standing start, on the training's robot or a worse one, to a share of its fastest command."""
+    """A launch from a standing start, on the training's robot or a worse one, to a
+    share of its fastest command."""
 
-    acceleration: float  # m/s2, at which the command rises; in a training with gentler launches as in those
+    # m/s2, at which the command rises; in a training with gentler launches as in those
+    acceleration: float
     hold: float  # s
-    noise_seed: int | None = None  # of the sensors' noise, as strong as in training; None: no noise
+    # of the sensors' noise, as strong as in training; None: no noise
+    noise_seed: int | None = None
     share: float = 1.0  # of the fastest command of the training
     friction: float = 1.0  # factor
     mass: float = 1.0  # factor
@@ -56,7 +63,9 @@ class JudgedLaunch:
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Return the robot that is launched."""
-        losses = dataclasses.replace(hardware.losses, latency=hardware.losses.latency + self.latency)
+        losses = dataclasses.replace(
+            hardware.losses, latency=hardware.losses.latency + self.latency
+        )
         return dataclasses.replace(
             hardware,
             friction=hardware.friction * self.friction,
@@ -68,10 +77,18 @@ class JudgedLaunch:
 JUDGED_LAUNCHES = (
     JudgedLaunch(acceleration=3.0, hold=HELD, noise_seed=1),
     JudgedLaunch(acceleration=6.0, hold=1.0, noise_seed=2),
-    JudgedLaunch(acceleration=3.0, hold=1.0, noise_seed=3, friction=0.75, mass=1.05, latency=0.005),
+    JudgedLaunch(
+        acceleration=3.0,
+        hold=1.0,
+        noise_seed=3,
+        friction=0.75,
+        mass=1.05,
+        latency=0.005,
+    ),
 )
-"""The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
-has a friction of 0.6. No benchmark launches so by itself: none reports what a policy was chosen by."""
+"""The first launch gives a policy's top speed; the others show whether that was luck.
+In the last one the built robot has a friction of 0.6. No benchmark launches so by
+itself: none reports what a policy was chosen by."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,24 +103,35 @@ class LaunchResult:
 
     @property
     def followed(self) -> float:
-        """The speed, m/s, less what is beyond the command: too fast is as wrong as too slow."""
+        """The speed, m/s, less what is beyond the command: too fast is as wrong as too
+        slow."""
         return self.best_speed - 2.0 * max(self.best_speed - self.command, 0.0)
 
 
 def measure_launches(
-    policy: ActionFunction, env: EnvConfig, launches: Sequence[JudgedLaunch], kept: Path | None = None,
+    policy: ActionFunction,
+    env: EnvConfig,
+    launches: Sequence[JudgedLaunch],
+    kept: Path | None = None,
     length: float = 0.0,
-) -> list[LaunchResult]:  # fmt: skip
-    """Launch a policy on robots of its environment, all at once; return each one's top speed and whether it fell.
+) -> list[LaunchResult]:
+    """Launch a policy on robots of its environment, all at once; return each one's top
+    speed and whether it fell.
 
-    Where `kept` names a file, the last `length` seconds of the first launch are saved there.
+    Where `kept` names a file, the last `length` seconds of the first launch are saved
+    there.
     """
-    requests = [RunRequest(one.ramp(env), one.robot(env.hardware), noise_seed=one.noise_seed) for one in launches]
+    requests = [
+        RunRequest(one.ramp(env), one.robot(env.hardware), noise_seed=one.noise_seed)
+        for one in launches
+    ]
     first, *_ = runs = list(simulate(policy, requests, env))
     if kept is not None:
         with contextlib.suppress(OSError):  # the results do not depend on it
             first.between(max(len(first) * first.dt - length, 0.0), math.inf).save(kept)
-    return [_result(run, one.speed(env)) for run, one in zip(runs, launches, strict=True)]
+    return [
+        _result(run, one.speed(env)) for run, one in zip(runs, launches, strict=True)
+    ]
 
 
 def _result(run: Trajectory, command: float) -> LaunchResult:
@@ -111,64 +139,92 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
     speed = best.speed if best is not None else 0.0
     if run.fell_at is None:
         return LaunchResult(False, speed, command)
-    return LaunchResult(True, 0.0, command, fell_told=float(run.command[-1, 0]), fell_after=speed)
+    return LaunchResult(
+        True, 0.0, command, fell_told=float(run.command[-1, 0]), fell_after=speed
+    )
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Combine the results of a policy's launches; a fall in the first launch, the longest, ranks the policy last."""
-    mean = 0.0 if launches[0].fell else sum(one.followed for one in launches) / len(launches)
+    """Combine the results of a policy's launches; a fall in the first launch, the
+    longest, ranks the policy last."""
+    mean = (
+        0.0
+        if launches[0].fell
+        else sum(one.followed for one in launches) / len(launches)
+    )
     fallen = [(one.fell_told, one.fell_after) for one in launches if one.fell]
-    return JudgeResult(launches[0].best_speed, len(fallen), len(launches), mean, *min(fallen, default=()))
+    return JudgeResult(
+        launches[0].best_speed,
+        len(fallen),
+        len(launches),
+        mean,
+        *min(fallen, default=()),
+    )
 
 
 @contextlib.contextmanager
 def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses"]:
-    """Start the judge of a training; launches that still run when the block ends are killed.
+    """Start the judge of a training; launches that still run when the block ends are
+    killed.
 
     Args:
-        card: of the training's policies, for whose network the processes compile before there is any.
+        card: of the training's policies, for whose network the processes compile before
+            there is any.
         cache: where JAX keeps compiled programs, if anywhere.
     """
     count = min(max(processors() - 1, 1), AT_A_TIME)
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
-        # The processes end with the thread that submits the first task, so this thread does.
+        # The processes end with the thread that submits the first task, so this thread
+        # does.
         for _ in range(count):
             pool.submit(_warm_up, card)
         yield JudgeProcesses(pool, count)
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that judges so many policies at a time, each in a process.
+    """A `learning.exports.Judge` that judges so many policies at a time, each in a
+    process.
 
-    A process makes a policy's launches side by side: three take a quarter longer than one.
+    A process makes a policy's launches side by side: three take a quarter longer than
+    one.
     """
 
     def __init__(self, pool: ProcessPoolExecutor, count: int):
         self._pool, self.places = pool, count
 
-    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> Future[JudgeResult]:
-        """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
+    def submit(
+        self, policy: Path, kept: Path | None = None, length: float = 0.0
+    ) -> Future[JudgeResult]:
+        """Launch the policy in this folder; save the first launch's last `length`
+        seconds in the file `kept`."""
         return self._pool.submit(_judge, policy, kept, length)
 
 
-# --- In the workers ---------------------------------------------------------------------------------------------
+# --- In the workers -------------------------------------------------------------------
 
 
 def _begin(cache: str | None) -> None:
     """Run at low priority and on one thread, and leave the GPU to the training."""
     if hasattr(os, "nice"):  # not on Windows
         os.nice(NICE)
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
+    os.environ["XLA_FLAGS"] = (
+        f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
+    )
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)
 
 
 def _warm_up(card: PolicyCard) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
-    brief = [dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3) for one in JUDGED_LAUNCHES]
+    brief = [
+        dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3)
+        for one in JUDGED_LAUNCHES
+    ]
     measure_launches(blank_policy(card), card.env, brief)
 
 
 def _judge(policy: Path, kept: Path | None, length: float) -> JudgeResult:
     loaded = load_policy(policy, layout_of=layout_of)
-    return combine(measure_launches(loaded, loaded.card.env, JUDGED_LAUNCHES, kept, length))
+    return combine(
+        measure_launches(loaded, loaded.card.env, JUDGED_LAUNCHES, kept, length)
+    )

@@ -47,31 +47,48 @@ def train(
         >>> first = train(preset("imitation", "cpu"), "runs/first")
         >>> train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
-    require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
+    require_kind(
+        "train",
+        config,
+        TrainConfig,
+        'settings, such as preset("imitation", "cpu") gives',
+    )
     require_name(run_dir)
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     programs = keep_compiled()
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
-        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker, programs=programs)
+        return run.start(
+            config,
+            Path(run_dir),
+            parent=origin,
+            judge=judge,
+            tracker=tracker,
+            programs=programs,
+        )
 
 
 def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
-    """Go on with a stopped run exactly where it stands, with its own settings; return its folder.
+    """Go on with a stopped run exactly where it stands, with its own settings; return
+    its folder.
 
     Raises:
-        UserError: the folder is no run, or its newest checkpoint does not fit its settings.
+        UserError: the folder is no run, or its newest checkpoint does not fit its
+            settings.
         RunStopped: as `train` does.
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     programs = keep_compiled()
     with _judge(load_run_config(run_dir)) as judge:
-        return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=programs)
+        return run.resume(
+            Path(run_dir), judge=judge, tracker=tracker, programs=programs
+        )
 
 
 @contextlib.contextmanager
 def _judge(config: TrainConfig) -> Generator[Judge | None]:
-    """Start the judge, if this process is to have one; the judge warms up while the training compiles.
+    """Start the judge, if this process is to have one; the judge warms up while the
+    training compiles.
 
     Before that a training in the fused kernel takes all processors.
     """
@@ -82,7 +99,8 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
     if not (config.run.judged and cluster.is_first()):
         yield None
         return
-    # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL names; they have no use for one.
+    # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL
+    # names; they have no use for one.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     with open_judge(card, jax.config.values["jax_compilation_cache_dir"]) as judge:
         if not config.run.films:

@@ -6,12 +6,19 @@ TRACK = 100.0  # m
 MARKS = tuple(range(10, 101, 10))  # m, of the splits
 
 BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
-"""Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world record, Berlin 2009 (Graubner and
-Nixdorf, Biomechanical analysis of the sprint and hurdles events at the 2009 IAAF World Championships in Athletics, New
-Studies in Athletics 26, 2011)."""
-TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1  # s, paper, Results, Hundred-meter sprint benchmark
+"""Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world
+record, Berlin 2009 (Graubner and Nixdorf, Biomechanical analysis of the sprint and
+hurdles events at the 2009 IAAF World Championships in Athletics, New Studies in
+Athletics 26, 2011)."""
+# s, paper, Results, Hundred-meter sprint benchmark
+TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1
 
-BOLT, LYLES, TRAINED, UNTRAINED = "Bolt, Berlin 2009", "Lyles, Paris 2024", "trained sprinter", "untrained adults"
+BOLT, LYLES, TRAINED, UNTRAINED = (
+    "Bolt, Berlin 2009",
+    "Lyles, Paris 2024",
+    "trained sprinter",
+    "untrained adults",
+)
 PAPER_BP2 = "BP2, paper"
 TIMES = {  # s over 100 m
     BOLT: BOLT_SPLITS[-1],

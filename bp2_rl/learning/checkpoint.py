@@ -1,14 +1,17 @@
-"""Save and restore a whole training state, bit for bit, so that a killed run goes on exactly where it was.
+"""Save and restore a whole training state, bit for bit, so that a killed run goes on
+exactly where it was.
 
     RUN/checkpoints/<step>/state.npz        every array of the state, named by its path: params/policy/...
     RUN/checkpoints/<step>/metadata.json    format, step, versions, config, types and shapes, a checksum of every file
     RUN/failed/<step>/                      the same, of the state that a train step could not leave
 
-A save is made by `folders.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
-every reader finds the one before it; other leftovers are passed over, and removed by the next save.
+A save is made by `folders.new_folder`: a folder named by a step is complete. Where a
+save of the same step was killed, every reader finds the one before it; other leftovers
+are passed over, and removed by the next save.
 
-With several processes every one calls `host_copy` and `Saver.save` (they gather what lies on the others' devices), the
-first writes, and all read: the run's folder is on a file system that they share.
+With several processes every one calls `host_copy` and `Saver.save` (they gather what
+lies on the others' devices), the first writes, and all read: the run's folder is on a
+file system that they share.
 """
 
 import dataclasses
@@ -24,8 +27,20 @@ from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
-from bp2_rl.base.folders import find_folder, folder_names, new_folder, remove_folder, tidy
-from bp2_rl.base.serialization import ConfigError, load_sealed, package_versions, save_sealed, utc_now
+from bp2_rl.base.folders import (
+    find_folder,
+    folder_names,
+    new_folder,
+    remove_folder,
+    tidy,
+)
+from bp2_rl.base.serialization import (
+    ConfigError,
+    load_sealed,
+    package_versions,
+    save_sealed,
+    utc_now,
+)
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
@@ -41,7 +56,8 @@ State = TypeVar("State")
 
 
 class CheckpointError(UserError):
-    """A checkpoint that cannot be written, or that does not fit the training it is to resume."""
+    """A checkpoint that cannot be written, or that does not fit the training it is to
+    resume."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,11 +83,13 @@ class Metadata:
     devices: str = ""  # that trained the state; empty: of a program that did not say
 
 
-# --- Saving ---------------------------------------------------------------------------------------------------
+# --- Saving ---------------------------------------------------------------------------
 def host_copy(state: Any) -> Any:
-    """`state` as NumPy arrays of this process's own, whole: also what lies on the devices of other processes.
+    """`state` as NumPy arrays of this process's own, whole: also what lies on the
+    devices of other processes.
 
-    All processes must call it together. The copy shares no memory with `state`, which may then be donated.
+    All processes must call it together. The copy shares no memory with `state`, which
+    may then be donated.
     """
 
     def gather(leaf: Any) -> Any:
@@ -85,38 +103,51 @@ def host_copy(state: Any) -> Any:
 
 
 class Saver:
-    """Saves a run's training states in the background, one at a time; a context manager that waits for the last.
+    """Saves a run's training states in the background, one at a time; a context manager
+    that waits for the last.
 
     Args:
-        run_dir: the run's folder, which is never made anew: one that was deleted stays so.
+        run_dir: the run's folder, which is never made anew: one that was deleted stays
+            so.
         config: the run's settings, as JSON, to be stored with every checkpoint.
         folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
     """
 
-    def __init__(self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS):
+    def __init__(
+        self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS
+    ):
         self._folder, self._config = Path(run_dir) / folder, config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
     def save(self, step: int, state: Any, log: Mapping[str, Any] | None = None) -> None:
-        """Copy `state` to the host, and start to write it; on return `state` may be donated.
+        """Copy `state` to the host, and start to write it; on return `state` may be
+        donated.
 
         Args:
-            step: names the checkpoint; one of the same step is replaced, and KEPT up to this one remain.
+            step: names the checkpoint; one of the same step is replaced, and KEPT up to
+                this one remain.
             state: any pytree of JAX or NumPy arrays.
-            log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
+            log: what the run's log has not yet written, as JSON; `read_metadata` gives
+                it back.
 
         Raises:
-            CheckpointError: the save before this one could not be written; the checkpoints before it are still there.
+            CheckpointError: the save before this one could not be written; the
+                checkpoints before it are still there.
         """
         self.wait()
         copy = host_copy(state)
         if cluster.is_first():
-            extra = {"config": self._config, "log": log or {}, "devices": cluster.devices()}
+            extra = {
+                "config": self._config,
+                "log": log or {},
+                "devices": cluster.devices(),
+            }
             self._pending = self._thread.submit(_save, self._folder, step, copy, extra)
 
     def wait(self) -> None:
-        """Wait until the last save is on disk; raise `CheckpointError` where it could not be written."""
+        """Wait until the last save is on disk; raise `CheckpointError` where it could
+        not be written."""
         pending, self._pending = self._pending, None
         if pending is not None:
             pending.result()
@@ -132,7 +163,7 @@ class Saver:
             self.wait()
 
 
-# --- Restoring ------------------------------------------------------------------------------------------------
+# --- Restoring ------------------------------------------------------------------------
 def saved_steps(run_dir: Path, folder: str = CHECKPOINTS) -> list[int]:
     """Return the steps of a run's complete checkpoints, in no order."""
     return _steps(Path(run_dir) / folder)
@@ -144,15 +175,20 @@ def latest_step(run_dir: Path, folder: str = CHECKPOINTS) -> int | None:
 
 
 def restore_checkpoint(
-    run_dir: Path, template: State, step: int | None = None, *, part: bool = False, folder: str = CHECKPOINTS
+    run_dir: Path,
+    template: State,
+    step: int | None = None,
+    *,
+    part: bool = False,
+    folder: str = CHECKPOINTS,
 ) -> tuple[int, State]:
     """Read back what was saved.
 
     Args:
         run_dir: the run's folder.
-        template: a pytree like the one saved, of arrays or `jax.ShapeDtypeStruct`s. A leaf comes back on its
-            template's sharding (on another number of devices or processes, if need be), or as NumPy where the
-            template has none.
+        template: a pytree like the one saved, of arrays or `jax.ShapeDtypeStruct`s. A
+            leaf comes back on its template's sharding (on another number of devices or
+            processes, if need be), or as NumPy where the template has none.
         step: which checkpoint; the newest if None.
         part: read only the template's leaves, of a checkpoint that may hold more.
         folder: CHECKPOINTS or FAILED.
@@ -161,21 +197,33 @@ def restore_checkpoint(
         The checkpoint's step and the state.
 
     Raises:
-        CheckpointError: there is none, or it is damaged, of another format, or of another training: then the first
-            leaf that differs is named.
+        CheckpointError: there is none, or it is damaged, of another format, or of
+            another training: then the first leaf that differs is named.
     """
     if step is None:
         step = latest_step(run_dir, folder)
         if step is None:
-            raise CheckpointError(f"no complete checkpoint in {Path(run_dir) / folder}: name another run")
+            raise CheckpointError(
+                f"no complete checkpoint in {Path(run_dir) / folder}: name another run"
+            )
     metadata = read_metadata(run_dir, step, folder)
     directory = find_folder(Path(run_dir) / folder / str(step))
     content = _read_state(directory, metadata.files[STATE])
     wanted = leaves_by_path(template)
-    require_same(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part=part)
-    specs = {path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape)) for path, leaf in wanted.items()}
+    require_same(
+        metadata.tree,
+        {path: _describe(leaf) for path, leaf in wanted.items()},
+        directory,
+        part=part,
+    )
+    specs = {
+        path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape))
+        for path, leaf in wanted.items()
+    }
     try:
-        arrays = read_npz(directory / STATE, specs, content=content, largest=len(content))
+        arrays = read_npz(
+            directory / STATE, specs, content=content, largest=len(content)
+        )
     except BadFileError as error:
         raise CheckpointError(f"{error}; {_advice(directory)}") from error
     leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
@@ -186,15 +234,20 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     """What is known of a checkpoint without its arrays.
 
     Raises:
-        CheckpointError: no such checkpoint, or it is half-written, damaged, foreign or of another format.
+        CheckpointError: no such checkpoint, or it is half-written, damaged, foreign or
+            of another format.
     """
     directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
         there = ", ".join(map(str, sorted(_steps(directory.parent)))) or "none"
-        raise CheckpointError(f"no checkpoint of step {step} in {directory.parent}; it has: {there}")
+        raise CheckpointError(
+            f"no checkpoint of step {step} in {directory.parent}; it has: {there}"
+        )
     if not path.exists():
-        raise CheckpointError(f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl")
+        raise CheckpointError(
+            f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl"
+        )
     try:
         metadata = load_sealed(Metadata, path, CHECKSUM, FORMAT_VERSION)
     except BadFileError as error:
@@ -202,15 +255,21 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     except ConfigError as error:
         raise CheckpointError(str(error)) from error
     if metadata.step != step or STATE not in metadata.files:
-        raise CheckpointError(f"{path} is damaged: it does not describe the checkpoint of step {step}")
+        raise CheckpointError(
+            f"{path} is damaged: it does not describe the checkpoint of step {step}"
+        )
     return metadata
 
 
-# --- The tree -------------------------------------------------------------------------------------------------
+# --- The tree -------------------------------------------------------------------------
 def leaves_by_path(tree: Any) -> dict[str, Any]:
-    """Return a tree's leaves under the names they have in a checkpoint, `params/policy/bias`, in its order."""
+    """Return a tree's leaves under the names they have in a checkpoint,
+    `params/policy/bias`, in its order."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
-    return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="/"): leaf
+        for path, leaf in leaves
+    }
 
 
 def _describe(leaf: Any) -> str:
@@ -219,28 +278,43 @@ def _describe(leaf: Any) -> str:
 
 
 def require_same(
-    saved: Mapping[str, Any], wanted: Mapping[str, Any], directory: Path, *, part: bool = False, where: str = "here"
+    saved: Mapping[str, Any],
+    wanted: Mapping[str, Any],
+    directory: Path,
+    *,
+    part: bool = False,
+    where: str = "here",
 ) -> None:
-    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with `part`; name what differs."""
+    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with
+    `part`; name what differs."""
     for name in wanted if part else [*wanted, *saved]:
         there, here = saved.get(name, "absent"), wanted.get(name, "absent")
         if there != here:
-            raise CheckpointError(f"{directory} is of another training: {name} is {there} there and {here} {where}")
+            raise CheckpointError(
+                f"{directory} is of another training: {name} is {there} there and {here} {where}"
+            )
 
 
 def place(array: np.ndarray, leaf: Any) -> Any:
-    """`array` on the devices of `leaf`, each process its own shards; as it is where `leaf` has no sharding."""
+    """`array` on the devices of `leaf`, each process its own shards; as it is where
+    `leaf` has no sharding."""
     sharding = getattr(leaf, "sharding", None)
-    return array if sharding is None else jax.make_array_from_callback(array.shape, sharding, lambda at: array[at])
+    return (
+        array
+        if sharding is None
+        else jax.make_array_from_callback(array.shape, sharding, lambda at: array[at])
+    )
 
 
-# --- The files ------------------------------------------------------------------------------------------------
+# --- The files ------------------------------------------------------------------------
 def _steps(folder: Path) -> list[int]:
     """Steps of the complete checkpoints."""
     if not folder.is_dir():
         return []
     names = (name for name in folder_names(folder) if name.isdecimal())
-    return [int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()]
+    return [
+        int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()
+    ]
 
 
 def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
@@ -283,7 +357,9 @@ def _read_state(directory: Path, expected: FileFacts) -> bytes:
     """Return the arrays' file, as long as it was and with its checksum."""
     path = directory / STATE
     if not path.is_file():
-        raise CheckpointError(f"{directory} is damaged: {STATE} is missing; {_advice(directory)}")
+        raise CheckpointError(
+            f"{directory} is damaged: {STATE} is missing; {_advice(directory)}"
+        )
     size = path.stat().st_size
     if size != expected.bytes:
         raise CheckpointError(
@@ -294,10 +370,16 @@ def _read_state(directory: Path, expected: FileFacts) -> bytes:
     except BadFileError as error:
         raise CheckpointError(str(error)) from error
     if hashlib.sha256(content).hexdigest() != expected.sha256:
-        raise CheckpointError(f"{directory} is damaged: {STATE} fails its checksum; {_advice(directory)}")
+        raise CheckpointError(
+            f"{directory} is damaged: {STATE} fails its checksum; {_advice(directory)}"
+        )
     return content
 
 
 def _advice(directory: Path) -> str:
     others = [step for step in _steps(directory.parent) if str(step) != directory.name]
-    return f"remove that folder to go on from step {max(others)}" if others else "there is no other to go on from"
+    return (
+        f"remove that folder to go on from step {max(others)}"
+        if others
+        else "there is no other to go on from"
+    )

@@ -1,8 +1,9 @@
 """Many processes, one training: how they meet, and what they agree on.
 
-Every process runs the same program on its own devices, and JAX makes one mesh of them all. So all must take the same
-decisions at the same step: what a process has from its clock, its signals or its disk goes through the functions
-below first. All must call these together; with one process they cost nothing.
+Every process runs the same program on its own devices, and JAX makes one mesh of them
+all. So all must take the same decisions at the same step: what a process has from its
+clock, its signals or its disk goes through the functions below first. All must call
+these together; with one process they cost nothing.
 """
 
 import contextlib
@@ -20,16 +21,19 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.settings.cluster import ClusterConfig
 
 EXIT_DELAY = 10.0
-"""Seconds that a failed process waits for the others to fail too, before it ends without telling them."""
+"""Seconds that a failed process waits for the others to fail too, before it ends
+without telling them."""
 
 
 def join(config: ClusterConfig) -> None:
     """Meet the other processes; call before JAX starts a backend.
 
-    Where the others don't come in time, the process ends here, with one line and status 2: JAX would abort.
+    Where the others don't come in time, the process ends here, with one line and status
+    2: JAX would abort.
 
     Raises:
-        UserError: no cluster manager has started this process, or the coordinator's address is taken or wrong.
+        UserError: no cluster manager has started this process, or the coordinator's
+            address is taken or wrong.
     """
     if config.coordinator is None:
         return
@@ -43,10 +47,17 @@ def join(config: ClusterConfig) -> None:
     deadline = _leave_after(config.patience, 2, alone)
     try:
         jax.distributed.initialize(
-            where, config.processes, config.process, initialization_timeout=int(config.patience) + 60
+            where,
+            config.processes,
+            config.process,
+            initialization_timeout=int(config.patience) + 60,
         )
     except (RuntimeError, ValueError) as error:
-        why = f"nothing here is of Slurm or Open MPI ({error})" if where is None else f"{where}: {error}"
+        why = (
+            f"nothing here is of Slurm or Open MPI ({error})"
+            if where is None
+            else f"{where}: {error}"
+        )
         raise UserError(f"cannot join the cluster: {why}") from error
     finally:
         deadline.cancel()
@@ -64,24 +75,36 @@ def is_first() -> bool:
 
 def from_first(array: np.ndarray) -> np.ndarray:
     """Process 0's array on all; it has the same shape everywhere."""
-    return array if jax.process_count() == 1 else multihost_utils.broadcast_one_to_all(array)
+    return (
+        array
+        if jax.process_count() == 1
+        else multihost_utils.broadcast_one_to_all(array)
+    )
 
 
 def require_same(text: str, what: str) -> None:
-    """Raise `UserError`, on all processes, unless the text is the same on all; `what` names it in the plural."""
+    """Raise `UserError`, on all processes, unless the text is the same on all; `what`
+    names it in the plural."""
     ours = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
     if largest(not np.array_equal(ours, from_first(ours))):
-        raise UserError(f"the processes of the cluster differ in their {what}: give all the same flags and files")
+        raise UserError(
+            f"the processes of the cluster differ in their {what}: give all the same flags and files"
+        )
 
 
 def largest(number: int) -> int:
     """Return the largest of the processes' numbers, on all."""
-    return number if jax.process_count() == 1 else int(multihost_utils.process_allgather(np.int32(number)).max())
+    return (
+        number
+        if jax.process_count() == 1
+        else int(multihost_utils.process_allgather(np.int32(number)).max())
+    )
 
 
 @contextlib.contextmanager
 def together() -> Generator[None]:
-    """All processes get through this block, or none does. The block itself must not call the others.
+    """All processes get through this block, or none does. The block itself must not
+    call the others.
 
     Raises:
         UserError: another process could not; its own line says why.
@@ -96,7 +119,8 @@ def together() -> Generator[None]:
 
 
 def leave(status: int) -> int:
-    """Return the exit status of this process; one that failed does not wait long for the others, which may be at work.
+    """Return the exit status of this process; one that failed does not wait long for
+    the others, which may be at work.
 
     They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).
     """
@@ -106,7 +130,8 @@ def leave(status: int) -> int:
 
 
 def _leave_after(seconds: float, status: int, line: str = "") -> threading.Timer:
-    """End the process after so many seconds, without JAX's farewell to the others, unless the timer is cancelled."""
+    """End the process after so many seconds, without JAX's farewell to the others,
+    unless the timer is cancelled."""
 
     def leave_now() -> None:
         sys.stdout.flush()

@@ -1,9 +1,12 @@
-"""Many robots at once: any Brax environment, batched, with time limits and resets that cost nothing in the step.
+"""Many robots at once: any Brax environment, batched, with time limits and resets that
+cost nothing in the step.
 
-A reset inside the step would be computed for every robot at every step and thrown away for almost all. So the
-learner prepares one fresh episode a robot before each unroll, and `step` merely selects it.
+A reset inside the step would be computed for every robot at every step and thrown away
+for almost all. So the learner prepares one fresh episode a robot before each unroll,
+and `step` merely selects it.
 
-A number that is not finite ends the episode of its robot alone, and is counted under its cause.
+A number that is not finite ends the episode of its robot alone, and is counted under
+its cause.
 """
 
 import dataclasses
@@ -19,16 +22,19 @@ PERSISTENT = ("curriculum",)
 """Entries of `state.info` that outlive an episode."""
 
 FAULTS = ("fault/physics", "fault/observation", "fault/reward", "fault/reset")
-"""Metrics of `Fleet`: what was not finite first in a robot's step; and a reset that could not be used."""
+"""Metrics of `Fleet`: what was not finite first in a robot's step; and a reset that
+could not be used."""
 
 
 class Fleet:
     """A batch of one environment's robots.
 
     Args:
-        env: any `brax.envs.Env`. If it has `restart(state, rng)`, new episodes come from there (BP2Env keeps a
-            robot's curriculum level so), otherwise from `reset(rng)`.
-        episode_length: time limit in control steps; reaching it truncates the episode (the critic bootstraps).
+        env: any `brax.envs.Env`. If it has `restart(state, rng)`, new episodes come
+            from there (BP2Env keeps a robot's curriculum level so), otherwise from
+            `reset(rng)`.
+        episode_length: time limit in control steps; reaching it truncates the episode
+            (the critic bootstraps).
     """
 
     def __init__(self, env: envs.Env, episode_length: int):
@@ -36,42 +42,70 @@ class Fleet:
         self.episode_length = episode_length
 
     def reset(self, keys: Array) -> envs.State:
-        """First episodes; they start at a random age so that time limits don't strike all robots at once."""
+        """First episodes; they start at a random age so that time limits don't strike
+        all robots at once."""
         state = jax.vmap(self.env.reset)(keys)
-        age = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.episode_length))(keys)
+        age = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.episode_length))(
+            keys
+        )
         faults = dict.fromkeys(FAULTS, jnp.zeros(age.shape))
-        return dataclasses.replace(_with_clock(state, age), metrics={**state.metrics, **faults})
+        return dataclasses.replace(
+            _with_clock(state, age), metrics={**state.metrics, **faults}
+        )
 
     def fresh_episodes(self, state: envs.State, keys: Array) -> envs.State:
-        """One fresh episode for every robot of `state`; where that is not finite, its `state` stands in for it."""
+        """One fresh episode for every robot of `state`; where that is not finite, its
+        `state` stands in for it."""
         restart = getattr(self.env, "restart", None)
-        fresh = jax.vmap(self.env.reset)(keys) if restart is None else jax.vmap(restart)(state, keys)
+        fresh = (
+            jax.vmap(self.env.reset)(keys)
+            if restart is None
+            else jax.vmap(restart)(state, keys)
+        )
         fresh = _with_clock(fresh, jnp.zeros(keys.shape[:1], jnp.int32))
         sound = _finite(_episode(fresh))
         pipeline_state, obs, info = _where(sound, _episode(fresh), _episode(state))
         info = {**info, "steps": fresh.info["steps"]}
         metrics = {**fresh.metrics, "fault/reset": 1.0 - sound}
-        return dataclasses.replace(fresh, pipeline_state=pipeline_state, obs=obs, info=info, metrics=metrics)
+        return dataclasses.replace(
+            fresh, pipeline_state=pipeline_state, obs=obs, info=info, metrics=metrics
+        )
 
-    def step(self, state: envs.State, action: Float[Array, "robots actions"], fresh: envs.State) -> envs.State:
-        """One control step of every robot. Where an episode ends, the returned state is the fresh episode's.
+    def step(
+        self,
+        state: envs.State,
+        action: Float[Array, "robots actions"],
+        fresh: envs.State,
+    ) -> envs.State:
+        """One control step of every robot. Where an episode ends, the returned state is
+        the fresh episode's.
 
-        `reward`, `done`, `metrics` and `info["truncation"]` are those of the step taken, also for ended episodes.
-        A step that is not finite ends the episode as a fall does, with reward 0.
+        `reward`, `done`, `metrics` and `info["truncation"]` are those of the step
+        taken, also for ended episodes. A step that is not finite ends the episode as a
+        fall does, with reward 0.
         """
         after, sound = _end_faults(jax.vmap(self.env.step)(state, action))
         steps = state.info["steps"] + 1
         truncation = jnp.where(steps >= self.episode_length, 1.0 - after.done, 0.0)
         done = jnp.maximum(after.done, truncation)
         info = {**after.info, "steps": steps, "truncation": truncation}
-        kept = {name: _where(sound, info[name], state.info[name]) for name in PERSISTENT if name in info}
-        pipeline_state, obs, info = _where(done > 0, _episode(fresh), (after.pipeline_state, after.obs, info))
+        kept = {
+            name: _where(sound, info[name], state.info[name])
+            for name in PERSISTENT
+            if name in info
+        }
+        pipeline_state, obs, info = _where(
+            done > 0, _episode(fresh), (after.pipeline_state, after.obs, info)
+        )
         return dataclasses.replace(
             after,
             pipeline_state=pipeline_state,
             obs=obs,
             done=done,
-            metrics={**after.metrics, "fault/reset": done * fresh.metrics["fault/reset"]},
+            metrics={
+                **after.metrics,
+                "fault/reset": done * fresh.metrics["fault/reset"],
+            },
             info={**info, **kept, "truncation": truncation},
         )
 
@@ -87,9 +121,11 @@ def _episode(state: envs.State) -> tuple[Any, Any, dict[str, Any]]:
 
 
 def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
-    """(`after` with the episodes over whose step was not finite, counted by the first cause; which ones were.)
+    """(`after` with the episodes over whose step was not finite, counted by the first
+    cause; which ones were.)
 
-    Their numbers are those of a fall with reward 0; physics and observation are still to be replaced.
+    Their numbers are those of a fall with reward 0; physics and observation are still
+    to be replaced.
     """
     parts = (after.pipeline_state, after.info), after.obs, (after.reward, after.done)
     sound, faults = jnp.ones(after.done.shape, bool), {}
@@ -101,13 +137,19 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
         return jnp.where(sound | jnp.isfinite(value), value, 0.0)
 
     metrics = {**jax.tree.map(clean, after.metrics), **faults}
-    reward, done = jnp.where(sound, after.reward, 0.0), jnp.where(sound, after.done, 1.0)
+    reward, done = (
+        jnp.where(sound, after.reward, 0.0),
+        jnp.where(sound, after.done, 1.0),
+    )
     return dataclasses.replace(after, reward=reward, done=done, metrics=metrics), sound
 
 
 def _finite(tree: Any) -> Bool[Array, " robots"]:
     """For each robot, whether all its numbers are finite."""
-    leaves = [jnp.isfinite(leaf).all(axis=tuple(range(1, leaf.ndim))) for leaf in jax.tree.leaves(tree)]
+    leaves = [
+        jnp.isfinite(leaf).all(axis=tuple(range(1, leaf.ndim)))
+        for leaf in jax.tree.leaves(tree)
+    ]
     return functools.reduce(jnp.logical_and, leaves)
 
 

@@ -13,25 +13,31 @@ from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.ppo import PPOConfig
 
 COLLAPSED_STD = 0.05
-"""Of the initial standard deviation: actions this sure no longer tell the learner what else it could do."""
+"""Of the initial standard deviation: actions this sure no longer tell the learner what
+else it could do."""
 EXPLODED_KL = 10.0
-"""Times the desired divergence, at the least learning rate. From twice on the rate is lowered, which takes a few train
+"""Times the desired divergence, at the least learning rate. From twice on the rate is
+lowered, which takes a few train
 steps: a training's first ones may be far off, and that mends itself."""
 LEAST_RATE = 1e-5
 """To which Brax's `adaptive_kl_learning_rate` lowers the learning rate at most."""
 BLOWN_VALUE = 10.0
-"""Times the square of the largest return the rewards allow. A critic that says 0 stands at 1/2 at most."""
+"""Times the square of the largest return the rewards allow. A critic that says 0 stands
+at 1/2 at most."""
 FALLING = 0.05
-"""Falls a robot a control step: episodes of 0.1 s, which teach nothing but how to start."""
+"""Falls a robot a control step: episodes of 0.1 s, which teach nothing but how to
+start."""
 EXPLODING = 1e-3
-"""Falls by exploding physics a robot a control step: each robot every 5 s. A sound simulation knows none."""
+"""Falls by exploding physics a robot a control step: each robot every 5 s. A sound
+simulation knows none."""
 
 LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
 """The terms that the gradient is made of, and the divergence that sets its step."""
 
 
 def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
-    """Signs of a training that goes wrong, in words by their names, from the means of a logging interval."""
+    """Signs of a training that goes wrong, in words by their names, from the means of a
+    logging interval."""
     std, kl = metrics["loss/policy_dist_mean_std"], metrics["loss/kl_mean"]
     rate = metrics["loss/learning_rate"]
     horizon = min(1.0 / max(1.0 - config.discounting, 1e-9), config.episode_length)
@@ -45,7 +51,9 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
             f"the policy hardly explores any more: standard deviation {std:.2g}; raise ppo.entropy_cost",
         ),
         "kl": (
-            config.desired_kl is not None and kl > EXPLODED_KL * config.desired_kl and rate < 2.0 * LEAST_RATE,
+            config.desired_kl is not None
+            and kl > EXPLODED_KL * config.desired_kl
+            and rate < 2.0 * LEAST_RATE,
             f"the policy jumps at the least learning rate: mean KL {kl:.2g}, desired {config.desired_kl}; "
             "take fewer ppo.num_epochs",
         ),
@@ -54,20 +62,32 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
             f"the critic blows up: value loss {value_loss:.2g}, returns of {largest**0.5:.2g} at most; "
             "lower ppo.learning_rate",
         ),
-        "falls": (falls > FALLING, f"the robots fall at once: {falls:.2g} falls a control step"),
-        "exploded": (exploded > EXPLODING, f"the physics explodes: {exploded:.2g} times a robot a control step"),
-        "faults": (bool(faults), f"steps that are not finite (a robot a control step): {', '.join(faults)}"),
+        "falls": (
+            falls > FALLING,
+            f"the robots fall at once: {falls:.2g} falls a control step",
+        ),
+        "exploded": (
+            exploded > EXPLODING,
+            f"the physics explodes: {exploded:.2g} times a robot a control step",
+        ),
+        "faults": (
+            bool(faults),
+            f"steps that are not finite (a robot a control step): {', '.join(faults)}",
+        ),
     }
     return {name: words for name, (present, words) in signs.items() if present}
 
 
 def explain(learner: PPO, state: TrainState) -> str:
-    """Repeat the train step that `state` could not leave, piece by piece; say what was not finite first."""
+    """Repeat the train step that `state` could not leave, piece by piece; say what was
+    not finite first."""
     if found := _not_finite(state):
         return f"before the train step: {found}"
     config = learner.config
     _, keys, key_sgd = learner.draw_keys(state)
-    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
+    _, data, _ = jax.jit(learner.unroll)(
+        state.params, state.normalizer, state.fleet, keys
+    )
     if found := _not_finite(data):
         return f"in the batch (of robots and times): {found}"
 
@@ -77,25 +97,37 @@ def explain(learner: PPO, state: TrainState) -> str:
         batches = shuffle(data, key)
         for i in range(config.num_minibatches):
             minibatch = jax.tree.map(lambda x, i=i: x[i], batches)
-            _, gradient = gradient_of(state.params, state.normalizer, minibatch, state.step)
+            _, gradient = gradient_of(
+                state.params, state.normalizer, minibatch, state.step
+            )
             (params, optimizer), terms = gradient_step(state, minibatch)
             state = state.replace(params=params, optimizer=optimizer)
             losses = {name: terms[name] for name in LOSSES}
             after = {"params": params, "optimizer": optimizer}
-            if found := _not_finite({"loss": losses}, {"gradient": gradient}, {"loss": terms}, after):
+            if found := _not_finite(
+                {"loss": losses}, {"gradient": gradient}, {"loss": terms}, after
+            ):
                 place = f"minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
                 return f"in {place}: {found}"
-    if found := _not_finite({"normalizer": learner.update_normalizer(state.normalizer, data.observation)}):
+    if found := _not_finite(
+        {"normalizer": learner.update_normalizer(state.normalizer, data.observation)}
+    ):
         return f"after the gradient steps: {found}"
     return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
 
 
 def _not_finite(*parts: Any) -> str | None:
     """Return the first leaf that is not finite, in words."""
-    for path, leaf in itertools.chain.from_iterable(leaves_by_path(part).items() for part in parts):
+    for path, leaf in itertools.chain.from_iterable(
+        leaves_by_path(part).items() for part in parts
+    ):
         bad = ~np.isfinite(np.asarray(leaf))
         if bad.any():
             first = [int(i) for i in np.argwhere(bad)[0]]
-            where = f": {bad.sum()} of {bad.size} numbers, the first at {first}" if first else ""
+            where = (
+                f": {bad.sum()} of {bad.size} numbers, the first at {first}"
+                if first
+                else ""
+            )
             return f"{path} is not finite{where}"
     return None

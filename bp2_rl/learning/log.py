@@ -1,4 +1,5 @@
-"""The log of a training: metrics averaged over intervals, and what they show in words."""
+"""The log of a training: metrics averaged over intervals, and what they show in
+words."""
 
 import dataclasses
 import time
@@ -25,20 +26,27 @@ class Unlogged:
 
 
 class Log:
-    """Averages metrics on the device over a logging interval, and writes them one interval late.
+    """Averages metrics on the device over a logging interval, and writes them one
+    interval late.
 
-    So the device never waits for the console, and a line stands for all of its interval's steps.
+    So the device never waits for the console, and a line stands for all of its
+    interval's steps.
 
     Args:
         monitor: writes the averages.
         ppo: the learner's settings.
-        unlogged: metrics added but not yet written before a resume (`unwritten`); empty for a new run.
+        unlogged: metrics added but not yet written before a resume (`unwritten`); empty
+            for a new run.
     """
 
     def __init__(self, monitor: Monitor, ppo: PPOConfig, unlogged: Unlogged):
         self._monitor, self._ppo = monitor, ppo
-        self._warned: set[str] = set()  # the signs that the last line showed: each is told once while it lasts
-        self._interval = Interval({name: np.float32(value) for name, value in unlogged.sums.items()}, unlogged.count)
+        # the signs that the last line showed: each is told once while it lasts
+        self._warned: set[str] = set()
+        self._interval = Interval(
+            {name: np.float32(value) for name, value in unlogged.sums.items()},
+            unlogged.count,
+        )
         self._pending: tuple[int, Interval] | None = None
         self._since = time.monotonic()  # what is being timed began then
         self.not_finite = False  # a train step was not finite
@@ -53,7 +61,9 @@ class Log:
     def unwritten(self) -> Unlogged:
         """What has been added since the last interval was closed."""
         sums = jax.device_get(self._interval.sums)
-        return Unlogged(self._interval.count, {name: float(value) for name, value in sums.items()})
+        return Unlogged(
+            self._interval.count, {name: float(value) for name, value in sums.items()}
+        )
 
     def close(self, done: int) -> None:
         """End the interval with train step `done`, and write the interval before it."""
@@ -61,19 +71,26 @@ class Log:
         self._pending, self._interval = (done, self._interval), Interval()
 
     def flush(self) -> None:
-        """Write what has been closed, and warn of what it shows; nothing from a train step that is not finite on."""
+        """Write what has been closed, and warn of what it shows; nothing from a train
+        step that is not finite on."""
         if self._pending is None or self.not_finite:
             return
         (done, interval), self._pending = self._pending, None
-        means = {name: float(value) / interval.count for name, value in jax.device_get(interval.sums).items()}
+        means = {
+            name: float(value) / interval.count
+            for name, value in jax.device_get(interval.sums).items()
+        }
         self.not_finite = means.pop(NOT_FINITE) > 0
         if self.not_finite:
             return
         per_step = self._ppo.steps_per_train_step
-        # To fetch an interval's metrics is to wait for its end, and that of the one before has been waited for.
+        # To fetch an interval's metrics is to wait for its end, and that of the one
+        # before has been waited for.
         now = time.monotonic()
         rate, self._since = interval.timed * per_step / (now - self._since), now
-        self._monitor.log(done * per_step, summarize(means) | {"steps_per_second": rate})
+        self._monitor.log(
+            done * per_step, summarize(means) | {"steps_per_second": rate}
+        )
         signs = guards.warnings(means, self._ppo)
         for name in [name for name in signs if name not in self._warned]:
             self._monitor.note(f"warning: {signs[name]}")
@@ -97,10 +114,13 @@ def _add(a: dict[str, jax.Array], b: dict[str, jax.Array]) -> dict[str, jax.Arra
 def summarize(metrics: dict[str, float]) -> dict[str, float]:
     """From means over robots and steps to numbers that mean something by themselves.
 
-    Falls become falls a robot a second, falls of all ended episodes become `falls`; errors by bin are divided by
-    the bin's share of commands (and left out where nobody was commanded so).
+    Falls become falls a robot a second, falls of all ended episodes become `falls`;
+    errors by bin are divided by the bin's share of commands (and left out where nobody
+    was commanded so).
     """
-    out = {name: value for name, value in metrics.items() if not name.startswith("error/")}
+    out = {
+        name: value for name, value in metrics.items() if not name.startswith("error/")
+    }
     ended = metrics["falls"] + metrics["time_outs"]
     out["falls"] = metrics["falls"] / ended if ended > 0 else 0.0
     out["reward_rms"] = out.pop("reward_square") ** 0.5

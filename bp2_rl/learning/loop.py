@@ -1,4 +1,5 @@
-"""The training loop: the one place where the pure train step meets files, clocks and the console."""
+"""The training loop: the one place where the pure train step meets files, clocks and
+the console."""
 
 import contextlib
 import dataclasses
@@ -27,7 +28,14 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
     saved_steps,
 )
-from bp2_rl.learning.exports import POLICIES, POLICY, ExportedPolicies, Judge, judge_results, reaches
+from bp2_rl.learning.exports import (
+    POLICIES,
+    POLICY,
+    ExportedPolicies,
+    Judge,
+    judge_results,
+    reaches,
+)
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.networks import dense_layers
@@ -41,62 +49,103 @@ from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
 
 @dataclasses.dataclass(frozen=True)
 class TrainingRun:
-    """A run that a process trains: the run's settings and folder, and what acts on them in this process."""
+    """A run that a process trains: the run's settings and folder, and what acts on them
+    in this process."""
 
     config: TrainConfig
     run_dir: Path  # holds the config already
     learner: PPO
-    judge: Judge | None = None  # of the exported policies; of a cluster's processes only the first has one
-    writers: Sequence[LogWriter] = ()  # of the metrics, beside the run's own files; only in the first process
-    before: str | None = None  # devices that trained the checkpoint of a resumed run, if that is known
+    # of the exported policies; of a cluster's processes only the first has one
+    judge: Judge | None = None
+    # of the metrics, beside the run's own files; only in the first process
+    writers: Sequence[LogWriter] = ()
+    # devices that trained the checkpoint of a resumed run, if that is known
+    before: str | None = None
 
 
 def train(
-    run: TrainingRun, state: TrainState, unlogged: Unlogged | None = None, unexported: Sequence[int] = ()
+    run: TrainingRun,
+    state: TrainState,
+    unlogged: Unlogged | None = None,
+    unexported: Sequence[int] = (),
 ) -> Path:
-    """Train to the run's last step, or until a policy reaches the speed that ends the run; return the run's folder.
+    """Train to the run's last step, or until a policy reaches the speed that ends the
+    run; return the run's folder.
 
     Args:
         run: what is trained.
         state: where to begin.
-        unlogged: metrics added but not yet written when the checkpoint of `state` was saved (`Log.unwritten`).
-        unexported: the checkpoints that `find_unexported` found; their policies are exported first.
+        unlogged: metrics added but not yet written when the checkpoint of `state` was
+            saved (`Log.unwritten`).
+        unexported: the checkpoints that `find_unexported` found; their policies are
+            exported first.
 
     Raises:
-        RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+        RunStopped: by a signal, a full disk or a train step that is not finite; its
+            line says how to go on.
     """
     config, run_dir, devices = run.config, run.run_dir, cluster.devices()
     total, per_step = train_steps(config), config.ppo.steps_per_train_step
     started, first = time.monotonic(), int(state.step)
-    title, shown = f"{config.stage} on {devices}", run_dir if cluster.is_first() else None
-    monitor = Monitor(shown, total * per_step, start_step=first * per_step, title=title, writers=run.writers)
+    title, shown = (
+        f"{config.stage} on {devices}",
+        run_dir if cluster.is_first() else None,
+    )
+    monitor = Monitor(
+        shown,
+        total * per_step,
+        start_step=first * per_step,
+        title=title,
+        writers=run.writers,
+    )
     with monitor, _stopping_in_one_line(monitor, run_dir, total):
-        versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
-        monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
+        versions = ", ".join(
+            f"{name} {version}" for name, version in package_versions().items()
+        )
+        monitor.record(
+            f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}"
+        )
         monitor.record(f"command: {shlex.join(sys.argv)}")
         if run.before not in (None, devices):
-            monitor.note(f"trained on {run.before} before: what follows is not bit for bit what it had been there")
-        policies = ExportedPolicies(run_dir, monitor, run.judge, config.run.until, first * per_step)
+            monitor.note(
+                f"trained on {run.before} before: what follows is not bit for bit what it had been there"
+            )
+        policies = ExportedPolicies(
+            run_dir, monitor, run.judge, config.run.until, first * per_step
+        )
         loop = _Loop(run, monitor, policies)
         loop.export_late(unexported, state)
-        with Saver(run_dir, to_json(config)) as saver, StopSignals(monitor.note, monitor.release_terminal) as signals:
-            state, done = loop.repeat(state, Log(monitor, config.ppo, unlogged or Unlogged()), saver, signals)
+        with (
+            Saver(run_dir, to_json(config)) as saver,
+            StopSignals(monitor.note, monitor.release_terminal) as signals,
+        ):
+            state, done = loop.repeat(
+                state, Log(monitor, config.ppo, unlogged or Unlogged()), saver, signals
+            )
             saver.wait()
             policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
             _stop_at_failed(state, config, run_dir)
         if done < total and signals.caught:
             name, status = signals.caught.name, 128 + signals.caught
-            raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
+            raise RunStopped(
+                f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}",
+                status,
+            )
         minutes = (time.monotonic() - started) / 60
         steps = (done - first) * per_step
-        monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}")
+        monitor.note(
+            f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}"
+        )
     return run_dir
 
 
 @contextlib.contextmanager
-def _stopping_in_one_line(monitor: Monitor, run_dir: Path, total: int) -> Generator[None]:
-    """Log why a run stops early; a file that cannot be written, on a full disk say, is such a reason too."""
+def _stopping_in_one_line(
+    monitor: Monitor, run_dir: Path, total: int
+) -> Generator[None]:
+    """Log why a run stops early; a file that cannot be written, on a full disk say, is
+    such a reason too."""
     try:
         try:
             yield
@@ -107,9 +156,15 @@ def _stopping_in_one_line(monitor: Monitor, run_dir: Path, total: int) -> Genera
             if not (run_dir / CONFIG).is_file():
                 gone = f"the run's folder {run_dir} is gone, deleted or moved: nothing more can be kept in it"
                 raise RunStopped(gone, status=1) from error
-            what = f"cannot write to {run_dir}: {cause.strerror}" if cause is error else str(error)
+            what = (
+                f"cannot write to {run_dir}: {cause.strerror}"
+                if cause is error
+                else str(error)
+            )
             kept = f"kept step {latest_step(run_dir)} of {total}"
-            raise RunStopped(f"{what}; {kept}, mend that and go on: {_resume(run_dir)}", status=1) from error
+            raise RunStopped(
+                f"{what}; {kept}, mend that and go on: {_resume(run_dir)}", status=1
+            ) from error
     except RunStopped as stop:
         with contextlib.suppress(OSError):
             monitor.record(str(stop))
@@ -136,13 +191,21 @@ class _Loop:
     """Repeats the train step, and saves, logs and exports on the way."""
 
     def __init__(self, run: TrainingRun, monitor: Monitor, policies: ExportedPolicies):
-        self._run, self._config, self._monitor, self._policies = run, run.config, monitor, policies
+        self._run, self._config, self._monitor, self._policies = (
+            run,
+            run.config,
+            monitor,
+            policies,
+        )
 
-    def repeat(self, state: TrainState, log: Log, saver: Saver, signals: StopSignals) -> tuple[TrainState, int]:
-        """Train from `state` on; return the last state and the number of train steps done with it.
+    def repeat(
+        self, state: TrainState, log: Log, saver: Saver, signals: StopSignals
+    ) -> tuple[TrainState, int]:
+        """Train from `state` on; return the last state and the number of train steps
+        done with it.
 
-        The number is smaller than the run's total where a signal came or a policy was fast enough, and larger than
-        `state.step` where a train step was not finite.
+        The number is smaller than the run's total where a signal came or a policy was
+        fast enough, and larger than `state.step` where a train step was not finite.
         """
         lengths, policies = self._config.run, self._policies
         total = train_steps(self._config)
@@ -160,7 +223,8 @@ class _Loop:
                 log.close(done)
             save = done % save_every == 0 or done == total or stop
             if save or (done % judge_every == 0 and cluster.largest(policies.idle)):
-                # A resume drops what was logged past its checkpoint, so the log must not be behind.
+                # A resume drops what was logged past its checkpoint, so the log must
+                # not be behind.
                 log.flush()
                 if int(state.step) < done:
                     break
@@ -170,37 +234,51 @@ class _Loop:
         return state, done
 
     def _save(self, state: TrainState, log: Log, saver: Saver) -> None:
-        """Begin to write a checkpoint; raise where the last one could not be written, or the run's folder is gone."""
-        with cluster.together():  # or the others would train on when process 0 cannot write
+        """Begin to write a checkpoint; raise where the last one could not be written,
+        or the run's folder is gone."""
+        # or the others would train on when process 0 cannot write
+        with cluster.together():
             saver.wait()
             if not (self._run.run_dir / CONFIG).is_file():
-                raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
+                raise FileNotFoundError(
+                    errno.ENOENT, "no such run any more", str(self._run.run_dir)
+                )
         step = int(state.step)
         saver.save(step, state, to_json(log.unwritten()))
         self._monitor.record(f"saving step {step}")
 
     def _reached(self) -> bool:
-        """Return whether a policy has reached the speed that ends the run, on all processes."""
-        return self._config.run.until is not None and bool(cluster.largest(self._policies.reached))
+        """Return whether a policy has reached the speed that ends the run, on all
+        processes."""
+        return self._config.run.until is not None and bool(
+            cluster.largest(self._policies.reached)
+        )
 
     def export_late(self, steps: Sequence[int], newest: TrainState) -> None:
-        """Export the policies of these checkpoints; `newest` is the state of the last one."""
+        """Export the policies of these checkpoints; `newest` is the state of the last
+        one."""
         for step in steps:
             if step == int(newest.step):
                 self._export(newest)
                 continue
             try:
-                _, state = restore_checkpoint(self._run.run_dir, self._run.learner.shape, step)
+                _, state = restore_checkpoint(
+                    self._run.run_dir, self._run.learner.shape, step
+                )
             except CheckpointError as error:
                 self._monitor.note(f"warning: no policy of step {step}: {error}")
                 continue
             self._export(state, newest=False)
 
     def _export(self, state: TrainState, *, newest: bool = True) -> None:
-        """Write the policy of a state; leave out, with a warning, one whose weights overflow: training may mend it."""
+        """Write the policy of a state; leave out, with a warning, one whose weights
+        overflow: training may mend it."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
-        levels = state.fleet.info["curriculum"]  # by NumPy nothing compiles; of a cluster a process has a part alone
-        level = float(np.mean(levels) if levels.is_fully_addressable else jnp.mean(levels))
+        # by NumPy nothing compiles; of a cluster a process has a part alone
+        levels = state.fleet.info["curriculum"]
+        level = float(
+            np.mean(levels) if levels.is_fully_addressable else jnp.mean(levels)
+        )
         if not cluster.is_first():
             return
         step = int(state.step)
@@ -215,7 +293,9 @@ class _Loop:
             },
         )
         try:
-            policy = make_policy(dense_layers(params, self._run.learner.mirrors), normalizer, card)
+            policy = make_policy(
+                dense_layers(params, self._run.learner.mirrors), normalizer, card
+            )
             self._policies.export(policy, steps, newest=newest)
         except PolicyError as error:
             if isinstance(error.__cause__, OSError):
@@ -224,17 +304,22 @@ class _Loop:
 
 
 def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> PolicyCard:
-    """Return the card of a run's policy after `steps` control steps of the run itself."""
+    """Return the card of a run's policy after `steps` control steps of the run
+    itself."""
     before = config.parent.control_steps if config.parent else 0
     return PolicyCard(
         stage=config.stage,
-        observation_layout=tuple((entry.name, entry.size) for entry in layout_of(config.env.control)),
+        observation_layout=tuple(
+            (entry.name, entry.size) for entry in layout_of(config.env.control)
+        ),
         action_size=conventions.NUM_MOTORS,
         activation=config.ppo.activation,
         hidden_layer_sizes=config.ppo.policy_layers,
         env=config.env,
         reference=config.env.reference,
-        library_sha256=config.env.library.sha256 if config.env.reference == "collocation" else "",
+        library_sha256=config.env.library.sha256
+        if config.env.reference == "collocation"
+        else "",
         physics_steps=(before + steps) * conventions.SUBSTEPS,
         seed=config.run.seed,
         versions=package_versions(),
@@ -244,7 +329,7 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
     )
 
 
-# --- How far a run is -----------------------------------------------------------------------------------------
+# --- How far a run is -----------------------------------------------------------------
 
 
 def train_steps(config: TrainConfig) -> int:
@@ -253,7 +338,8 @@ def train_steps(config: TrainConfig) -> int:
 
 
 def is_finished(run_dir: Path) -> bool:
-    """Return whether the policy of a run's last train step is there, or one as fast as ends the run."""
+    """Return whether the policy of a run's last train step is there, or one as fast as
+    ends the run."""
     if not (run_dir / CONFIG).is_file():
         return False
     config = load_run_config(run_dir)
@@ -266,8 +352,13 @@ def is_finished(run_dir: Path) -> bool:
 
 
 def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
-    """Return the steps of the checkpoints without a policy: a kill between save and export has left them."""
+    """Return the steps of the checkpoints without a policy: a kill between save and
+    export has left them."""
     policies = run_dir / POLICIES
     per_step = config.ppo.steps_per_train_step
     steps = sorted(step for step in saved_steps(run_dir) if step > 0)
-    return [step for step in steps if not find_folder(policies / str(step * per_step)).is_dir()]
+    return [
+        step
+        for step in steps
+        if not find_folder(policies / str(step * per_step)).is_dir()
+    ]

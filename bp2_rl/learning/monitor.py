@@ -1,6 +1,8 @@
-"""What a run tells its watcher: a progress line, log.txt, and its metrics to whoever writes them down.
+"""What a run tells its watcher: a progress line, log.txt, and its metrics to whoever
+writes them down.
 
-The only place of the learner with side effects besides the checkpoint; nothing here feeds back into training.
+The only place of the learner with side effects besides the checkpoint; nothing here
+feeds back into training.
 """
 
 import collections
@@ -22,7 +24,13 @@ from rich.text import Text
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import LARGEST_TEXT, open_in_place, read_bytes
 from bp2_rl.base.serialization import utc_now
-from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
+from bp2_rl.learning.writers import (
+    METRICS,
+    EventsFile,
+    LogWriter,
+    MetricsFile,
+    TrackerError,
+)
 from bp2_rl.settings.training import CONFIG
 
 LOG = "log.txt"
@@ -52,17 +60,21 @@ HEADLINES = (
 class Monitor:
     """Records a run in its folder and shows it on the console; a context manager.
 
-    On a terminal two or three lines are kept up to date; elsewhere a plain line is printed about every ten seconds.
+    On a terminal two or three lines are kept up to date; elsewhere a plain line is
+    printed about every ten seconds.
 
     Args:
-        run_dir: the run's folder, made if absent; None in a cluster's further processes, for which process 0 speaks:
-            nothing is recorded or shown.
+        run_dir: the run's folder, made if absent; None in a cluster's further
+            processes, for which process 0 speaks: nothing is recorded or shown.
         total_steps: where the run will end.
-        start_step: where it starts. On resume, metrics logged past it are of work that was lost: they are dropped.
-            Lines that cannot be read are moved to a file of their own, which log.txt names.
+        start_step: where it starts. On resume, metrics logged past it are of work that
+            was lost: they are dropped. Lines that cannot be read are moved to a file of
+            their own, which log.txt names.
         title: stands before the progress bar.
-        writers: further ones of the metrics, beside metrics.jsonl and TensorBoard's events; closed with the monitor.
-        console: where to show it, with the clock for the throughput; standard output by default.
+        writers: further ones of the metrics, beside metrics.jsonl and TensorBoard's
+            events; closed with the monitor.
+        console: where to show it, with the clock for the throughput; standard output by
+            default.
 
     Raises:
         UserError: the run's folder cannot be written.
@@ -83,11 +95,18 @@ class Monitor:
         self._clock = self._console.get_time
         self._began = self._clock()
         self._metrics: dict[str, float] = {}
-        self._remark, self._said = "", ""  # below the progress line, and what of it has been printed
-        self._history: collections.deque[tuple[float, int]] = collections.deque()  # (time, step) of recent logs
-        self._shown, self._next_line = start_step, -math.inf  # step of the last plain line, time of the next
+        # below the progress line, and what of it has been printed
+        self._remark, self._said = "", ""
+        # (time, step) of recent logs
+        self._history: collections.deque[tuple[float, int]] = collections.deque()
+        # step of the last plain line, time of the next
+        self._shown, self._next_line = start_step, -math.inf
         on_terminal = self._console.is_terminal and not self._console.quiet
-        self._live = Live(self, console=self._console, refresh_per_second=4) if on_terminal else None
+        self._live = (
+            Live(self, console=self._console, refresh_per_second=4)
+            if on_terminal
+            else None
+        )
         self._writers: list[LogWriter] = []
         self._log_file: IO[str] = io.StringIO()
         if run_dir is None:
@@ -98,9 +117,13 @@ class Monitor:
             lines = MetricsFile(run_dir, start_step)
             self._writers = [lines, EventsFile(run_dir, start_step), *writers]
         except OSError as error:
-            raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
+            raise UserError(
+                f"cannot write to run folder {run_dir}: {error.strerror}"
+            ) from error
         if lines.damaged:
-            self.note(f"warning: {METRICS} held lines that cannot be read, now in {lines.damaged}")
+            self.note(
+                f"warning: {METRICS} held lines that cannot be read, now in {lines.damaged}"
+            )
 
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
@@ -111,12 +134,14 @@ class Monitor:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Leave the last state on the console and close the files, also when training failed."""
+        """Leave the last state on the console and close the files, also when training
+        failed."""
         self.release_terminal()
         if not self._live and (self._step, self._remark) != (self._shown, self._said):
             self._print_plain()
         for file in (*self._writers, self._log_file):
-            # Everything was flushed when it was written; where that failed, so would this.
+            # Everything was flushed when it was written; where that failed, so would
+            # this.
             with contextlib.suppress(OSError):
                 file.close()
 
@@ -132,7 +157,10 @@ class Monitor:
         """
         self.add(step, metrics)
         now = self._clock()
-        self._step, self._metrics = step, {name: float(value) for name, value in metrics.items()}
+        self._step, self._metrics = (
+            step,
+            {name: float(value) for name, value in metrics.items()},
+        )
         self._history.append((now, step))
         while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
             self._history.popleft()
@@ -141,7 +169,8 @@ class Monitor:
             self._next_line = now + PLAIN_INTERVAL
 
     def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record what became known later of a step that the run may have left behind, as `log` does; show nothing."""
+        """Record what became known later of a step that the run may have left behind,
+        as `log` does; show nothing."""
         values = {name: float(value) for name, value in metrics.items()}
         now = round(time.time(), 3)
         for writer in list(self._writers):
@@ -152,7 +181,8 @@ class Monitor:
                 self.note(f"warning: {lost}")
 
     def show(self, remark: str) -> None:
-        """Let a remark stand below the progress line from now on, in the place of the one before."""
+        """Let a remark stand below the progress line from now on, in the place of the
+        one before."""
         self._remark = remark
 
     def note(self, text: str) -> None:
@@ -161,12 +191,14 @@ class Monitor:
         self._say(text)
 
     def record(self, text: str) -> None:
-        """Write a line with the time to log.txt alone; raises `OSError` where the disk is full."""
+        """Write a line with the time to log.txt alone; raises `OSError` where the disk
+        is full."""
         self._log_file.write(f"{utc_now()} {text}\n")
         self._log_file.flush()
 
     def __rich__(self) -> Table:
-        """Two lines for the terminal: how far, and how well; and the remark, if there is one."""
+        """Two lines for the terminal: how far, and how well; and the remark, if there
+        is one."""
         bar = Table.grid(padding=(0, 1), expand=True)
         bar.add_column(no_wrap=True)
         bar.add_column(ratio=1)
@@ -183,13 +215,19 @@ class Monitor:
         )
         lines = Table.grid(expand=True)
         lines.add_row(bar)
-        lines.add_row(Text(headlines or f"{WAITING} ({duration(self._clock() - self._began)})", style="dim"))
+        lines.add_row(
+            Text(
+                headlines or f"{WAITING} ({duration(self._clock() - self._began)})",
+                style="dim",
+            )
+        )
         if self._remark:
             lines.add_row(Text(self._remark, style="dim"))
         return lines
 
     def _print_plain(self) -> None:
-        """Print the progress for a file or a pipe in one line of 80 columns, and a new remark in another."""
+        """Print the progress for a file or a pipe in one line of 80 columns, and a new
+        remark in another."""
         headlines = (
             f"{headline.label.split()[-1]} {self._metrics[headline.key]:{headline.format}}"
             for headline in HEADLINES
@@ -226,15 +264,18 @@ class Monitor:
 
 
 def run_began(run_dir: Path) -> float:
-    """Return when a run began, s since 1970: when its settings were written, after which it compiled.
+    """Return when a run began, s since 1970: when its settings were written, after
+    which it compiled.
 
-    A copied folder may have forgotten that time; then the first line of log.txt, which comes later, gives it.
+    A copied folder may have forgotten that time; then the first line of log.txt, which
+    comes later, gives it.
 
     Raises:
         OSError: the run's settings are gone.
     """
     began = (run_dir / CONFIG).stat().st_mtime
-    with contextlib.suppress(OSError, ValueError):  # a log that is gone or damaged tells no time
+    # a log that is gone or damaged tells no time
+    with contextlib.suppress(OSError, ValueError):
         logged = read_bytes(run_dir / LOG, LARGEST_TEXT).decode().split(" ", 1)[0]
         began = min(began, datetime.datetime.fromisoformat(logged).timestamp())
     return began

@@ -1,10 +1,13 @@
-"""Actor and critic: Brax's networks, or ones that are left-right symmetric by construction.
+"""Actor and critic: Brax's networks, or ones that are left-right symmetric by
+construction.
 
-A policy pi is equivariant where the mirror image of an observation leads to the mirror image of the action,
-pi(M o) = M pi(o), and a critic is invariant where V(M o) = V(o). An MLP whose hidden units come in pairs that a mirror
-exchanges is both, for any weights. In the basis of parities, which is of sums and of differences of the pairs, each of
-its layers is two blocks: even to even and odd to odd. So it has half the weights of an MLP of the same width. It is
-computed as one: block by block its weights would take half the multiplications, but XLA is slower so on processors.
+A policy pi is equivariant where the mirror image of an observation leads to the mirror
+image of the action, pi(M o) = M pi(o), and a critic is invariant where V(M o) = V(o).
+An MLP whose hidden units come in pairs that a mirror exchanges is both, for any
+weights. In the basis of parities, which is of sums and of differences of the pairs,
+each of its layers is two blocks: even to even and odd to odd. So it has half the
+weights of an MLP of the same width. It is computed as one: block by block its weights
+would take half the multiplications, but XLA is slower so on processors.
 """
 
 import itertools
@@ -26,11 +29,17 @@ from jaxtyping import Array, Float
 from bp2_rl.env.mirror import Mirror
 from bp2_rl.settings.ppo import PPOConfig
 
-ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
+ACTIVATIONS = {
+    "swish": linen.swish,
+    "elu": linen.elu,
+    "tanh": linen.tanh,
+    "relu": linen.relu,
+}
 POLICY, CRITIC = "state", "privileged_state"
 """The entry that each network sees of an observation that is a dictionary."""
 FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
-"""Small: training begins on the reference motion, not on noise of the initialisation."""
+"""Small: training begins on the reference motion, not on noise of the
+initialisation."""
 Bases = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]
 HIDDEN = jax.nn.initializers.lecun_uniform()
 HALF = float(np.sqrt(0.5))
@@ -39,8 +48,8 @@ HALF = float(np.sqrt(0.5))
 def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
     """Actor and critic: Gaussian policy with a state-independent standard deviation.
 
-    They are symmetric where the config asks for it and the environment has `mirrors`, the `Mirror` of each entry of
-    its observation and of its `action`.
+    They are symmetric where the config asks for it and the environment has `mirrors`,
+    the `Mirror` of each entry of its observation and of its `action`.
     """
     sizes = env.observation_size
     mirrors = mirrors_of(env, config)
@@ -63,35 +72,47 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
 
 
 def mirrors_of(env: envs.Env, config: PPOConfig) -> Mapping[str, Mirror]:
-    """Return the mirrors under which the networks are symmetric; empty where they are not symmetric."""
+    """Return the mirrors under which the networks are symmetric; empty where they are
+    not symmetric."""
     return getattr(env, "mirrors", {}) if config.symmetric else {}
 
 
-def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> dict[str, Array]:
+def reflect(
+    mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]
+) -> dict[str, Array]:
     """Return the mirror images of observations (any batch axes)."""
     return {
-        name: jnp.asarray(mirrors[name].sign, x.dtype) * x[..., np.asarray(mirrors[name].order)]
+        name: jnp.asarray(mirrors[name].sign, x.dtype)
+        * x[..., np.asarray(mirrors[name].order)]
         for name, x in observation.items()
     }
 
 
 def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Any, Any]]:
-    """Return (weight, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters.
+    """Return (weight, bias) of each layer of an ordinary MLP that computes the mean
+    action of these policy parameters.
 
-    The arrays are NumPy's: some fifty small operations would be compiled for a GPU one by one.
+    The arrays are NumPy's: some fifty small operations would be compiled for a GPU one
+    by one.
     """
     tree = jax.device_get(params["params"])
     if mirrors:
         blocks = tree["SymmetricMLP_0"]
-        return _assemble(blocks, mirrors[POLICY].parities(), mirrors["action"].parities())
-    layers = [tree["MLP_0"][f"hidden_{i}"] for i in range(len(tree["MLP_0"]))] + [tree["Dense_0"]]
+        return _assemble(
+            blocks, mirrors[POLICY].parities(), mirrors["action"].parities()
+        )
+    layers = [tree["MLP_0"][f"hidden_{i}"] for i in range(len(tree["MLP_0"]))] + [
+        tree["Dense_0"]
+    ]
     return [(layer["kernel"], layer["bias"]) for layer in layers]
 
 
 class SymmetricMLP(linen.Module):
-    """An equivariant MLP from vectors that `inputs` reflects to vectors that `outputs` reflects.
+    """An equivariant MLP from vectors that `inputs` reflects to vectors that `outputs`
+    reflects.
 
-    Its layers are as wide as said, half the units the mirror images of the others; the last one is linear.
+    Its layers are as wide as said, half the units the mirror images of the others; the
+    last one is linear.
     """
 
     inputs: Mirror
@@ -102,7 +123,9 @@ class SymmetricMLP(linen.Module):
     output_kernel_init: Any = HIDDEN
 
     @linen.compact
-    def __call__(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch outputs"]:
+    def __call__(
+        self, x: Float[Array, "*batch inputs"]
+    ) -> Float[Array, "*batch outputs"]:
         """One pass."""
         first, last = self.inputs.parities(), self.outputs.parities()
         sizes = [
@@ -116,7 +139,9 @@ class SymmetricMLP(linen.Module):
             blocks[f"even_{i}"] = self.param(f"even_{i}", init, (given[0], wanted[0]))
             if wanted[1]:
                 blocks[f"odd_{i}"] = self.param(f"odd_{i}", init, (given[1], wanted[1]))
-            blocks[f"bias_{i}"] = self.param(f"bias_{i}", jax.nn.initializers.zeros, (wanted[0],))
+            blocks[f"bias_{i}"] = self.param(
+                f"bias_{i}", jax.nn.initializers.zeros, (wanted[0],)
+            )
         *hidden, (weight, bias) = _assemble(blocks, first, last)
         x = x.astype(self.dtype)
         for one, offset in hidden:
@@ -124,24 +149,37 @@ class SymmetricMLP(linen.Module):
         return x.astype(weight.dtype) @ weight + bias
 
 
-def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tuple[Any, Any]]:
-    """Return (weight, bias) of each layer, as arrays of its blocks' library, NumPy or JAX.
+def _assemble(
+    blocks: Mapping[str, Any], first: Bases, last: Bases
+) -> list[tuple[Any, Any]]:
+    """Return (weight, bias) of each layer, as arrays of its blocks' library, NumPy or
+    JAX.
 
-    W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of what comes out.
+    W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of
+    what comes out.
     """
     hidden = sum(name.startswith("even_") for name in blocks) - 1
     layers = []
-    for i, (given, wanted) in enumerate(itertools.pairwise([first, *[None] * hidden, last])):
+    for i, (given, wanted) in enumerate(
+        itertools.pairwise([first, *[None] * hidden, last])
+    ):
         parts = [blocks[name] for name in (f"even_{i}", f"odd_{i}") if name in blocks]
-        weight = sum(_of_units(_of_units(part, given, parity).T, wanted, parity).T for parity, part in enumerate(parts))
+        weight = sum(
+            _of_units(_of_units(part, given, parity).T, wanted, parity).T
+            for parity, part in enumerate(parts)
+        )
         layers.append((weight, _of_units(blocks[f"bias_{i}"], wanted, 0)))
     return layers
 
 
-def _of_units(x: Float[Any, "parity ..."], bases: Bases | None, parity: int) -> Float[Any, "units ..."]:
-    """Return rows for units from rows for their even (parity 0) or odd (1) combinations.
+def _of_units(
+    x: Float[Any, "parity ..."], bases: Bases | None, parity: int
+) -> Float[Any, "units ..."]:
+    """Return rows for units from rows for their even (parity 0) or odd (1)
+    combinations.
 
-    Hidden units have no `bases`: theirs are (1, 1) and (1, -1) of each pair, which takes no multiplications.
+    Hidden units have no `bases`: theirs are (1, 1) and (1, -1) of each pair, which
+    takes no multiplications.
     """
     xp = x.__array_namespace__()
     if bases is None:
@@ -164,31 +202,52 @@ class SymmetricPolicy(linen.Module):
         """(Mean, standard deviation), each of shape (*batch, outputs)."""
         how = (self.activation, self.dtype, FIRST_OUTPUTS())
         mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, *how)(x)
-        pairs = np.unique(np.minimum(self.outputs.order, np.arange(len(self.outputs.order))), return_inverse=True)[1]
+        pairs = np.unique(
+            np.minimum(self.outputs.order, np.arange(len(self.outputs.order))),
+            return_inverse=True,
+        )[1]
         constant = jax.nn.initializers.constant(np.log(self.initial_std))
         log_std = self.param("log_std", constant, (int(pairs.max()) + 1,))
         return mean, jnp.broadcast_to(jnp.exp(log_std)[pairs], mean.shape)
 
 
-def _symmetric_networks(mirrors: Mapping[str, Mirror], config: PPOConfig) -> networks.PPONetworks:
+def _symmetric_networks(
+    mirrors: Mapping[str, Mirror], config: PPOConfig
+) -> networks.PPONetworks:
     seen = CRITIC if CRITIC in mirrors else POLICY
     how = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
-    actor = SymmetricPolicy(mirrors[POLICY], mirrors["action"], config.policy_layers, *how, config.initial_std)
+    actor = SymmetricPolicy(
+        mirrors[POLICY],
+        mirrors["action"],
+        config.policy_layers,
+        *how,
+        config.initial_std,
+    )
     critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
 
-    def network(module: linen.Module, key: str, finish: Any) -> brax_networks.FeedForwardNetwork:
-        def apply(statistics: Any, params: Any, observation: Mapping[str, Array]) -> Any:
+    def network(
+        module: linen.Module, key: str, finish: Any
+    ) -> brax_networks.FeedForwardNetwork:
+        def apply(
+            statistics: Any, params: Any, observation: Mapping[str, Array]
+        ) -> Any:
             chosen = brax_networks.normalizer_select(statistics, key)
             return finish(module.apply(params, _normalize(observation[key], chosen)))
 
         empty = jnp.zeros((1, len(mirrors[key].order)))
-        return brax_networks.FeedForwardNetwork(init=lambda random: module.init(random, empty), apply=apply)
+        return brax_networks.FeedForwardNetwork(
+            init=lambda random: module.init(random, empty), apply=apply
+        )
 
-    make: Any = networks.PPONetworks  # a dataclass, though pyright does not follow Brax's way to `flax.struct`
+    make: Any = (
+        networks.PPONetworks
+    )  # a dataclass, though pyright does not follow Brax's way to `flax.struct`
     return make(
         policy_network=network(actor, POLICY, lambda out: out),
         value_network=network(critic, seen, lambda out: out[..., 0]),
-        parametric_action_distribution=distribution.NormalDistribution(event_size=len(mirrors["action"].order)),
+        parametric_action_distribution=distribution.NormalDistribution(
+            event_size=len(mirrors["action"].order)
+        ),
     )
 
 

@@ -1,11 +1,13 @@
-"""A trained policy as data: two files that anyone can read, and the function that they describe.
+"""A trained policy as data: two files that anyone can read, and the function that they
+describe.
 
     policy/weights.npz   the observation's mean and standard deviation, and each layer's weight and bias
     policy/card.json     what the numbers mean: observation layout, action, environment, versions, results
 
     action = MLP((observation - mean) / std)        deterministic; float32; NumPy or JAX arrays
 
-No pickles: a policy from a stranger is safe to load, and one from another project is refused by name.
+No pickles: a policy from a stranger is safe to load, and one from another project is
+refused by name.
 """
 
 import dataclasses
@@ -22,7 +24,14 @@ from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError, did_you_mean, require_kind
-from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
+from bp2_rl.base.files import (
+    ArraySpec,
+    BadFileError,
+    read_bytes,
+    read_npz,
+    require_name,
+    write_npz,
+)
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.settings.env import ControlConfig, EnvConfig
@@ -40,7 +49,8 @@ LARGEST_WEIGHTS = 256 << 20
 """Bytes of the largest weights.npz that is read: a hundred times our own."""
 MOST_LAYERS = 100
 LARGEST_OBSERVATION = 1e3
-"""What no number of an observation exceeds (SI units): below it no action may overflow."""
+"""What no number of an observation exceeds (SI units): below it no action may
+overflow."""
 # The entry of Brax's observation dictionary that the policy sees.
 POLICY_OBSERVATION = "state"
 
@@ -54,12 +64,15 @@ class PolicyCard:
     """What a reader needs to run a policy and to judge it."""
 
     stage: Stage
-    observation_layout: tuple[tuple[str, int], ...]  # (name, size) in the order of the observation vector
+    # (name, size) in the order of the observation vector
+    observation_layout: tuple[tuple[str, int], ...]
     action_size: int
     activation: Activation
     hidden_layer_sizes: tuple[int, ...]
-    env: EnvConfig  # the environment it was trained in, gains and meaning of the action included
-    reference: str  # the reference motion it was trained on: collocation, kinematic or none
+    # the environment it was trained in, gains and meaning of the action included
+    env: EnvConfig
+    # the reference motion it was trained on: collocation, kinematic or none
+    reference: str
     physics_steps: int  # 1 ms steps of one robot, all robots together
     seed: int
     versions: dict[str, str]  # of bp2_rl, jax, mujoco and brax
@@ -78,12 +91,14 @@ class PolicyCard:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: call it with an observation, or a batch of them, to get the mean action."""
+    """A deterministic policy: call it with an observation, or a batch of them, to get
+    the mean action."""
 
     card: PolicyCard
     mean: Float[np.ndarray, " observation"]
     std: Float[np.ndarray, " observation"]
-    layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (weight, bias)
+    # (weight, bias)
+    layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]
 
     def __repr__(self) -> str:
         """What it is: the card says more, and the layers are for programs."""
@@ -91,8 +106,11 @@ class Policy:
         robot = card.env.hardware.anatomy.name
         return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"
 
-    def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
-        """Return the action of Brax's network of the same parameters, in the array library of `observation`."""
+    def __call__(
+        self, observation: Float[Any, "*batch observation"]
+    ) -> Float[Any, "*batch action"]:
+        """Return the action of Brax's network of the same parameters, in the array
+        library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
             raise PolicyError(
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
@@ -107,7 +125,11 @@ class Policy:
 
 
 def _network(
-    activate: Callable[[Any, Any], Any], mean: Any, std: Any, layers: Any, observation: Float[Any, "*batch observation"]
+    activate: Callable[[Any, Any], Any],
+    mean: Any,
+    std: Any,
+    layers: Any,
+    observation: Float[Any, "*batch observation"],
 ) -> Float[Any, "*batch action"]:
     xp = observation.__array_namespace__()
     hidden = (observation.astype(xp.float32) - mean) / std
@@ -120,7 +142,8 @@ def _network(
 NETWORKS = {
     name: functools.partial(_network, activate)
     for name, activate in {
-        "swish": lambda xp, x: x * (0.5 * (1.0 + xp.tanh(0.5 * x))),  # the sigmoid by tanh, which cannot overflow
+        # the sigmoid by tanh, which cannot overflow
+        "swish": lambda xp, x: x * (0.5 * (1.0 + xp.tanh(0.5 * x))),
         "elu": lambda xp, x: xp.where(x > 0, x, xp.expm1(xp.minimum(x, 0.0))),
         "tanh": lambda xp, x: xp.tanh(x),
         "relu": lambda xp, x: xp.maximum(x, 0.0),
@@ -129,12 +152,16 @@ NETWORKS = {
 """(mean, std, layers, observation) -> action, by the hidden layers' activation."""
 
 
-def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:
+def make_policy(
+    layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard
+) -> Policy:
     """Return the policy of a trained network.
 
     Args:
-        layers: (weight, bias) of each, all but the last activated, as `networks.dense_layers` gives them.
-        normalizer: Brax's running statistics, of the observation dictionary or of the policy's part alone.
+        layers: (weight, bias) of each, all but the last activated, as
+            `networks.dense_layers` gives them.
+        normalizer: Brax's running statistics, of the observation dictionary or of the
+            policy's part alone.
         card: says how large the network is.
 
     Raises:
@@ -152,49 +179,68 @@ def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: Policy
 
 def blank_policy(card: PolicyCard) -> Policy:
     """Return a policy of this card all of whose actions are zero."""
-    arrays = {name: np.zeros(shape, np.float32) for name, shape in _promised_shapes(card).items()}
+    arrays = {
+        name: np.zeros(shape, np.float32)
+        for name, shape in _promised_shapes(card).items()
+    }
     return _from_arrays(card, {**arrays, "std": arrays["std"] + np.float32(1.0)})
 
 
 def save_policy(directory: Path, policy: Policy) -> Policy:
-    """Write `policy` to `directory`, whole or not at all, and return it with its card as written.
+    """Write `policy` to `directory`, whole or not at all, and return it with its card
+    as written.
 
-    A policy that is already there is replaced only when the new one is complete on disk.
+    A policy that is already there is replaced only when the new one is complete on
+    disk.
 
     Raises:
-        PolicyError: weights and card disagree, a weight is not finite, or the place cannot be written.
+        PolicyError: weights and card disagree, a weight is not finite, or the place
+            cannot be written.
     """
     require_name(directory)
     _check_shapes(policy)
     _check_numbers(policy, f"policy not exported to {directory}")
     try:
-        place = Path(os.path.abspath(directory))  # a link is replaced, and what it leads to left alone
+        # a link is replaced, and what it leads to left alone
+        place = Path(os.path.abspath(directory))
         if place.is_file():
-            raise FileExistsError(0, "it is a file, not a folder; choose another folder")
-        if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
-            raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
+            raise FileExistsError(
+                0, "it is a file, not a folder; choose another folder"
+            )
+        if place.exists() and any(
+            entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()
+        ):
+            raise FileExistsError(
+                0, "the folder holds files that are no policy's; choose another"
+            )
         with new_folder(place) as fresh:
             write_npz(fresh / WEIGHTS, _to_arrays(policy))
             digest = hashlib.sha256((fresh / WEIGHTS).read_bytes()).hexdigest()
             card = dataclasses.replace(policy.card, weights_sha256=digest)
             save_sealed(fresh / CARD, card, CHECKSUM)
     except OSError as error:
-        raise PolicyError(f"cannot write policy {directory}: {error.strerror or error}") from error
+        raise PolicyError(
+            f"cannot write policy {directory}: {error.strerror or error}"
+        ) from error
     return dataclasses.replace(policy, card=card)
 
 
 def load_policy(
-    path: Path | str, *, layout_of: Callable[[ControlConfig], Sequence[tuple[str, int]]] | None = None
+    path: Path | str,
+    *,
+    layout_of: Callable[[ControlConfig], Sequence[tuple[str, int]]] | None = None,
 ) -> Policy:
     """Load an exported policy, or a run's.
 
     Args:
-        path: a policy directory (it holds card.json), a run directory (it holds policy/), or the name of a policy that
-            ships, such as `built`.
-        layout_of: the observation's (name, size) pairs that the caller will feed under a controller; None takes any.
+        path: a policy directory (it holds card.json), a run directory (it holds
+            policy/), or the name of a policy that ships, such as `built`.
+        layout_of: the observation's (name, size) pairs that the caller will feed under
+            a controller; None takes any.
 
     Raises:
-        PolicyError: one line that says what is wrong with the policy and, where we know, how to mend it.
+        PolicyError: one line that says what is wrong with the policy and, where we
+            know, how to mend it.
     """
     directory = find_policy(path)
     card = _read_card(directory)
@@ -211,27 +257,44 @@ def load_policy(
     return policy
 
 
-# --- Reading --------------------------------------------------------------------------------------------------
+# --- Reading --------------------------------------------------------------------------
 def find_policy(path: Path | str) -> Path:
     """Return the directory of a policy, which `path` names as for `load_policy`.
 
     Raises:
         PolicyError: there is none.
     """
-    require_kind("load_policy", path, (str, Path), f"a folder or a policy's name ({', '.join(SHIPPED)})")
-    path = asset_path(f"policies/{path}") if str(path) in SHIPPED and not Path(path).exists() else Path(path)
+    require_kind(
+        "load_policy",
+        path,
+        (str, Path),
+        f"a folder or a policy's name ({', '.join(SHIPPED)})",
+    )
+    path = (
+        asset_path(f"policies/{path}")
+        if str(path) in SHIPPED and not Path(path).exists()
+        else Path(path)
+    )
     require_name(path)
     for directory in map(find_folder, (path, path / "policy")):
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
         near = did_you_mean(str(path), SHIPPED)
-        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship{near}")
+        raise PolicyError(
+            f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship{near}"
+        )
     if path.is_file():
-        raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
+        raise PolicyError(
+            f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}"
+        )
     if (path / "checkpoints").is_dir():
-        raise PolicyError(f"run {path} has exported no policy yet: train it to its first save")
-    raise PolicyError(f"no policy in {path}: expected {CARD} and {WEIGHTS} there or in its folder policy")
+        raise PolicyError(
+            f"run {path} has exported no policy yet: train it to its first save"
+        )
+    raise PolicyError(
+        f"no policy in {path}: expected {CARD} and {WEIGHTS} there or in its folder policy"
+    )
 
 
 def _read_card(directory: Path) -> PolicyCard:
@@ -240,31 +303,50 @@ def _read_card(directory: Path) -> PolicyCard:
     except UserError as error:
         raise PolicyError(str(error)) from error
     if len(card.hidden_layer_sizes) > MOST_LAYERS:
-        raise PolicyError(f"{directory / CARD} has over {MOST_LAYERS} layers: no training of ours makes that many")
+        raise PolicyError(
+            f"{directory / CARD} has over {MOST_LAYERS} layers: no training of ours makes that many"
+        )
     return card
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
     """Return the arrays that the card promises, and no others."""
     if not path.exists():
-        raise PolicyError(f"{path} is missing: the policy was copied without its weights")
+        raise PolicyError(
+            f"{path} is missing: the policy was copied without its weights"
+        )
     try:
         content = read_bytes(path, LARGEST_WEIGHTS)
         if hashlib.sha256(content).hexdigest() != card.weights_sha256:
             raise PolicyError(
                 f"{path} is truncated, damaged or from another policy: its checksum differs from {CARD}'s"
             )
-        specs = {name: ArraySpec(np.dtype(np.float32), shape) for name, shape in _promised_shapes(card).items()}
+        specs = {
+            name: ArraySpec(np.dtype(np.float32), shape)
+            for name, shape in _promised_shapes(card).items()
+        }
         return read_npz(path, specs, content=content, largest=LARGEST_WEIGHTS)
     except BadFileError as error:
         raise PolicyError(f"{error}: not the weights of {CARD} beside it") from error
 
 
-def _check_layout(card: PolicyCard, expected: Sequence[tuple[str, int]], directory: Path) -> None:
-    theirs, ours = list(card.observation_layout), [(name, size) for name, size in expected]
+def _check_layout(
+    card: PolicyCard, expected: Sequence[tuple[str, int]], directory: Path
+) -> None:
+    theirs, ours = (
+        list(card.observation_layout),
+        [(name, size) for name, size in expected],
+    )
     if theirs == ours:
         return
-    first = next((i for i, pair in enumerate(zip(theirs, ours, strict=False)) if pair[0] != pair[1]), None)
+    first = next(
+        (
+            i
+            for i, pair in enumerate(zip(theirs, ours, strict=False))
+            if pair[0] != pair[1]
+        ),
+        None,
+    )
     first = min(len(theirs), len(ours)) if first is None else first
     raise PolicyError(
         f"policy {directory} was trained on other observations: entry {first} is {_show_entry(theirs, first)} "
@@ -286,21 +368,27 @@ def _check_shapes(policy: Policy) -> None:
     """Raise unless the arrays have the shapes that the card promises."""
     count = len(policy.card.hidden_layer_sizes) + 1
     if len(policy.layers) != count:
-        raise PolicyError(f"the network has {len(policy.layers)} layers, its card says {count}")
+        raise PolicyError(
+            f"the network has {len(policy.layers)} layers, its card says {count}"
+        )
     arrays = _to_arrays(policy)
     for name, shape in _promised_shapes(policy.card).items():
         if arrays[name].shape != shape:
-            raise PolicyError(f"{name} has shape {arrays[name].shape}, its card says {shape}")
+            raise PolicyError(
+                f"{name} has shape {arrays[name].shape}, its card says {shape}"
+            )
 
 
 def _check_numbers(policy: Policy, where: str) -> None:
-    """Raise where the weights are such that an action may not be finite; after `where` the array at fault is named."""
+    """Raise where the weights are such that an action may not be finite; after `where`
+    the array at fault is named."""
     for name, array in _to_arrays(policy).items():
         if not np.isfinite(array).all():
             raise PolicyError(f"{where}: {name} is not finite")
     if not (policy.std > 0.0).all():
         raise PolicyError(f"{where}: std is not positive")
-    # No sum of products can be larger than that of the absolute values; no activation adds to |x| beyond 1.
+    # No sum of products can be larger than that of the absolute values; no activation
+    # adds to |x| beyond 1.
     largest = float(np.finfo(np.float32).max)
     bound = (LARGEST_OBSERVATION + np.abs(policy.mean.astype(float))) / policy.std
     if not (bound < largest).all():
@@ -308,16 +396,20 @@ def _check_numbers(policy: Policy, where: str) -> None:
     for i, (weight, bias) in enumerate(policy.layers):
         bound = np.maximum(bound, 1.0) @ np.abs(weight.astype(float)) + np.abs(bias)
         if not (bound < largest).all():
-            raise PolicyError(f"{where}: layer_{i}/weight is so large that an action may overflow")
+            raise PolicyError(
+                f"{where}: layer_{i}/weight is so large that an action may overflow"
+            )
 
 
 def _from_arrays(card: PolicyCard, arrays: Mapping[str, np.ndarray]) -> Policy:
     count = len(card.hidden_layer_sizes) + 1
-    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(count))
+    layers = tuple(
+        (arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(count)
+    )
     return Policy(card, arrays["mean"], arrays["std"], layers)
 
 
-# --- Writing --------------------------------------------------------------------------------------------------
+# --- Writing --------------------------------------------------------------------------
 def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
     arrays = {"mean": policy.mean, "std": policy.std}
     for i, (weight, bias) in enumerate(policy.layers):
@@ -334,4 +426,8 @@ def _show_layout(layout: Sequence[tuple[str, int]]) -> str:
 
 
 def _show_entry(layout: Sequence[tuple[str, int]], index: int) -> str:
-    return f"{layout[index][0]!r} of size {layout[index][1]}" if index < len(layout) else "absent"
+    return (
+        f"{layout[index][0]!r} of size {layout[index][1]}"
+        if index < len(layout)
+        else "absent"
+    )

@@ -1,12 +1,15 @@
-"""PPO as one pure function over one state: `train_step(TrainState) -> (TrainState, metrics)`.
+"""PPO as one pure function over one state: `train_step(TrainState) -> (TrainState,
+metrics)`.
 
-Networks and running statistics are Brax's, and so is the loss, but for rounding; the loop is ours because Brax's cannot
-resume exactly, gives every device the same randomisation, and normalises advantages per device.
+Networks and running statistics are Brax's, and so is the loss, but for rounding; the
+loop is ours because Brax's cannot resume exactly, gives every device the same
+randomisation, and normalises advantages per device.
 
-The program is written for global arrays on a 1-D device mesh with the axis `robots`; one device is the same
-code. Physics and policy run in a `shard_map` (robots never talk to each other); the SGD part is partitioned by
-the compiler. Every random number belongs to a robot or to the whole, never to a device, and shuffling stays
-within blocks of robots, so the result does not depend on how many devices hold the robots.
+The program is written for global arrays on a 1-D device mesh with the axis `robots`;
+one device is the same code. Physics and policy run in a `shard_map` (robots never talk
+to each other); the SGD part is partitioned by the compiler. Every random number belongs
+to a robot or to the whole, never to a device, and shuffling stays within blocks of
+robots, so the result does not depend on how many devices hold the robots.
 """
 
 import concurrent.futures
@@ -44,7 +47,8 @@ class TrainState(struct.PyTreeNode):
     """Everything that training depends on."""
 
     params: losses.PPONetworkParams
-    average: Any  # of the policy's parameters, over the last train steps: what is exported
+    # of the policy's parameters, over the last train steps: what is exported
+    average: Any
     normalizer: running_statistics.RunningStatisticsState
     optimizer: optax.OptState
     fleet: envs.State
@@ -57,27 +61,30 @@ class Programs(NamedTuple):
 
     init: Any  # jitted: key -> TrainState
     train_step: Any  # jitted: TrainState, which it consumes -> (TrainState, metrics)
-    shape: Any = None  # TrainState of shapes and dtypes; None where it is not known without tracing
+    # TrainState of shapes and dtypes; None where it is not known without tracing
+    shape: Any = None
 
 
 class PPO:
     """The learner for one environment.
 
-    A train step lets every robot act for T steps (`unroll`), and then descends the loss on minibatches of what came of
-    it (`improve`).
+    A train step lets every robot act for T steps (`unroll`), and then descends the loss
+    on minibatches of what came of it (`improve`).
 
     Args:
-        env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
-            `privileged_state`.
+        env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees
+            `state` and the critic `privileged_state`.
         config: hyperparameters.
-        devices: the mesh; default all of JAX's, but on a CPU, where they are threads, at most as many as fit. Their
-            number must divide `config.shuffle_blocks`.
+        devices: the mesh; default all of JAX's, but on a CPU, where they are threads,
+            at most as many as fit. Their number must divide `config.shuffle_blocks`.
 
     Raises:
         UserError: the number of devices does not fit the number of robots.
     """
 
-    def __init__(self, env: envs.Env, config: PPOConfig, devices: Sequence[Any] | None = None):
+    def __init__(
+        self, env: envs.Env, config: PPOConfig, devices: Sequence[Any] | None = None
+    ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
         self.mesh = Mesh(np.array(devices or _devices(config)), ("robots",))
@@ -87,7 +94,8 @@ class PPO:
                 f"{self.mesh.size} devices: use 1, 2, 4 ... up to {MAX_BLOCKS}, and make ppo.num_envs / "
                 "ppo.num_minibatches a multiple of that"
             )
-        self.robots = NamedSharding(self.mesh, PartitionSpec("robots"))  # of arrays that have a row a robot
+        # of arrays that have a row a robot
+        self.robots = NamedSharding(self.mesh, PartitionSpec("robots"))
         self.everywhere = NamedSharding(self.mesh, PartitionSpec())  # of all others
         self.network = make_networks(env, config)
         self.mirrors = mirrors_of(env, config)
@@ -99,16 +107,31 @@ class PPO:
         )
         self.programs = self.jitted(self._init, self._train_step)
 
-    def jitted(self, init: Callable[..., Any], train_step: Callable[..., Any], shape: Any = None) -> Programs:
-        """Return the programs of these functions for the mesh; `shape`: that of the state, where it is known."""
+    def jitted(
+        self,
+        init: Callable[..., Any],
+        train_step: Callable[..., Any],
+        shape: Any = None,
+    ) -> Programs:
+        """Return the programs of these functions for the mesh; `shape`: that of the
+        state, where it is known."""
         # Run once, and on a CPU compiled in half the time.
-        options: Any = {"xla_backend_optimization_level": 0} if self.mesh.devices.flat[0].platform == "cpu" else None
+        options: Any = (
+            {"xla_backend_optimization_level": 0}
+            if self.mesh.devices.flat[0].platform == "cpu"
+            else None
+        )
         first = jax.jit(init, out_shardings=self.shardings(), compiler_options=options)
-        step = jax.jit(train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
+        step = jax.jit(
+            train_step,
+            donate_argnums=0,
+            out_shardings=(self.shardings(), self.everywhere),
+        )
         return Programs(first, step, shape)
 
     def use(self, programs: Programs) -> None:
-        """Compute with these programs from now on, which must be of the same environment and hyperparameters."""
+        """Compute with these programs from now on, which must be of the same
+        environment and hyperparameters."""
         self.programs = programs
         self.__dict__.pop("shape", None)
 
@@ -126,10 +149,13 @@ class PPO:
 
     @contextlib.contextmanager
     def compiling(self) -> Generator[None]:
-        """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
+        """Compile the train step beside what is done meanwhile, `init` say; the first
+        train step finds it."""
         shape = self.shape
         with concurrent.futures.ThreadPoolExecutor(1) as beside:
-            compiled = beside.submit(lambda: self.programs.train_step.lower(shape).compile())
+            compiled = beside.submit(
+                lambda: self.programs.train_step.lower(shape).compile()
+            )
             yield
             compiled.result()
 
@@ -138,31 +164,50 @@ class PPO:
         """Return the state's shapes and dtypes, for restoring a checkpoint."""
         shapes = self.programs.shape or self.programs.init.eval_shape(self.first_key(0))
         return jax.tree.map(
-            lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
+            lambda leaf, sharding: jax.ShapeDtypeStruct(
+                leaf.shape, leaf.dtype, sharding=sharding
+            ),
             shapes,
-            jax.tree.map(lambda sharding, tree: jax.tree.map(lambda _: sharding, tree), self.shardings(), shapes),
+            jax.tree.map(
+                lambda sharding, tree: jax.tree.map(lambda _: sharding, tree),
+                self.shardings(),
+                shapes,
+            ),
         )
 
     def shardings(self) -> TrainState:
-        """Where each part of the state lives: robots are spread, all else is on every device."""
+        """Where each part of the state lives: robots are spread, all else is on every
+        device."""
         whole: Any = self.everywhere  # one sharding stands for all the leaves below it
         robots: Any = self.robots
         return TrainState(
-            params=whole, average=whole, normalizer=whole, optimizer=whole, fleet=robots, key=whole, step=whole
+            params=whole,
+            average=whole,
+            normalizer=whole,
+            optimizer=whole,
+            fleet=robots,
+            key=whole,
+            step=whole,
         )
 
-    # --- One train step, top down --------------------------------------------------------------------------------
+    # --- One train step, top down -----------------------------------------------------
 
     def _init(self, key: Array) -> TrainState:
         key, key_policy, key_value, key_fleet = jax.random.split(key, 4)
-        network_params: Any = losses.PPONetworkParams  # a dataclass, though pyright does not follow Brax's way to it
+        network_params: Any = (
+            losses.PPONetworkParams
+        )  # a dataclass, though pyright does not follow Brax's way to it
         params = network_params(
-            policy=self.network.policy_network.init(key_policy), value=self.network.value_network.init(key_value)
+            policy=self.network.policy_network.init(key_policy),
+            value=self.network.value_network.init(key_value),
         )
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
-        # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
+        # Brax counts and checks by arrays; the first observations make the normaliser
+        # useful from the first step.
         template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
-        normalizer = self.update_normalizer(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
+        normalizer = self.update_normalizer(
+            running_statistics.init_state(template, std_eps=1e-4), fleet.obs
+        )
         state = TrainState(
             params=params,
             average=jax.tree.map(jnp.copy, params.policy),
@@ -172,19 +217,28 @@ class PPO:
             key=key,
             step=jnp.zeros((), jnp.int32),
         )
-        # Some of Brax's scalars are weakly typed; after a step or a restore they are not, which would compile anew.
+        # Some of Brax's scalars are weakly typed; after a step or a restore they are
+        # not, which would compile anew.
         return jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), state)
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, keys, key_sgd = self.draw_keys(state)
-        fleet, data, metrics = self.unroll(state.params, state.normalizer, state.fleet, keys)
+        fleet, data, metrics = self.unroll(
+            state.params, state.normalizer, state.fleet, keys
+        )
         params, optimizer, sgd_metrics = self.improve(state, data, key_sgd)
-        average = optax.incremental_update(params.policy, state.average, 1.0 - self.config.averaging)
-        # After the gradient steps, so that these see the observations as the behaviour policy did.
+        average = optax.incremental_update(
+            params.policy, state.average, 1.0 - self.config.averaging
+        )
+        # After the gradient steps, so that these see the observations as the behaviour
+        # policy did.
         normalizer = self.update_normalizer(state.normalizer, data.observation)
-        after = TrainState(params, average, normalizer, optimizer, fleet, key, state.step + 1)
-        # Faults of a robot end in the fleet. What is not finite here is the learner's: it stays where it is, so that
-        # the state from which it came about can be saved and studied, however late the host learns of it.
+        after = TrainState(
+            params, average, normalizer, optimizer, fleet, key, state.step + 1
+        )
+        # Faults of a robot end in the fleet. What is not finite here is the learner's:
+        # it stays where it is, so that the state from which it came about can be saved
+        # and studied, however late the host learns of it.
         sound = _all_finite((params, normalizer, optimizer, sgd_metrics))
         after = jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, state)
         return after, {**metrics, **sgd_metrics, NOT_FINITE: 1.0 - sound}
@@ -192,10 +246,13 @@ class PPO:
     def update_normalizer(
         self, normalizer: running_statistics.RunningStatisticsState, observation: Any
     ) -> running_statistics.RunningStatisticsState:
-        """Return statistics that count these observations, and their mirror images where networks are symmetric."""
+        """Return statistics that count these observations, and their mirror images
+        where networks are symmetric."""
         if self.mirrors:
             images = reflect(self.mirrors, observation)
-            observation = jax.tree.map(lambda x, image: jnp.stack([x, image], axis=1), observation, images)
+            observation = jax.tree.map(
+                lambda x, image: jnp.stack([x, image], axis=1), observation, images
+            )
         return running_statistics.update(normalizer, observation)
 
     def draw_keys(self, state: TrainState) -> tuple[Array, Array, Array]:
@@ -210,7 +267,8 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Take `unroll_length` control steps: (fleet, data with axes (robot, time), metrics averaged over both)."""
+        """Take `unroll_length` control steps: (fleet, data with axes (robot, time),
+        metrics averaged over both)."""
         robots, whole = PartitionSpec("robots"), PartitionSpec()
         local = jax.shard_map(
             self._unroll_local,
@@ -229,58 +287,93 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Unroll the robots of one device; each robot draws random numbers from its own key."""
+        """Unroll the robots of one device; each robot draws random numbers from its own
+        key."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
 
-        def control_step(carry: tuple[envs.State, Any], time: Array) -> tuple[tuple[envs.State, Any], Transition]:
+        def control_step(
+            carry: tuple[envs.State, Any], time: Array
+        ) -> tuple[tuple[envs.State, Any], Transition]:
             fleet, sums = carry
-            noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(split[:, 1])
+            noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(
+                split[:, 1]
+            )
             action, policy_extras = act(fleet.obs, noise)
             after = self.fleet.step(fleet, action, fresh)
-            extras = {"policy_extras": policy_extras, "state_extras": {"truncation": after.info["truncation"]}}
-            data = make_transition(fleet.obs, action, after.reward, 1.0 - after.done, (), extras)
+            extras = {
+                "policy_extras": policy_extras,
+                "state_extras": {"truncation": after.info["truncation"]},
+            }
+            data = make_transition(
+                fleet.obs, action, after.reward, 1.0 - after.done, (), extras
+            )
             return (after, jax.tree.map(jnp.add, sums, _step_metrics(after))), data
 
         sums = jax.tree.map(jnp.zeros_like, _step_metrics(fleet))
         length = self.config.unroll_length
-        (fleet, sums), data = jax.lax.scan(control_step, (fleet, sums), jnp.arange(length))
+        (fleet, sums), data = jax.lax.scan(
+            control_step, (fleet, sums), jnp.arange(length)
+        )
         data = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
         # The loss looks at the last next_observation alone.
-        data = data._replace(next_observation=jax.tree.map(lambda x: x[:, None], fleet.obs))
+        data = data._replace(
+            next_observation=jax.tree.map(lambda x: x[:, None], fleet.obs)
+        )
         return fleet, data, jax.tree.map(lambda x: x / length, sums)
 
     def improve(
         self, state: TrainState, data: Transition, key: Array
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
-        """Take all epochs of gradient steps on one unroll; return parameters, optimiser and mean metrics after them."""
+        """Take all epochs of gradient steps on one unroll; return parameters, optimiser
+        and mean metrics after them."""
 
-        def minibatch_step(carry: tuple[Any, Any], minibatch: Transition) -> tuple[tuple[Any, Any], Any]:
+        def minibatch_step(
+            carry: tuple[Any, Any], minibatch: Transition
+        ) -> tuple[tuple[Any, Any], Any]:
             params, optimizer = carry
-            return self.gradient_step(state.replace(params=params, optimizer=optimizer), minibatch)
+            return self.gradient_step(
+                state.replace(params=params, optimizer=optimizer), minibatch
+            )
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
             return jax.lax.scan(minibatch_step, carry, self.shuffle(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
-        (params, optimizer), metrics = jax.lax.scan(epoch, (state.params, state.optimizer), keys)
-        return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
+        (params, optimizer), metrics = jax.lax.scan(
+            epoch, (state.params, state.optimizer), keys
+        )
+        return (
+            params,
+            optimizer,
+            {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()},
+        )
 
-    def gradient_step(self, state: TrainState, minibatch: Transition) -> tuple[tuple[Any, Any], dict[str, Array]]:
-        """Take one gradient step; return (parameters, optimiser) after it, and the metrics of the step."""
+    def gradient_step(
+        self, state: TrainState, minibatch: Transition
+    ) -> tuple[tuple[Any, Any], dict[str, Array]]:
+        """Take one gradient step; return (parameters, optimiser) after it, and the
+        metrics of the step."""
         config, step = self.config, state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
-        metrics, gradient = self.differentiate(params, state.normalizer, minibatch, step)
+        metrics, gradient = self.differentiate(
+            params, state.normalizer, minibatch, step
+        )
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
-            gradient = gradient.replace(policy=optax.tree.scale(learns, gradient.policy))
+            gradient = gradient.replace(
+                policy=optax.tree.scale(learns, gradient.policy)
+            )
             kl *= learns  # at zero the learning rate stays
         if config.desired_kl is not None:
-            desired: Any = config.desired_kl / (1.0 + step / config.kl_decay)  # Brax asks for a float
-            optimizer, _ = adaptive_kl_learning_rate(optimizer, kl, desired, max_learning_rate=config.max_learning_rate)
+            # Brax asks for a float
+            desired: Any = config.desired_kl / (1.0 + step / config.kl_decay)
+            optimizer, _ = adaptive_kl_learning_rate(
+                optimizer, kl, desired, max_learning_rate=config.max_learning_rate
+            )
         updates, optimizer = self._optimizer.update(gradient, optimizer)
         metrics |= {
             "grad_norm": optax.tree.norm(gradient),
@@ -289,22 +382,34 @@ class PPO:
         return (optax.apply_updates(params, updates), optimizer), metrics
 
     def differentiate(self, *inputs: Any) -> tuple[dict[str, Array], Any]:
-        """Return the terms of `loss` and its gradient by the parameters; the minibatch is spread over the mesh."""
+        """Return the terms of `loss` and its gradient by the parameters; the minibatch
+        is spread over the mesh."""
 
         def local(mean: Callable[[Array], Array], *inputs: Any) -> Any:
-            (_, terms), gradient = jax.value_and_grad(self.loss, has_aux=True)(*inputs, mean)
+            (_, terms), gradient = jax.value_and_grad(self.loss, has_aux=True)(
+                *inputs, mean
+            )
             return terms, gradient
 
         def together(*inputs: Any) -> Any:
-            # The gradient in one message: on two processors its twenty pieces took a quarter of SGD's time.
-            message, pieces = ravel_pytree(local(lambda x: jax.lax.pmean(jnp.mean(x), "robots"), *inputs))
+            # The gradient in one message: on two processors its twenty pieces took a
+            # quarter of SGD's time.
+            message, pieces = ravel_pytree(
+                local(lambda x: jax.lax.pmean(jnp.mean(x), "robots"), *inputs)
+            )
             return pieces(jax.lax.pmean(message, "robots"))
 
         if self.mesh.size == 1:
             return local(jnp.mean, *inputs)
         whole, robots = PartitionSpec(), PartitionSpec("robots")
         in_specs = (whole, whole, robots, whole)
-        return jax.shard_map(together, mesh=self.mesh, in_specs=in_specs, out_specs=whole, check_vma=False)(*inputs)
+        return jax.shard_map(
+            together,
+            mesh=self.mesh,
+            in_specs=in_specs,
+            out_specs=whole,
+            check_vma=False,
+        )(*inputs)
 
     def loss(
         self,
@@ -314,12 +419,18 @@ class PPO:
         step: Array | int = 0,
         mean: Callable[[Array], Array] = jnp.mean,
     ) -> tuple[Array, dict[str, Array]]:
-        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time); `mean`: of `ppo_loss`."""
-        entropy_cost = self.config.entropy_cost / (1.0 + step / self.config.entropy_decay)
-        return ppo_loss(self.network, self.config, params, normalizer, data, entropy_cost, mean)
+        """Return the loss in train step `step`, and its terms; `data` has axes (robot,
+        time); `mean`: of `ppo_loss`."""
+        entropy_cost = self.config.entropy_cost / (
+            1.0 + step / self.config.entropy_decay
+        )
+        return ppo_loss(
+            self.network, self.config, params, normalizer, data, entropy_cost, mean
+        )
 
     def shuffle(self, data: Any, key: Array) -> Any:
-        """Return an epoch's minibatches: robots shuffled within blocks, of which each minibatch has equal shares."""
+        """Return an epoch's minibatches: robots shuffled within blocks, of which each
+        minibatch has equal shares."""
         config = self.config
         blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
         keys = jax.random.split(key, blocks)

@@ -1,8 +1,9 @@
 """Traced programs kept on disk, with which a training begins without tracing them anew.
 
-JAX's own cache on disk spares the compiler. Its key is the traced program, and tracing takes longer than all the rest
-of a start. Here the key is what a program is made from: settings, robot, library, sources, versions, devices and JAX's
-options. What is kept is StableHLO, of which JAX's cache has the compiled program.
+JAX's own cache on disk spares the compiler. Its key is the traced program, and tracing
+takes longer than all the rest of a start. Here the key is what a program is made from:
+settings, robot, library, sources, versions, devices and JAX's options. What is kept is
+StableHLO, of which JAX's cache has the compiled program.
 """
 
 import hashlib
@@ -24,20 +25,27 @@ from bp2_rl.settings.training import TrainConfig
 
 KEPT = 8
 """Files in the folder: others were made before."""
-PALLAS = [export.DisabledSafetyCheck.custom_call(name) for name in ("__gpu$xla.gpu.triton", "triton_kernel_call_ffi")]
-"""Calls of Pallas' kernels on a GPU. JAX does not promise that another version of it knows them; the key has its
-version."""
+PALLAS = [
+    export.DisabledSafetyCheck.custom_call(name)
+    for name in ("__gpu$xla.gpu.triton", "triton_kernel_call_ffi")
+]
+"""Calls of Pallas' kernels on a GPU. JAX does not promise that another version of it
+knows them; the key has its version."""
 
 
-def use_kept(learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: Path) -> None:
-    """Let a run's learner compute with the traced programs in `folder`; where they are not there, trace and keep them.
+def use_kept(
+    learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: Path
+) -> None:
+    """Let a run's learner compute with the traced programs in `folder`; where they are
+    not there, trace and keep them.
 
-    Only in one process, and of accelerators only on a single one: more of them were not tried. Not with MJX-Warp, whose
-    programs call into their own process. A damaged file is traced anew. The folder is trusted, like that of JAX's own
+    Only in one process, and of accelerators only on a single one: more of them were not
+    tried. Not with MJX-Warp, whose programs call into their own process. A damaged file
+    is traced anew. The folder is trusted, like that of JAX's own
     cache: its programs are run.
 
-    `config` has the run's settings, `robot` is its model, for which the settings may only name a file. Where the folder
-    cannot be written, nothing is kept.
+    `config` has the run's settings, `robot` is its model, for which the settings may
+    only name a file. Where the folder cannot be written, nothing is kept.
     """
     several = learner.mesh.size > 1 and learner.mesh.devices.flat[0].platform != "cpu"
     if several or jax.process_count() > 1 or config.impl == "warp":
@@ -47,13 +55,15 @@ def use_kept(learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: P
     kept = _read(path, key)
     if kept is None:
         kept = {"key": key, **_trace(learner)}
-        if newest < bp2_rl.IMPORTED_AT:  # else a source may have been edited since it was imported
+        # else a source may have been edited since it was imported
+        if newest < bp2_rl.IMPORTED_AT:
             _write(path, kept)
     learner.use(_load(learner, kept))
 
 
 def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str, float]:
-    """Return a hash of all that the programs are made from, and when the newest source was written, s since 1970."""
+    """Return a hash of all that the programs are made from, and when the newest source
+    was written, s since 1970."""
     model = np.empty(mujoco.mj_sizeModel(robot), np.uint8)
     mujoco.mj_saveModel(robot, None, model)
     made_from = (
@@ -64,7 +74,11 @@ def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str,
         hashlib.sha256(model.tobytes()).hexdigest(),
         [device.device_kind for device in learner.mesh.devices.flat],
         sorted(package_versions().items()),
-        sorted((name, repr(value)) for name, value in jax.config.values.items() if "cache" not in name),
+        sorted(
+            (name, repr(value))
+            for name, value in jax.config.values.items()
+            if "cache" not in name
+        ),
     )
     whole = hashlib.sha256(repr(made_from).encode())
     sources = sorted(Path(bp2_rl.__file__).parent.rglob("*.py"))
@@ -74,21 +88,29 @@ def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str,
 
 
 def _trace(learner: PPO) -> dict[str, Any]:
-    """Trace both programs as functions of the leaves of the state, whose types JAX could not write."""
+    """Trace both programs as functions of the leaves of the state, whose types JAX
+    could not write."""
     leaves, tree = jax.tree.flatten(learner.shape)
     shardings = [leaf.sharding for leaf in leaves]
-    first, then = learner.programs.init.__wrapped__, learner.programs.train_step.__wrapped__
+    first, then = (
+        learner.programs.init.__wrapped__,
+        learner.programs.train_step.__wrapped__,
+    )
 
     def init(key: jax.Array) -> list[jax.Array]:
         return jax.tree.leaves(first(key))
 
-    def train_step(leaves: list[jax.Array]) -> tuple[list[jax.Array], dict[str, jax.Array]]:
+    def train_step(
+        leaves: list[jax.Array],
+    ) -> tuple[list[jax.Array], dict[str, jax.Array]]:
         state, metrics = then(tree.unflatten(leaves))
         return jax.tree.leaves(state), metrics
 
     def traced(program: Callable[..., Any], out_shardings: Any, argument: Any) -> bytes:
         jitted = jax.jit(program, out_shardings=out_shardings)
-        return bytes(export.export(jitted, disabled_checks=PALLAS)(argument).serialize())
+        return bytes(
+            export.export(jitted, disabled_checks=PALLAS)(argument).serialize()
+        )
 
     return {
         "shape": (tree, [(leaf.shape, leaf.dtype) for leaf in leaves]),
@@ -101,7 +123,10 @@ def _load(learner: PPO, kept: dict[str, Any]) -> Programs:
     """Return the kept programs as functions of the state."""
     tree, bare = kept["shape"]
     shape = tree.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in bare])
-    first, then = (export.deserialize(bytearray(kept[name])).call for name in ("init", "train_step"))
+    first, then = (
+        export.deserialize(bytearray(kept[name])).call
+        for name in ("init", "train_step")
+    )
 
     def init(key: jax.Array) -> Any:
         return tree.unflatten(first(key))
@@ -126,7 +151,9 @@ def _write(path: Path, kept: dict[str, Any]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, pickle.dumps(kept))
-        files = sorted(path.parent.glob("*.programs"), key=lambda file: file.stat().st_mtime)
+        files = sorted(
+            path.parent.glob("*.programs"), key=lambda file: file.stat().st_mtime
+        )
         for file in files[:-KEPT]:
             file.unlink()
     except OSError:  # it only costs the tracing next time

@@ -14,7 +14,14 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import LOCK, lock_folder, make_folder
-from bp2_rl.base.serialization import ConfigError, config_hash, flatten, from_json, save_config, to_json
+from bp2_rl.base.serialization import (
+    ConfigError,
+    config_hash,
+    flatten,
+    from_json,
+    save_config,
+    to_json,
+)
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning import cluster, guards, loop
 from bp2_rl.learning.checkpoint import (
@@ -53,18 +60,21 @@ def start(
     tracker: Tracker | None = None,
     programs: Path | None = None,
 ) -> Path:
-    """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
+    """Train a new run in `run_dir`, from random weights or from the newest checkpoint
+    of the run `parent`.
 
-    `judge` measures the exported policies, if given; `tracker` receives the metrics, too; `programs` is a folder of
-    traced programs, for a faster start (`programs.use_kept`).
+    `judge` measures the exported policies, if given; `tracker` receives the metrics,
+    too; `programs` is a folder of traced programs, for a faster start
+    (`programs.use_kept`).
 
-    From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
-    random numbers start anew.
+    From a parent come policy, critic, observation normaliser and the robots' curriculum
+    levels; optimiser, clock and random numbers start anew.
 
     Raises:
-        UserError: the folder is not empty, not writable or another process's, or the parent's networks or actions
-            differ; or the tracker does not work.
-        RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+        UserError: the folder is not empty, not writable or another process's, or the
+            parent's networks or actions differ; or the tracker does not work.
+        RunStopped: by a signal, a full disk or a train step that is not finite; its
+            line says how to go on.
     """
     run_dir = Path(run_dir)
     inherited = None
@@ -75,7 +85,8 @@ def start(
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
     writers: list[LogWriter] = []
-    removal: Finalize | None = None  # of a half-made run, however the process ends; until it can be resumed
+    # of a half-made run, however the process ends; until it can be resumed
+    removal: Finalize | None = None
     with contextlib.ExitStack() as held:
         with cluster.together():
             if cluster.is_first():
@@ -95,17 +106,24 @@ def start(
             saver.save(0, state)
         if removal is not None:
             removal.cancel()
-        return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
+        return loop.train(
+            loop.TrainingRun(config, run_dir, learner, judge, writers), state
+        )
 
 
 def resume(
-    run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None, programs: Path | None = None
+    run_dir: Path,
+    *,
+    judge: Judge | None = None,
+    tracker: Tracker | None = None,
+    programs: Path | None = None,
 ) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands; the rest as `start`.
+    """Go on with a stopped run exactly where its newest checkpoint stands; the rest as
+    `start`.
 
     Raises:
-        UserError: there is no run or no checkpoint, it does not fit this program, another process trains it, or
-            the tracker does not work.
+        UserError: there is no run or no checkpoint, it does not fit this program,
+            another process trains it, or the tracker does not work.
         RunStopped: as `start`.
     """
     run_dir = Path(run_dir)
@@ -124,14 +142,21 @@ def resume(
             learner = make_learner(config, programs)
             _, state = restore_checkpoint(run_dir, learner.shape, step)
             unexported = loop.find_unexported(run_dir, config)
-            writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
-        cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
-        resumed = loop.TrainingRun(config, run_dir, learner, judge, writers, before=metadata.devices or None)
+            writers = (
+                open_tracker(tracker, run_dir, config) if cluster.is_first() else []
+            )
+        cluster.require_same(
+            f"{config_hash(config)} {step} {unexported}", "checkpoints"
+        )
+        resumed = loop.TrainingRun(
+            config, run_dir, learner, judge, writers, before=metadata.devices or None
+        )
         return loop.train(resumed, state, unlogged, unexported)
 
 
 def replay(run_dir: Path) -> str:
-    """Repeat the train step at which a run stopped because it was not finite; what was not finite first, in words.
+    """Repeat the train step at which a run stopped because it was not finite; what was
+    not finite first, in words.
 
     Raises:
         UserError: there is no run, or it did not stop so.
@@ -139,7 +164,9 @@ def replay(run_dir: Path) -> str:
     config = load_run_config(run_dir)
     step = latest_step(run_dir, FAILED)
     if step is None:
-        raise UserError(f"run {run_dir} has no train step to replay: all that it made were finite")
+        raise UserError(
+            f"run {run_dir} has no train step to replay: all that it made were finite"
+        )
     _read_own(run_dir, step, config, FAILED)
     learner = make_learner(config)
     _, state = restore_checkpoint(run_dir, learner.shape, step, folder=FAILED)
@@ -147,7 +174,8 @@ def replay(run_dir: Path) -> str:
 
 
 def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
-    """Return the learner of a run, on all of JAX's devices; `programs`: where its traced programs are kept, if so."""
+    """Return the learner of a run, on all of JAX's devices; `programs`: where its
+    traced programs are kept, if so."""
     robots = -(-config.ppo.num_envs // len(jax.devices()))
     env = BP2Env(config.env, impl=config.impl, num_robots=robots)
     learner = PPO(env, config.ppo)
@@ -156,49 +184,79 @@ def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
     return learner
 
 
-# --- From one run to the next --------------------------------------------------------------------------------
+# --- From one run to the next ---------------------------------------------------------
 
 
 def _require_empty(run_dir: Path) -> None:
     if any(entry.name != LOCK for entry in run_dir.iterdir()):
         what = "a run already" if (run_dir / CONFIG).exists() else "other files"
-        raise UserError(f"{run_dir} holds {what}: name another --out, or continue a run with --resume")
+        raise UserError(
+            f"{run_dir} holds {what}: name another --out, or continue a run with --resume"
+        )
 
 
 def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
-    """Keep other processes from training in the run's folder meanwhile, and the run from writing elsewhere."""
+    """Keep other processes from training in the run's folder meanwhile, and the run
+    from writing elsewhere."""
     for entry in run_dir.iterdir():
         if entry.is_symlink() and entry.name != CHECKPOINTS:
-            raise UserError(f"{entry} is a link to elsewhere: only a run's {CHECKPOINTS} may be; remove it")
-    return lock_folder(run_dir, f"another process trains in {run_dir}: wait for it, or stop it")
+            raise UserError(
+                f"{entry} is a link to elsewhere: only a run's {CHECKPOINTS} may be; remove it"
+            )
+    return lock_folder(
+        run_dir, f"another process trains in {run_dir}: wait for it, or stop it"
+    )
 
 
-def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict[str, Any], Parent]:
-    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
+def _inherit(
+    parent: Path, config: TrainConfig, shape: TrainState
+) -> tuple[dict[str, Any], Parent]:
+    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and
+    what it is."""
     old = load_run_config(parent)
     names = [f"ppo.{name}" for name in NETWORK]
     names += [
-        f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in COMMAND_LIMITS
+        f"env.control.{field.name}"
+        for field in dataclasses.fields(ControlConfig)
+        if field.name not in COMMAND_LIMITS
     ]
     for name in names:
-        theirs, ours = (operator.attrgetter(name)(settings) for settings in (old, config))
+        theirs, ours = (
+            operator.attrgetter(name)(settings) for settings in (old, config)
+        )
         if theirs != ours:
-            raise UserError(f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree")
+            raise UserError(
+                f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree"
+            )
     levels = np.empty(old.ppo.num_envs, np.float32)
-    wanted = {"params": shape.params, "normalizer": shape.normalizer, "fleet": {"info": {"curriculum": levels}}}
+    wanted = {
+        "params": shape.params,
+        "normalizer": shape.normalizer,
+        "fleet": {"info": {"curriculum": levels}},
+    }
     step, part = restore_checkpoint(parent, wanted, part=True)
     before = old.parent.control_steps if old.parent else 0
     steps = before + step * old.ppo.steps_per_train_step
-    return part, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
+    return part, Parent(
+        run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps
+    )
 
 
 def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
-    """`state` with the parent's networks and normaliser, and its robots' curriculum levels dealt out in turn."""
+    """`state` with the parent's networks and normaliser, and its robots' curriculum
+    levels dealt out in turn."""
     here = state.fleet.info["curriculum"]
     levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
-    fleet = dataclasses.replace(state.fleet, info={**state.fleet.info, "curriculum": levels})
+    fleet = dataclasses.replace(
+        state.fleet, info={**state.fleet.info, "curriculum": levels}
+    )
     average = jax.tree.map(jnp.copy, part["params"].policy)
-    return state.replace(params=part["params"], average=average, normalizer=part["normalizer"], fleet=fleet)
+    return state.replace(
+        params=part["params"],
+        average=average,
+        normalizer=part["normalizer"],
+        fleet=fleet,
+    )
 
 
 def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
@@ -206,11 +264,16 @@ def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
     try:
         return from_json(Unlogged, metadata.log)
     except ConfigError as error:
-        raise CheckpointError(f"{run_dir}'s checkpoint {metadata.step} is damaged: log: {error}") from error
+        raise CheckpointError(
+            f"{run_dir}'s checkpoint {metadata.step} is damaged: log: {error}"
+        ) from error
 
 
-def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS) -> Metadata:
-    """Return the metadata of a checkpoint, which must be of a run with these settings."""
+def _read_own(
+    run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS
+) -> Metadata:
+    """Return the metadata of a checkpoint, which must be of a run with these
+    settings."""
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:

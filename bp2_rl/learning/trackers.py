@@ -1,4 +1,5 @@
-"""W&B and MLflow follow a run: one more `LogWriter` each, whose run goes on when the training is resumed."""
+"""W&B and MLflow follow a run: one more `LogWriter` each, whose run goes on when the
+training is resumed."""
 
 import contextlib
 import logging
@@ -15,18 +16,23 @@ from bp2_rl.settings.tracking import TRACKED, Tracked, Tracker, tracked
 from bp2_rl.settings.training import TrainConfig
 
 PROJECT = "bp2_rl"
-"""W&B's project and MLflow's experiment, unless their own environment variables say otherwise."""
+"""W&B's project and MLflow's experiment, unless their own environment variables say
+otherwise."""
 STEP = "step"
-"""W&B's x-axis. Its own step may not go back, as ours does where a policy is judged late."""
+"""W&B's x-axis. Its own step may not go back, as ours does where a policy is judged
+late."""
 MOST_PARAMS = 100
 """The most parameters that MLflow takes at once."""
 
 
-def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) -> list[LogWriter]:
-    """Return a run's tracker as a writer, new or resumed; an empty list without a tracker.
+def open_tracker(
+    tracker: Tracker | None, run_dir: Path, config: TrainConfig
+) -> list[LogWriter]:
+    """Return a run's tracker as a writer, new or resumed; an empty list without a
+    tracker.
 
-    W&B's own files are kept in the run's folder, MLflow's beside it in `mlruns`, unless WANDB_DIR and
-    MLFLOW_TRACKING_URI say otherwise.
+    W&B's own files are kept in the run's folder, MLflow's beside it in `mlruns`, unless
+    WANDB_DIR and MLFLOW_TRACKING_URI say otherwise.
 
     Raises:
         UserError: the tracker does not answer, or does not know the user.
@@ -41,18 +47,28 @@ def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) ->
     if had is None:
         save_config(run_dir / TRACKED, writer.tracked)
         return [writer]
-    return [_OnlyNewMetrics(writer, {(line["step"], name) for line in read_metrics(run_dir) for name in line})]
+    return [
+        _OnlyNewMetrics(
+            writer,
+            {(line["step"], name) for line in read_metrics(run_dir) for name in line},
+        )
+    ]
 
 
 class _OnlyNewMetrics:
-    """Writes only metrics that the tracker does not have yet; a resumed run repeats some."""
+    """Writes only metrics that the tracker does not have yet; a resumed run repeats
+    some."""
 
     def __init__(self, writer: LogWriter, told: Set[tuple[int, str]]):
         self._writer, self._told, self.close = writer, told, writer.close
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
-        news = {name: value for name, value in metrics.items() if (step, name) not in self._told}
+        news = {
+            name: value
+            for name, value in metrics.items()
+            if (step, name) not in self._told
+        }
         if news:
             self._writer.write(step, wall_time, news)
 
@@ -98,29 +114,43 @@ class _Mlflow:
         here = (run_dir.resolve().parent / "mlruns").as_uri()
         uri = had.place if had else os.environ.get("MLFLOW_TRACKING_URI", here)
         if uri.startswith("file:"):
-            os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")  # else it wants a database, and SQLAlchemy
+            # else it wants a database, and SQLAlchemy
+            os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")
         self._client: Any = MlflowClient(uri)
         if had is None:
             name = os.environ.get("MLFLOW_EXPERIMENT_NAME", PROJECT)
             known = self._client.get_experiment_by_name(name)
-            experiment = known.experiment_id if known else self._client.create_experiment(name)
-            run_id = self._client.create_run(experiment, run_name=run_dir.resolve().name).info.run_id
-            params = [Param(name, str(value)) for name, value in flatten(to_json(config)).items()]
+            experiment = (
+                known.experiment_id if known else self._client.create_experiment(name)
+            )
+            run_id = self._client.create_run(
+                experiment, run_name=run_dir.resolve().name
+            ).info.run_id
+            params = [
+                Param(name, str(value))
+                for name, value in flatten(to_json(config)).items()
+            ]
             for first in range(0, len(params), MOST_PARAMS):
-                self._client.log_batch(run_id, params=params[first : first + MOST_PARAMS])
+                self._client.log_batch(
+                    run_id, params=params[first : first + MOST_PARAMS]
+                )
         else:
             run_id = had.run_id
             self._client.update_run(run_id, status="RUNNING")
         self.tracked = Tracked("mlflow", run_id, uri)
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
-        """See `LogWriter`; finite numbers alone, as MLflow's databases take no others."""
+        """See `LogWriter`; finite numbers alone, as MLflow's databases take no
+        others."""
         from mlflow.entities import Metric
 
         when = round(1000 * wall_time)
-        # Its folders cannot hold `reward` and `reward/tracking`: one is a file, the other within it.
+        # Its folders cannot hold `reward` and `reward/tracking`: one is a file, the
+        # other within it.
         values = [
-            Metric(name.replace("/", "."), value, when, step) for name, value in metrics.items() if math.isfinite(value)
+            Metric(name.replace("/", "."), value, when, step)
+            for name, value in metrics.items()
+            if math.isfinite(value)
         ]
         with _tracker_errors("mlflow"):
             self._client.log_batch(self.tracked.run_id, metrics=values)
@@ -133,11 +163,14 @@ class _Mlflow:
 
 @contextlib.contextmanager
 def _tracker_errors(tracker: Tracker) -> Generator[None]:
-    """Turn any failure in the block into a `TrackerError`: a server that is gone must not stop a training."""
+    """Turn any failure in the block into a `TrackerError`: a server that is gone must
+    not stop a training."""
     try:
         yield
     except Exception as error:
-        raise TrackerError(f"{tracker} has failed, and is told no more of this run: {_line(error)}") from error
+        raise TrackerError(
+            f"{tracker} has failed, and is told no more of this run: {_line(error)}"
+        ) from error
 
 
 def _line(error: Exception) -> str:

@@ -1,4 +1,5 @@
-"""Where a run's metrics are written: metrics.jsonl and TensorBoard's events, one more with a tracker (`trackers`)."""
+"""Where a run's metrics are written: metrics.jsonl and TensorBoard's events, one more
+with a tracker (`trackers`)."""
 
 import itertools
 import json
@@ -7,7 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from bp2_rl.base.files import BadFileError, flush, open_in_place, parse_json, read_bytes, write_bytes
+from bp2_rl.base.files import (
+    BadFileError,
+    flush,
+    open_in_place,
+    parse_json,
+    read_bytes,
+    write_bytes,
+)
 from bp2_rl.base.imports import left_out
 
 METRICS = "metrics.jsonl"
@@ -24,7 +32,8 @@ class LogWriter(Protocol):
     """Takes a run's metrics down; process 0 alone has any."""
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
-        """Record metrics of control step `step`, which may be one before the last, at `wall_time`, s since 1970.
+        """Record metrics of control step `step`, which may be one before the last, at
+        `wall_time`, s since 1970.
 
         Raises:
             OSError: the disk is full or gone: the run stops.
@@ -36,13 +45,16 @@ class LogWriter(Protocol):
 
 
 class MetricsFile:
-    """metrics.jsonl: a line a call, non-finite numbers as null, on disk when `write` returns.
+    """metrics.jsonl: a line a call, non-finite numbers as null, on disk when `write`
+    returns.
 
     Args:
         run_dir: the run's folder.
-        start_step: where the run goes on. Lines past it are of work that was lost: they are dropped.
+        start_step: where the run goes on. Lines past it are of work that was lost: they
+            are dropped.
 
-    `damaged` is the file to which lines that cannot be read were moved, if there were any.
+    `damaged` is the file to which lines that cannot be read were moved, if there were
+    any.
     """
 
     def __init__(self, run_dir: Path, start_step: int):
@@ -51,7 +63,10 @@ class MetricsFile:
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
-        record = {name: value if math.isfinite(value) else None for name, value in metrics.items()}
+        record = {
+            name: value if math.isfinite(value) else None
+            for name, value in metrics.items()
+        }
         line = {"step": step, "wall_time": wall_time, **record}
         self._file.write(json.dumps(line, allow_nan=False) + "\n")
         flush(self._file)
@@ -62,13 +77,16 @@ class MetricsFile:
 
 
 class EventsFile:
-    """TensorBoard's finite scalars, in a new file; TensorBoard hides what earlier ones hold past `start_step`.
+    """TensorBoard's finite scalars, in a new file; TensorBoard hides what earlier ones
+    hold past `start_step`.
 
-    Not by `SummaryWriter`: it writes in a thread that a full disk ends with a traceback, and then waits for it.
+    Not by `SummaryWriter`: it writes in a thread that a full disk ends with a
+    traceback, and then waits for it.
     """
 
     def __init__(self, run_dir: Path, start_step: int):
-        with left_out("torch"):  # whose import takes seconds; tensorboardX's graphs import it once more
+        # whose import takes seconds; tensorboardX's graphs import it once more
+        with left_out("torch"):
             from tensorboardX.event_file_writer import EventsWriter
             from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
             from tensorboardX.summary import scalar
@@ -76,13 +94,25 @@ class EventsFile:
         self._event, self._scalar = Event, scalar
         self._writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
         if start_step:
-            self._writer.write_event(Event(step=start_step + 1, file_version="brain.Event:2"))
-            self._writer.write_event(Event(step=start_step + 1, session_log=SessionLog(status=SessionLog.START)))
+            self._writer.write_event(
+                Event(step=start_step + 1, file_version="brain.Event:2")
+            )
+            self._writer.write_event(
+                Event(
+                    step=start_step + 1, session_log=SessionLog(status=SessionLog.START)
+                )
+            )
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
-        for summary in [self._scalar(name, value) for name, value in metrics.items() if math.isfinite(value)]:
-            self._writer.write_event(self._event(step=step, wall_time=wall_time, summary=summary))
+        for summary in [
+            self._scalar(name, value)
+            for name, value in metrics.items()
+            if math.isfinite(value)
+        ]:
+            self._writer.write_event(
+                self._event(step=step, wall_time=wall_time, summary=summary)
+            )
         self._writer.flush()
 
     def close(self) -> None:
@@ -96,16 +126,22 @@ def read_metrics(run_dir: Path) -> list[dict[str, Any]]:
     Raises:
         BadFileError: it is no file of ours.
     """
-    return [record for line in _lines(run_dir / METRICS) if (record := _record_of(line)) is not None]
+    return [
+        record
+        for line in _lines(run_dir / METRICS)
+        if (record := _record_of(line)) is not None
+    ]
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Return the whole lines of a metrics file; what a kill has left of a last one has no line break."""
+    """Return the whole lines of a metrics file; what a kill has left of a last one has
+    no line break."""
     return read_bytes(path, LARGEST_METRICS).split(b"\n")[:-1] if path.exists() else []
 
 
 def _truncate(path: Path, last_step: int) -> Path | None:
-    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read."""
+    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of
+    those that cannot be read."""
     if not path.exists():
         return None
     kept, damaged = [], []
@@ -117,7 +153,10 @@ def _truncate(path: Path, last_step: int) -> Path | None:
             kept.append(line)
     aside = None
     if damaged:
-        names = (path.with_name(f"{path.stem}.damaged-{n}{path.suffix}") for n in itertools.count(1))
+        names = (
+            path.with_name(f"{path.stem}.damaged-{n}{path.suffix}")
+            for n in itertools.count(1)
+        )
         aside = next(name for name in names if not name.exists())
         write_bytes(aside, b"".join(line + b"\n" for line in damaged))
     write_bytes(path, b"".join(line + b"\n" for line in kept))
@@ -130,4 +169,6 @@ def _record_of(line: bytes) -> dict[str, Any] | None:
         record = parse_json(line, METRICS)
     except BadFileError:
         return None
-    return record if isinstance(record, dict) and type(record.get("step")) is int else None
+    return (
+        record if isinstance(record, dict) and type(record.get("step")) is int else None
+    )

@@ -1,4 +1,5 @@
-"""Solve trajectory problems: a problem is transcribed by direct collocation, and IPOPT solves the nonlinear program."""
+"""Solve trajectory problems: a problem is transcribed by direct collocation, and IPOPT
+solves the nonlinear program."""
 
 import contextlib
 import io
@@ -15,10 +16,12 @@ from bp2_rl.optimiser.sagittal import DESIGN, ca
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
 from bp2_rl.optimiser.transcription import SolveOptions, Transcription, transcribe
 
-INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # what CasADi makes of Ctrl-C within IPOPT
+# what CasADi makes of Ctrl-C within IPOPT
+INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
 STANDARD = SolveOptions()
 GREATEST_SPEED = SolveOptions(speed_weight=100.0)
-"""With these options a solve looks for the greatest speed: the cost hardly matters beside it."""
+"""With these options a solve looks for the greatest speed: the cost hardly matters
+beside it."""
 
 
 class Optimised(NamedTuple):
@@ -29,7 +32,9 @@ class Optimised(NamedTuple):
     optimum: Optimum
 
 
-def solve(problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD) -> Solution:
+def solve(
+    problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD
+) -> Solution:
     """Return the trajectory that IPOPT finds from `start`.
 
     Args:
@@ -44,14 +49,23 @@ def solve(problem: Problem, start: Motion | None = None, options: SolveOptions =
     return optimise(problem, start, options).solution
 
 
-def optimise(problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD) -> Optimised:
-    """Solve a problem as `solve` does, and return the program and its multipliers as well."""
+def optimise(
+    problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD
+) -> Optimised:
+    """Solve a problem as `solve` does, and return the program and its multipliers as
+    well."""
     if not ca.has_nlpsol("ipopt"):
-        raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
+        raise UserError(
+            "this build of CasADi has no IPOPT: pip install --force-reinstall casadi"
+        )
     began = time.perf_counter()
-    transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
+    transcription = transcribe(
+        problem, cold_guess(problem) if start is None else start, options
+    )
     with contextlib.redirect_stderr(io.StringIO()) as said:
-        optimum = transcription.program.solve(options.time_limit, options.perhaps_infeasible)
+        optimum = transcription.program.solve(
+            options.time_limit, options.perhaps_infeasible
+        )
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:  # of which CasADi warns
         raise KeyboardInterrupt
@@ -64,9 +78,15 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         )
     found = transcription.design, transcription.speed, transcription.cost
     design, speed, cost = transcription.program.values(found, optimum.point)
-    hardware = {name: float(value) for name, value in zip(DESIGN, design[0], strict=True) if name in options.free}
+    hardware = {
+        name: float(value)
+        for name, value in zip(DESIGN, design[0], strict=True)
+        if name in options.free
+    }
     solution = Solution(
-        problem=problem.on(**hardware).at(speed.item() if options.speed_weight > 0.0 else problem.speed),
+        problem=problem.on(**hardware).at(
+            speed.item() if options.speed_weight > 0.0 else problem.speed
+        ),
         motion=transcription.motion(optimum.point),
         cost=cost.item(),
         violation=optimum.violation,
@@ -77,9 +97,13 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
 
 
 def solve_best(
-    problem: Problem, starts: int = 3, near: Sequence[Solution] = (), time_limit: float = STANDARD.time_limit
+    problem: Problem,
+    starts: int = 3,
+    near: Sequence[Solution] = (),
+    time_limit: float = STANDARD.time_limit,
 ) -> Solution:
-    """Return the cheapest of several solves: from the cold guess, `starts - 1` varied ones, and other solutions.
+    """Return the cheapest of several solves: from the cold guess, `starts - 1` varied
+    ones, and other solutions.
 
     Each may take `time_limit` seconds.
 
@@ -102,7 +126,8 @@ def solve_best(
 
 
 def fastest(start: Solution) -> Solution:
-    """Return a trajectory of the greatest speed at which the start's robot and gait have one at all.
+    """Return a trajectory of the greatest speed at which the start's robot and gait
+    have one at all.
 
     The speed is a local optimum, as the cost of every solution is.
 
@@ -112,7 +137,9 @@ def fastest(start: Solution) -> Solution:
     return solve(start.problem, start.motion, GREATEST_SPEED)
 
 
-def refine(solution: Solution, intervals: int, options: SolveOptions = STANDARD) -> Solution:
+def refine(
+    solution: Solution, intervals: int, options: SolveOptions = STANDARD
+) -> Solution:
     """Solve the problem of `solution` on another mesh, starting from `solution`.
 
     Raises:

@@ -1,17 +1,22 @@
-"""One smooth family of trajectories over speed: the library that serves as reference motion.
+"""One smooth family of trajectories over speed: the library that serves as reference
+motion.
 
-At each speed alone, neighbouring optima can differ by a lot: below 9 m/s several families of nearly equal cost exist,
-with other postures, periods and springs that bounce in swing. The library follows one of them. It begins with the best
-trajectory at the anchor's speed and walks from there to both ends, each step from its neighbour and, by a term beside
-the cost, near to it. What that costs is in the provenance: `cost` is without the term.
+At each speed alone, neighbouring optima can differ by a lot: below 9 m/s several
+families of nearly equal cost exist, with other postures, periods and springs that
+bounce in swing. The library follows one of them. It begins with the best trajectory at
+the anchor's speed and walks from there to both ends, each step from its neighbour and,
+by a term beside the cost, near to it. What that costs is in the provenance: `cost` is
+without the term.
 
-A fast trot slowed down like that goes on flying: at 0.5 m/s it hopped on straight legs with its feet at its belly. So
-the slow end is asked for the form of a slow trot as well, by limits that grow tighter from a speed on downwards.
+A fast trot slowed down like that goes on flying: at 0.5 m/s it hopped on straight legs
+with its feet at its belly. So the slow end is asked for the form of a slow trot as
+well, by limits that grow tighter from a speed on downwards.
 
-The motions leave feedback something to work with: a tenth of the motors' torque and speed, and some friction.
+The motions leave feedback something to work with: a tenth of the motors' torque and
+speed, and some friction.
 
-`reference.library.file` writes and reads library files; this module converts a family to arrays and provenance, and
-back.
+`reference.library.file` writes and reads library files; this module converts a family
+to arrays and provenance, and back.
 """
 
 import concurrent.futures
@@ -62,33 +67,44 @@ from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, times
 
 MOST_IMPACT = 0.16
-"""Of the weight, that landings bear in the library of a robot that is not BP2: as in BP2's own at 15 m/s. A model
-without soft ground would let rigid legs run on impacts alone, which cost nothing."""
+"""Of the weight, that landings bear in the library of a robot that is not BP2: as in
+BP2's own at 15 m/s. A model without soft ground would let rigid legs run on impacts
+alone, which cost nothing."""
 MESH = 24
-"""Intervals a segment of another robot's library: its energy then closes to some 1e-4."""
+"""Intervals a segment of another robot's library: its energy then closes to some
+1e-4."""
 LIMIT_TIME = 40.0
-"""s, for a solve to fail in where nobody knows what the robot can; from a neighbour a few seconds are enough."""
+"""s, for a solve to fail in where nobody knows what the robot can; from a neighbour a
+few seconds are enough."""
 
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
-    """Return a robot less what a library leaves to feedback; its speed margin is in `FamilyConfig.problem`."""
+    """Return a robot less what a library leaves to feedback; its speed margin is in
+    `FamilyConfig.problem`."""
     friction = round(hardware.friction * 0.7 / 0.9, 9)
-    return dataclasses.replace(hardware, peak_torque=times(0.9, hardware.peak_torque), friction=friction)
+    return dataclasses.replace(
+        hardware, peak_torque=times(0.9, hardware.peak_torque), friction=friction
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Limits(Form):
-    """What a trot is limited to at a speed; numbers are for BP2 and scale with the robot's size."""
+    """What a trot is limited to at a speed; numbers are for BP2 and scale with the
+    robot's size."""
 
-    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5  # these three as the problem's, if they are tighter
+    # these three as the problem's, if they are tighter
+    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5
     speed_margin: Annotated[float, Within(0.01, 10.0)] = 10.0
     torque_rate: Annotated[float, Within(1.0, 1e9)] = 1e9
 
     def on(self, problem: Problem) -> Problem:
         """The problem within these limits."""
-        form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
+        form = {
+            field.name: getattr(self, field.name) for field in dataclasses.fields(Form)
+        }
         hardware, size = problem.hardware, problem.hardware.size
-        length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH  # of a changed BP2, too, whose size is 1
+        # of a changed BP2, too, whose size is 1
+        length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH
         sized = {
             "highest_trunk": length * form["highest_trunk"],
             "highest_step": length * form["highest_step"],
@@ -96,30 +112,41 @@ class Limits(Form):
             "hardest_landing": size.speed * form["hardest_landing"],
             "fastest_release": size.speed * form["fastest_release"],
             "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
-            "greatest_impact": min(form["greatest_impact"], problem.form.greatest_impact),
+            "greatest_impact": min(
+                form["greatest_impact"], problem.form.greatest_impact
+            ),
         }
         limits = {
             "pitch_limit": self.pitch_limit,
             "speed_margin": self.speed_margin,
-            "torque_rate": size.torque / size.time * self.torque_rate if hardware.anatomy.sprung else math.inf,
+            "torque_rate": size.torque / size.time * self.torque_rate
+            if hardware.anatomy.sprung
+            else math.inf,
         }
-        tighter = {name: min(limit, getattr(problem, name)) for name, limit in limits.items()}
+        tighter = {
+            name: min(limit, getattr(problem, name)) for name, limit in limits.items()
+        }
         return dataclasses.replace(problem, form=Form(**form | sized), **tighter)
 
 
 def _uneven(hardware: HardwareSpec) -> float:
-    """How much more than half of the weight the fore or the hind legs bear when they hang straight."""
+    """How much more than half of the weight the fore or the hind legs bear when they
+    hang straight."""
     fore, hind = (hip_of(leg_of(hardware.anatomy, end))[0] for end in ("F", "H"))
     coordinates = np.zeros(TRUNK + per_leg(hardware) * len(LEGS))
-    return abs(float(center_of_mass(coordinates, LEGS, hardware)[0]) - (fore + hind) / 2.0) / (fore - hind)
+    return abs(
+        float(center_of_mass(coordinates, LEGS, hardware)[0]) - (fore + hind) / 2.0
+    ) / (fore - hind)
 
 
 @dataclasses.dataclass(frozen=True)
 class SlowEnd(Bounded, path="slow."):
-    """The form of slow trots: its limits go along straight lines between two speeds. Faster ones have none.
+    """The form of slow trots: its limits go along straight lines between two speeds.
+    Faster ones have none.
 
-    All ASSUMED: at the upper speed nearly what the motion there has anyway; at the lower one and below, a trot that a
-    robot can fall into from standing at 0.56 m with its feet below its hips.
+    All ASSUMED: at the upper speed nearly what the motion there has anyway; at the
+    lower one and below, a trot that a robot can fall into from standing at 0.56 m with
+    its feet below its hips.
     """
 
     speeds: Annotated[Range, Within(0.01, 100.0)] = (1.0, 5.0)  # m/s
@@ -145,7 +172,8 @@ class SlowEnd(Bounded, path="slow."):
         speed_margin=0.9,
         torque_rate=6e3,
     )
-    proximity: Annotated[float, Within(0.0, 1e6)] = 1.0  # as the family's, of trots that have to change
+    # as the family's, of trots that have to change
+    proximity: Annotated[float, Within(0.0, 1e6)] = 1.0
 
     def holds(self, problem: Problem) -> bool:
         """Whether a problem's speed is that of a slow trot."""
@@ -156,8 +184,14 @@ class SlowEnd(Bounded, path="slow."):
         if not self.holds(problem):
             return problem
         speed = problem.speed / problem.hardware.size.speed
-        ends = {name: (slow, getattr(self.upper, name)) for name, slow in vars(self.lower).items()}
-        limits = {name: float(np.interp(speed, self.speeds, pair)) for name, pair in ends.items()}
+        ends = {
+            name: (slow, getattr(self.upper, name))
+            for name, slow in vars(self.lower).items()
+        }
+        limits = {
+            name: float(np.interp(speed, self.speeds, pair))
+            for name, pair in ends.items()
+        }
         return Limits(**limits).on(problem)
 
 
@@ -171,7 +205,8 @@ class FamilyConfig:
     anchor: Speed = 10.0  # m/s, where the walk begins
     starts: Starts = 3  # guesses at the anchor
     coarse: Intervals = 8  # intervals a segment, for those
-    proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
+    # weight of staying near the neighbour
+    proximity: Annotated[float, Within(0.0, 1e6)] = 10.0
     problem: Problem = Problem(intervals=40, hardware=reserved(IDEAL), speed_margin=0.9)
     """at all speeds alike, but for `slow`"""
     slow: SlowEnd = SlowEnd()
@@ -179,25 +214,48 @@ class FamilyConfig:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        if not self.slowest <= self.anchor <= (self.anchor if self.fastest is None else self.fastest):
+        if (
+            not self.slowest
+            <= self.anchor
+            <= (self.anchor if self.fastest is None else self.fastest)
+        ):
             raise UserError(
                 f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order"
             )
         if ((self.fastest or self.anchor) - self.slowest) / self.step > MOST_SPEEDS:
-            raise UserError(f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one")
+            raise UserError(
+                f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one"
+            )
         if self.problem.stride.cycles != 0.5:
-            raise UserError("the library is of trots, as left and right change places after half a cycle")
+            raise UserError(
+                "the library is of trots, as left and right change places after half a cycle"
+            )
 
     @classmethod
     def on(cls, hardware: HardwareSpec) -> "FamilyConfig":
-        """Return the family of a robot: BP2's, or by dynamic similarity from slow trots to the robot's limit."""
+        """Return the family of a robot: BP2's, or by dynamic similarity from slow trots
+        to the robot's limit."""
         bp2s = cls()
         if hardware.is_bp2:
-            return dataclasses.replace(bp2s, problem=dataclasses.replace(bp2s.problem, hardware=reserved(hardware)))
+            return dataclasses.replace(
+                bp2s,
+                problem=dataclasses.replace(bp2s.problem, hardware=reserved(hardware)),
+            )
         problem = bp2s.problem.sized(reserved(hardware))
-        slowest, step, anchor = (round(hardware.size.speed * speed, 2) for speed in (bp2s.slowest, 0.4, 4.0))
-        problem = dataclasses.replace(problem, intervals=MESH, form=Form(greatest_impact=MOST_IMPACT))
-        return dataclasses.replace(bp2s, slowest=slowest, fastest=None, step=step, anchor=anchor, problem=problem)
+        slowest, step, anchor = (
+            round(hardware.size.speed * speed, 2) for speed in (bp2s.slowest, 0.4, 4.0)
+        )
+        problem = dataclasses.replace(
+            problem, intervals=MESH, form=Form(greatest_impact=MOST_IMPACT)
+        )
+        return dataclasses.replace(
+            bp2s,
+            slowest=slowest,
+            fastest=None,
+            step=step,
+            anchor=anchor,
+            problem=problem,
+        )
 
     @property
     def time_limit(self) -> float:
@@ -220,12 +278,16 @@ class FamilyConfig:
 
     def walk(self, end: float) -> list[float]:
         """The speeds from the anchor to one end, both included, m/s."""
-        count = round(abs(end - self.anchor) / self.step + 0.4999)  # the last step may be shorter
-        steps = [self.anchor + (1 if end > self.anchor else -1) * self.step * i for i in range(count)]
+        # the last step may be shorter
+        count = round(abs(end - self.anchor) / self.step + 0.4999)
+        steps = [
+            self.anchor + (1 if end > self.anchor else -1) * self.step * i
+            for i in range(count)
+        ]
         return [round(speed, 9) for speed in [*steps, end]]
 
 
-# --- Building -------------------------------------------------------------------------------------------------
+# --- Building -------------------------------------------------------------------------
 
 
 def build_family(
@@ -235,12 +297,14 @@ def build_family(
     workers: int = 2,
     report: Callable[[int, int | None], None] | None = None,
 ) -> list[Solution]:
-    """Solve and verify the family, a file for each speed in `folder`; those that are there already are kept.
+    """Solve and verify the family, a file for each speed in `folder`; those that are
+    there already are kept.
 
     Args:
-        settings: which family. With no fastest speed it ends where no faster trot is found, and has the trots alone
-            that the verifier accepts.
-        folder: of the solutions; made if need be. One that holds a family of other settings is refused.
+        settings: which family. With no fastest speed it ends where no faster trot is
+            found, and has the trots alone that the verifier accepts.
+        folder: of the solutions; made if need be. One that holds a family of other
+            settings is refused.
         workers: processes; the two walks are independent, so a third has nothing to do.
         report: called with (speeds done, speeds in all, if that is known) now and then.
 
@@ -255,11 +319,16 @@ def build_family(
     asked = None if settings.fastest is None else len(settings.speeds)
     with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
-        walks = [pool.submit(_walk, settings, folder, settings.walk(end)) for end in settings.ends]
+        walks = [
+            pool.submit(_walk, settings, folder, settings.walk(end))
+            for end in settings.ends
+        ]
         if settings.fastest is None:
             walks.append(pool.submit(_climb, settings, folder))
         while True:
-            waiting = concurrent.futures.wait(walks, timeout=0.5, return_when="FIRST_EXCEPTION")
+            waiting = concurrent.futures.wait(
+                walks, timeout=0.5, return_when="FIRST_EXCEPTION"
+            )
             if report is not None:
                 report(sum(1 for _ in folder.glob("speed-*.json")), asked)
             if not waiting.not_done or any(walk.exception() for walk in waiting.done):
@@ -270,13 +339,17 @@ def build_family(
 
 
 def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
-    from bp2_rl.optimiser.collocation import refine, solve_best  # CasADi only where something is solved
+    # CasADi only where something is solved
+    from bp2_rl.optimiser.collocation import refine, solve_best
     from bp2_rl.optimiser.transcription import SolveOptions
 
     if is_saved(_path(folder, settings.anchor)):
         return
     problem = settings.at(settings.anchor)
-    near = SolveOptions(proximity=0.0 if settings.fastest else settings.proximity, time_limit=settings.time_limit)
+    near = SolveOptions(
+        proximity=0.0 if settings.fastest else settings.proximity,
+        time_limit=settings.time_limit,
+    )
     coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
     best = solve_best(coarse, settings.starts, time_limit=settings.time_limit)
     if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
@@ -307,7 +380,8 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[flo
 
 
 def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
-    """Solve faster and faster trots from the anchor on, by smaller steps in the end, until there is none."""
+    """Solve faster and faster trots from the anchor on, by smaller steps in the end,
+    until there is none."""
     speeds, step = [settings.anchor], settings.step
     here = _load(settings, folder, settings.anchor)
     while step > settings.step / 5.0:
@@ -337,8 +411,14 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
     from bp2_rl.optimiser.transcription import SolveOptions
 
     problem = settings.at(speed)
-    proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
-    options = SolveOptions(proximity=proximity, time_limit=settings.time_limit, perhaps_infeasible=not settings.fastest)
+    proximity = (
+        settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
+    )
+    options = SolveOptions(
+        proximity=proximity,
+        time_limit=settings.time_limit,
+        perhaps_infeasible=not settings.fastest,
+    )
     return solve(problem, here.motion, options)
 
 
@@ -347,7 +427,8 @@ def _keep(folder: Path, solution: Solution) -> None:
 
 
 def _checked(solution: Solution) -> Solution:
-    from bp2_rl.optimiser.verify import verify  # MuJoCo only where something is verified
+    # MuJoCo only where something is verified
+    from bp2_rl.optimiser.verify import verify
 
     return dataclasses.replace(solution, checks=verify(solution))
 
@@ -360,7 +441,7 @@ def _path(folder: Path, speed: float) -> Path:
     return folder / speed_name(speed)
 
 
-# --- As arrays ------------------------------------------------------------------------------------------------
+# --- As arrays ------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -375,23 +456,41 @@ class _Provenance:
 
 
 def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
-    """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions.
+    """The speeds (m/s) and, with one more axis in front, the arrays of the family's
+    motions.
 
     Every leg has three coordinates: the spring of a rigid shank is zero.
     """
-    motions = {name: np.stack([getattr(solution.motion, name) for solution in family]) for name in ARRAYS}
-    rigid = ~np.isin(np.arange(TRUNK + PER_LEG * len(LEGS)), _coordinates(family[0].problem))
+    motions = {
+        name: np.stack([getattr(solution.motion, name) for solution in family])
+        for name in ARRAYS
+    }
+    rigid = ~np.isin(
+        np.arange(TRUNK + PER_LEG * len(LEGS)), _coordinates(family[0].problem)
+    )
     for name in "qva":
         full = np.zeros((*motions[name].shape[:-1], len(rigid)))
         full[..., ~rigid] = motions[name]
         motions[name] = full
-    return {"speeds": np.array([solution.problem.speed for solution in family]), **motions}
+    return {
+        "speeds": np.array([solution.problem.speed for solution in family]),
+        **motions,
+    }
 
 
 def _coordinates(problem: Problem) -> Int[np.ndarray, " nq"]:
     """Which of a library's coordinates the problem has."""
     each = problem.stride.per_leg
-    return np.array([*range(TRUNK), *(TRUNK + PER_LEG * leg + i for leg in range(len(LEGS)) for i in range(each))])
+    return np.array(
+        [
+            *range(TRUNK),
+            *(
+                TRUNK + PER_LEG * leg + i
+                for leg in range(len(LEGS))
+                for i in range(each)
+            ),
+        ]
+    )
 
 
 def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:
@@ -412,7 +511,9 @@ def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, A
     )
 
 
-def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
+def family_of(
+    arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any
+) -> list[Solution]:
     """The family that `arrays_of` and `provenance_of` made them from.
 
     Raises:
@@ -420,23 +521,32 @@ def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -
     """
     origin = config.from_json(_Provenance, provenance)
     if len(origin.solutions) != len(arrays["speeds"]):
-        raise UserError(f"{len(arrays['speeds'])} speeds, and statistics of {len(origin.solutions)}")
+        raise UserError(
+            f"{len(arrays['speeds'])} speeds, and statistics of {len(origin.solutions)}"
+        )
     ours = _coordinates(origin.settings.problem)
-    arrays = {name: array[..., ours] if name in ("q", "v", "a") else array for name, array in arrays.items()}
+    arrays = {
+        name: array[..., ours] if name in ("q", "v", "a") else array
+        for name, array in arrays.items()
+    }
     for name, spec in array_specs(origin.settings.problem).items():
         if arrays[name].shape[1:] != spec.shape:
-            raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
+            raise UserError(
+                f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}"
+            )
     return [
         Solution(
             problem=origin.settings.at(float(speed)),
             motion=Motion(**{name: arrays[name][i] for name in ARRAYS}),
             **vars(statistics),
         )
-        for i, (speed, statistics) in enumerate(zip(arrays["speeds"], origin.solutions, strict=True))
+        for i, (speed, statistics) in enumerate(
+            zip(arrays["speeds"], origin.solutions, strict=True)
+        )
     ]
 
 
-# --- How smooth it is -----------------------------------------------------------------------------------------
+# --- How smooth it is -----------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
@@ -463,5 +573,7 @@ def steps_of(family: list[Solution]) -> list[Steps]:
 def _joint_distance(one: Solution, other: Solution) -> float:
     motors = one.problem.stride.motors
     away = (one.motion.q - other.motion.q)[..., motors]
-    share = np.stack([s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]).mean(axis=0)
+    share = np.stack(
+        [s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]
+    ).mean(axis=0)
     return float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))

@@ -10,7 +10,14 @@ from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
 from bp2_rl.optimiser.cycle import center_of_mass_velocity, whole_cycle
-from bp2_rl.optimiser.figure_style import leg_style, letter, on_fine_mesh, rows, shade_stance, stick_figures
+from bp2_rl.optimiser.figure_style import (
+    leg_style,
+    letter,
+    on_fine_mesh,
+    rows,
+    shade_stance,
+    stick_figures,
+)
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -18,9 +25,11 @@ from bp2_rl.robot.actuator import Actuator, torque_limits
 
 @styled
 def trajectory_figure(solution: Solution) -> Figure:
-    """One gait cycle: motion, velocities, ground reaction forces and torques (paper, Fig. hardware_opt, A to I).
+    """One gait cycle: motion, velocities, ground reaction forces and torques (paper,
+    Fig. hardware_opt, A to I).
 
-    The dashed limits of a torque are those of the left hind leg's motor at its joint's speed.
+    The dashed limits of a torque are those of the left hind leg's motor at its joint's
+    speed.
     """
     cycle = whole_cycle(on_fine_mesh(solution))
     problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
@@ -37,17 +46,41 @@ def trajectory_figure(solution: Solution) -> Figure:
     _along(panels[1], share, body[..., 1], color=INK)
     motors = Actuator.from_hardware(problem.hardware)
     limited = legs[-1]
-    stands = {name: np.array([[name in feet] for feet in cycle.standing]) for name in legs}
+    stands = {
+        name: np.array([[name in feet] for feet in cycle.standing]) for name in legs
+    }
     for leg, name in enumerate(legs):
         block = TRUNK + PER_LEG * leg
         for joint in (0, 1):
-            _along(panels[2 + joint], share, motion.v[..., block + joint], **leg_style(name))
+            _along(
+                panels[2 + joint],
+                share,
+                motion.v[..., block + joint],
+                **leg_style(name),
+            )
             if name == limited:
                 for limit in torque_limits(motors, motion.v[..., block + joint]):
-                    _along(panels[6 + joint], share, limit, color=QUIET, linewidth=1.1, linestyle=(0, (4, 2)))
-            _along(panels[6 + joint], share, motion.tau[..., 2 * leg + joint], **leg_style(name))
+                    _along(
+                        panels[6 + joint],
+                        share,
+                        limit,
+                        color=QUIET,
+                        linewidth=1.1,
+                        linestyle=(0, (4, 2)),
+                    )
+            _along(
+                panels[6 + joint],
+                share,
+                motion.tau[..., 2 * leg + joint],
+                **leg_style(name),
+            )
             force = motion.force[..., 2 * leg + joint]
-            _along(panels[4 + joint], share, np.where(stands[name], force, np.nan), **leg_style(name))
+            _along(
+                panels[4 + joint],
+                share,
+                np.where(stands[name], force, np.nan),
+                **leg_style(name),
+            )
     titles = (
         ("Horizontal velocity of the CoM", "[m/s]"),
         ("Vertical velocity of the CoM", "[m/s]"),
@@ -65,8 +98,12 @@ def trajectory_figure(solution: Solution) -> Figure:
         axes.set_xlabel("Time / period")
     letter([sticks, *panels])
     handles = [Line2D([], [], label=name, **leg_style(name)) for name in legs]
-    handles.append(Line2D([], [], label=f"limit, {limited}", color=QUIET, linestyle=(0, (4, 2))))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
+    handles.append(
+        Line2D([], [], label=f"limit, {limited}", color=QUIET, linestyle=(0, (4, 2)))
+    )
+    figure.legend(
+        handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2
+    )
     return figure
 
 

@@ -1,7 +1,8 @@
-"""The links of a leg in the sagittal plane: x forward, z up, angles about +y, in m and rad.
+"""The links of a leg in the sagittal plane: x forward, z up, angles about +y, in m and
+rad.
 
-A model in the plane has left and right alike: the left legs of an `Anatomy` stand for the right ones, too. Abduction
-is zero, so that the abduction links belong to the trunk.
+A model in the plane has left and right alike: the left legs of an `Anatomy` stand for
+the right ones, too. Abduction is zero, so that the abduction links belong to the trunk.
 
 The functions take numbers of NumPy (complex ones as well), JAX or CasADi.
 """
@@ -47,13 +48,19 @@ def hip_of(leg: Leg) -> tuple[float, float]:
 
 
 def place(xp: Any, start: Point, angle: Number, point: Point) -> Point:
-    """Return a point of a link, given from the link's `start` in axes turned by `angle`."""
+    """Return a point of a link, given from the link's `start` in axes turned by
+    `angle`."""
     (x, z), c, s = point, xp.cos(angle), xp.sin(angle)
     return start[0] + x * c + z * s, start[1] - x * s + z * c
 
 
 def leg_links(
-    xp: Any, trunk: tuple[Any, Any, Any], leg: Leg, joints: tuple[Any, Any], below: Number, stretch: Number = 0.0
+    xp: Any,
+    trunk: tuple[Any, Any, Any],
+    leg: Leg,
+    joints: tuple[Any, Any],
+    below: Number,
+    stretch: Number = 0.0,
 ) -> LegLinks:
     """Hip, knee, links and a point of the lower leg.
 
@@ -68,43 +75,76 @@ def leg_links(
     (x, z, pitch), (hip, knee) = trunk, joints
     hip_at, thigh = place(xp, (x, z), pitch, hip_of(leg)), pitch + hip
     knee_at = place(xp, hip_at, thigh, (0.0, -leg.thigh_length - stretch))
-    return LegLinks(hip_at, knee_at, place(xp, knee_at, thigh + knee, (0.0, -below)), thigh, thigh + knee)
+    return LegLinks(
+        hip_at,
+        knee_at,
+        place(xp, knee_at, thigh + knee, (0.0, -below)),
+        thigh,
+        thigh + knee,
+    )
 
 
-def leg_bodies(xp: Any, leg: Leg, links: LegLinks, compression: Number, stretch: Number = 0.0) -> list[LinkBody]:
-    """Thigh, shank and, below a spring, toe of a leg; `stretch` lengthens the lower leg above the toe."""
+def leg_bodies(
+    xp: Any, leg: Leg, links: LegLinks, compression: Number, stretch: Number = 0.0
+) -> list[LinkBody]:
+    """Thigh, shank and, below a spring, toe of a leg; `stretch` lengthens the lower leg
+    above the toe."""
 
     def body(link: Link, start: Point, angle: Number, down: Number = 0.0) -> LinkBody:
         x, _, z = link.com
-        return LinkBody(link.mass, link.inertia[1], place(xp, start, angle, (x, z + down)), angle)
+        return LinkBody(
+            link.mass, link.inertia[1], place(xp, start, angle, (x, z + down)), angle
+        )
 
-    bodies = [body(leg.thigh, links.hip, links.thigh), body(leg.shank, links.knee, links.lower)]
+    bodies = [
+        body(leg.thigh, links.hip, links.thigh),
+        body(leg.shank, links.knee, links.lower),
+    ]
     if leg.toe is not None:
-        bodies.append(body(leg.toe, links.knee, links.lower, leg.seat[2] - stretch + compression))
+        bodies.append(
+            body(leg.toe, links.knee, links.lower, leg.seat[2] - stretch + compression)
+        )
     return bodies
 
 
-def trunk_body(xp: Any, anatomy: Anatomy, legs: tuple[str, ...], trunk: tuple[Any, Any, Any]) -> LinkBody:
+def trunk_body(
+    xp: Any, anatomy: Anatomy, legs: tuple[str, ...], trunk: tuple[Any, Any, Any]
+) -> LinkBody:
     """As much of the trunk as is these legs' share, with their abduction links."""
     share = len(legs) / len(LEGS)
     parts = [(share, anatomy.trunk, (0.0, 0.0, 0.0))]
-    parts += [(1.0, leg_of(anatomy, name).abad, leg_of(anatomy, name).anchor) for name in legs]
+    parts += [
+        (1.0, leg_of(anatomy, name).abad, leg_of(anatomy, name).anchor) for name in legs
+    ]
     masses = np.array([part * link.mass for part, link, _ in parts])
     centres = np.array([np.add(at, link.com)[[0, 2]] for _, link, at in parts])
     centre = masses @ centres / np.sum(masses)
     own = sum(part * link.inertia[1] for part, link, _ in parts)
     inertia = own + float(masses @ np.sum((centres - centre) ** 2, axis=1))
     x, z, pitch = trunk
-    return LinkBody(float(np.sum(masses)), inertia, place(xp, (x, z), pitch, (centre[0], centre[1])), pitch)
+    return LinkBody(
+        float(np.sum(masses)),
+        inertia,
+        place(xp, (x, z), pitch, (centre[0], centre[1])),
+        pitch,
+    )
 
 
-def hip_and_knee(x: Number, z: Number, thigh: float, lower: Number, bend: int = -1) -> tuple[Any, Any]:
-    """Hip and knee that put a sole at (x, z) from the hip; out of reach in direction only.
+def hip_and_knee(
+    x: Number, z: Number, thigh: float, lower: Number, bend: int = -1
+) -> tuple[Any, Any]:
+    """Hip and knee that put a sole at (x, z) from the hip; out of reach in direction
+    only.
 
-    What `kinematics.joint_angles` does in space, but short of straight: solves begin here, and a straight leg is no
-    place to. `bend` is the sign of the knee's angle; -1 bends it backwards.
+    What `kinematics.joint_angles` does in space, but short of straight: solves begin
+    here, and a straight leg is no place to. `bend` is the sign of the knee's angle; -1
+    bends it backwards.
     """
-    cosine = np.clip((x**2 + z**2 - thigh**2 - lower**2) / (2.0 * thigh * lower), -0.95, 0.999)
+    cosine = np.clip(
+        (x**2 + z**2 - thigh**2 - lower**2) / (2.0 * thigh * lower), -0.95, 0.999
+    )
     knee = bend * np.arccos(cosine)
-    hip = np.arctan2(-x, -z) - np.arctan2(lower * np.sin(knee), thigh + lower * np.cos(knee))
+    hip = np.arctan2(-x, -z) - np.arctan2(
+        lower * np.sin(knee), thigh + lower * np.cos(knee)
+    )
     return hip, knee

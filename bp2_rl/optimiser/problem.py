@@ -1,4 +1,5 @@
-"""A trajectory problem: speed, robot, sequence of contacts, limits, cost and mesh. This module needs no CasADi."""
+"""A trajectory problem: speed, robot, sequence of contacts, limits, cost and mesh. This
+module needs no CasADi."""
 
 import dataclasses
 import math
@@ -14,11 +15,13 @@ from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 TRUNK = 3  # coordinates of the trunk: x, z, pitch
 PER_LEG = 3  # coordinates of a leg: hip, knee and, where the shank is not rigid, spring
-STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
-# Friction changes sign with the speed, and a gear's loss has a corner at no torque. A mesh cannot follow that, so both
-# go smoothly, by a tanh, over a small share of the 21 rad/s, the 8 m/s and the 120 Nm that occur. All three halved or
-# doubled change the greatest speed of a robot with friction and gear by less than 1e-3 m/s.
-# Robots of another size take them in proportion.
+# m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
+STOP_ROUNDING = 5e-3
+# Friction changes sign with the speed, and a gear's loss has a corner at no torque. A
+# mesh cannot follow that, so both go smoothly, by a tanh, over a small share of the 21
+# rad/s, the 8 m/s and the 120 Nm that occur. All three halved or doubled change the
+# greatest speed of a robot with friction and gear by less than 1e-3 m/s. Robots of
+# another size take them in proportion.
 JOINT_ROUNDING = 0.5  # rad/s, ASSUMED
 SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
 GEAR_ROUNDING = 2.0  # Nm, ASSUMED
@@ -41,9 +44,13 @@ def per_leg(hardware: HardwareSpec) -> int:
     return PER_LEG if hardware.anatomy.sprung else PER_LEG - 1
 
 
-def motor_coordinates(legs: tuple[str, ...], per_leg: int = PER_LEG) -> Int[np.ndarray, " motors"]:
+def motor_coordinates(
+    legs: tuple[str, ...], per_leg: int = PER_LEG
+) -> Int[np.ndarray, " motors"]:
     """Indices into q that have a motor: hip and knee of each leg in turn."""
-    return np.array([TRUNK + per_leg * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
+    return np.array(
+        [TRUNK + per_leg * leg + joint for leg in range(len(legs)) for joint in (0, 1)]
+    )
 
 
 def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
@@ -52,13 +59,15 @@ def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
 
 
 def contact_rows(legs: tuple[str, ...], feet: tuple[str, ...]) -> list[int]:
-    """Indices into contact coordinates and forces, (x, z) of each leg in turn, that belong to `feet`."""
+    """Indices into contact coordinates and forces, (x, z) of each leg in turn, that
+    belong to `feet`."""
     return [2 * legs.index(foot) + axis for foot in feet for axis in (0, 1)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Stride:
-    """Which feet stand in each segment, and what follows the last one: the first again, with `then` as its legs."""
+    """Which feet stand in each segment, and what follows the last one: the first again,
+    with `then` as its legs."""
 
     legs: tuple[str, ...]
     standing: tuple[tuple[str, ...], ...]
@@ -67,7 +76,8 @@ class Stride:
 
     @property
     def nq(self) -> int:
-        """Coordinates of the model: trunk, then hip, knee and, unless the shank is rigid, spring of each leg."""
+        """Coordinates of the model: trunk, then hip, knee and, unless the shank is
+        rigid, spring of each leg."""
         return TRUNK + self.per_leg * len(self.legs)
 
     @property
@@ -81,52 +91,75 @@ class Stride:
         return 1.0 if self.then == self.legs else 0.5
 
     def stands(self, leg: str, segment: int) -> bool:
-        """Whether a leg is on the ground in a segment; those before the first and after the last are other strides'."""
+        """Whether a leg is on the ground in a segment; those before the first and after
+        the last are other strides'."""
         strides, segment = divmod(segment, len(self.standing))
-        # The next stride's feet have other names; at most left and right change places, so also on the way back.
+        # The next stride's feet have other names; at most left and right change places,
+        # so also on the way back.
         name = self.then[self.legs.index(leg)] if strides % 2 else leg
         return name in self.standing[segment]
 
     def touchdowns(self, segment: int) -> tuple[str, ...]:
         """Feet that land as a segment begins."""
-        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment - 1))
+        return tuple(
+            leg for leg in self.standing[segment] if not self.stands(leg, segment - 1)
+        )
 
     def liftoffs(self, segment: int) -> tuple[str, ...]:
         """Feet that leave the ground as a segment ends."""
-        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment + 1))
+        return tuple(
+            leg for leg in self.standing[segment] if not self.stands(leg, segment + 1)
+        )
 
     @property
     def next_coordinates(self) -> Int[np.ndarray, " nq"]:
-        """The stride's final q at these indices is the next stride's initial q (but for x)."""
+        """The stride's final q at these indices is the next stride's initial q (but for
+        x)."""
         blocks = [TRUNK + self.per_leg * self.legs.index(leg) for leg in self.then]
-        return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(self.per_leg))])
+        return np.array(
+            [
+                *range(TRUNK),
+                *(block + i for block in blocks for i in range(self.per_leg)),
+            ]
+        )
 
     @property
     def next_motors(self) -> Int[np.ndarray, " motors"]:
-        """The stride's final motor or contact values at these indices are the next stride's initial ones."""
-        return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
+        """The stride's final motor or contact values at these indices are the next
+        stride's initial ones."""
+        return np.array(
+            [2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)]
+        )
 
 
 STRIDES: dict[Gait, Stride] = {
     # Half a cycle of the whole robot, then left and right change sides.
     "trot": Stride(conventions.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
-    # The paper's words taken literally: half a robot on one fore and one hind limb, half a cycle apart.
+    # The paper's words taken literally: half a robot on one fore and one hind limb,
+    # half a cycle apart.
     "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
     # All legs at once: half a robot, too.
     "pronk": Stride(("F", "H"), (("F", "H"), ()), ("F", "H")),
-    # The whole robot, which is no mirror image of itself half a cycle later. A foot takes over as another leaves.
-    "half-bound": Stride(conventions.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), conventions.LEGS),
-    "gallop": Stride(conventions.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), conventions.LEGS),
+    # The whole robot, which is no mirror image of itself half a cycle later. A foot
+    # takes over as another leaves.
+    "half-bound": Stride(
+        conventions.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), conventions.LEGS
+    ),
+    "gallop": Stride(
+        conventions.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), conventions.LEGS
+    ),
 }
 
 
 @dataclasses.dataclass(frozen=True)
 class CostWeights(Bounded, path="weights."):
-    """Weights of the paper's running cost R, and what its terms are divided by. All ASSUMED."""
+    """Weights of the paper's running cost R, and what its terms are divided by. All
+    ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
     load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f
-    smoothness: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_s, on changes within `smoothness_time`
+    # omega_s, on changes within `smoothness_time`
+    smoothness: Annotated[float, Within(0.0, 1e6)] = 1.0
     force: Annotated[float, Within(1.0, 1e6)] = round(
         bp2.TOTAL_MASS * conventions.GRAVITY, 0
     )  # N, F bar: one body weight
@@ -135,16 +168,22 @@ class CostWeights(Bounded, path="weights."):
 
 @dataclasses.dataclass(frozen=True)
 class Form(Bounded, path="form."):
-    """Limits on the form of a stride beyond those of physics; the defaults limit nothing."""
+    """Limits on the form of a stride beyond those of physics; the defaults limit
+    nothing."""
 
-    least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
-    longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle
-    highest_trunk: Annotated[float, Within(0.01, 2.0)] = 2.0  # m, its centre above the ground at any time
-    highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole
+    # share of the cycle that each foot stands
+    least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0
+    # s, of a gait cycle
+    longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf
+    # m, its centre above the ground at any time
+    highest_trunk: Annotated[float, Within(0.01, 2.0)] = 2.0
+    # m, of a swinging sole
+    highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf
     hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
     """m/s, of a sole before touchdown, downwards as well as along"""
     fastest_release: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
-    """m/s, of a spring's extension as its foot lifts off: what then meets the rebound stop"""
+    """m/s, of a spring's extension as its foot lifts off: what then meets the rebound
+    stop"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
     greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0
@@ -163,8 +202,10 @@ class Problem:
     foot_radius: Annotated[float, Within(0.0, 0.05)] | None = None
     """m, in place of the robot's own; 0 is the paper's point foot"""
     rotor_coupling: bool = False
-    """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 % of what couples hip and knee"""
-    clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
+    """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 %
+    of what couples hip and knee"""
+    # m, of a swinging foot in mid-swing
+    clearance: Annotated[float, Within(0.0, 0.5)] = 0.04
     # Largest joint speed, as a share of the no-load speed.
     speed_margin: Annotated[float, Within(0.01, 10.0)] = 1.0
     torque_rate: Annotated[float, Within(1.0, 1e9)] = 15e3  # Nm/s, ASSUMED
@@ -179,7 +220,10 @@ class Problem:
         if not self.rotor_coupling:
             return
         hardware = self.hardware
-        held, thigh = hardware.parameter("rotor_inertia"), hardware.mass_scale * hardware.bp2.thigh_inertia
+        held, thigh = (
+            hardware.parameter("rotor_inertia"),
+            hardware.mass_scale * hardware.bp2.thigh_inertia,
+        )
         if held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "
@@ -193,18 +237,25 @@ class Problem:
 
     @property
     def share(self) -> float:
-        """Share of the robot that the model is: what the robot has once, its legs share."""
+        """Share of the robot that the model is: what the robot has once, its legs
+        share."""
         return len(self.stride.legs) / len(conventions.LEGS)
 
     @property
     def points(self) -> Float[np.ndarray, " points"]:
         """Where a segment's points are, as shares of its duration."""
-        return np.linspace(0.0, 1.0, 2 * self.intervals + 1 if self.scheme == "hermite-simpson" else self.intervals + 1)
+        return np.linspace(
+            0.0,
+            1.0,
+            2 * self.intervals + 1
+            if self.scheme == "hermite-simpson"
+            else self.intervals + 1,
+        )
 
     @property
     def quadrature(self) -> Float[np.ndarray, " points"]:
-        """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal one, or, as the paper's scheme
-        takes forces for velocities, the left ends."""
+        """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal
+        one, or, as the paper's scheme takes forces for velocities, the left ends."""
         weights = np.ones(len(self.points))
         if self.scheme == "hermite-simpson":
             weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
@@ -219,7 +270,8 @@ class Problem:
         return dataclasses.replace(self, speed=speed)
 
     def sized(self, hardware: HardwareSpec) -> "Problem":
-        """Return this problem, which is written for BP2, for a robot, by dynamic similarity; BP2's stays as it is."""
+        """Return this problem, which is written for BP2, for a robot, by dynamic
+        similarity; BP2's stays as it is."""
         size, weights = hardware.size, self.weights
         return dataclasses.replace(
             self,
@@ -229,7 +281,9 @@ class Problem:
             torque_rate=size.torque / size.time * self.torque_rate,
             force_rate=size.mass / size.time * self.force_rate,
             weights=dataclasses.replace(
-                weights, force=size.mass * weights.force, smoothness_time=size.time * weights.smoothness_time
+                weights,
+                force=size.mass * weights.force,
+                smoothness_time=size.time * weights.smoothness_time,
             ),
         )
 

@@ -1,4 +1,5 @@
-"""A nonlinear program as it is written down: unknowns, constraints and cost, then solved with IPOPT."""
+"""A nonlinear program as it is written down: unknowns, constraints and cost, then
+solved with IPOPT."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,10 +11,12 @@ from bp2_rl.optimiser.sagittal import ca
 
 
 class Optimum(NamedTuple):
-    """Where IPOPT ended: n unknowns and m constraints, all in the program's own scaled units."""
+    """Where IPOPT ended: n unknowns and m constraints, all in the program's own scaled
+    units."""
 
     point: Float[np.ndarray, " n"]
-    unknown_multipliers: Float[np.ndarray, " n"]  # of the unknowns' bounds: positive where the upper one holds
+    # of the unknowns' bounds: positive where the upper one holds
+    unknown_multipliers: Float[np.ndarray, " n"]
     constraint_multipliers: Float[np.ndarray, " m"]  # with the same signs
     statistics: dict[str, Any]
     violation: float  # largest, of any constraint
@@ -27,7 +30,8 @@ class Bounds(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """A program's constraints at a point: their values, and the bounds of these and of the unknowns."""
+    """A program's constraints at a point: their values, and the bounds of these and of
+    the unknowns."""
 
     values: Float[np.ndarray, " m"]
     constraint_bounds: Bounds
@@ -39,7 +43,8 @@ class Limit(NamedTuple):
 
     name: str
     places: Int[np.ndarray, " k"]  # among the constraints, or among the unknowns
-    share: float  # of an instant that each place stands for: a half for those that come in pairs
+    # of an instant that each place stands for: a half for those that come in pairs
+    share: float
 
 
 class Program:
@@ -63,14 +68,20 @@ class Program:
         upper: Any = np.inf,
         limits: Sequence[str] = (),
     ) -> ca.MX:
-        """A matrix like `guess`; inside the program it is divided by `scale`. Its rows' bounds may have names."""
+        """A matrix like `guess`; inside the program it is divided by `scale`. Its rows'
+        bounds may have names."""
         rows, columns = guess.shape
         first = _count(self._unknown_bounds)
         for row, limit in enumerate(limits):
             if limit:
-                self.unknown_limits.append(Limit(limit, first + row + rows * np.arange(columns), 1.0))
+                self.unknown_limits.append(
+                    Limit(limit, first + row + rows * np.arange(columns), 1.0)
+                )
         symbol = ca.MX.sym("x", *guess.shape)
-        low, high = (np.broadcast_to(np.asarray(bound, float), guess.shape) / scale for bound in (lower, upper))
+        low, high = (
+            np.broadcast_to(np.asarray(bound, float), guess.shape) / scale
+            for bound in (lower, upper)
+        )
         self._unknowns.append(ca.vec(symbol))
         self._guess.append(np.clip(guess / scale, low, high).ravel(order="F"))
         self._unknown_bounds.append(Bounds(low.ravel(order="F"), high.ravel(order="F")))
@@ -92,15 +103,23 @@ class Program:
         column = ca.vec(expression) / scale
         size = column.shape[0]
         if limit:
-            self.constraint_limits.append(Limit(limit, _count(self._constraint_bounds) + np.arange(size), share))
+            self.constraint_limits.append(
+                Limit(limit, _count(self._constraint_bounds) + np.arange(size), share)
+            )
         self._constraints.append(column)
-        self._constraint_bounds.append(Bounds(np.full(size, lower), np.full(size, upper)))
+        self._constraint_bounds.append(
+            Bounds(np.full(size, lower), np.full(size, upper))
+        )
 
-    def at_least_zero(self, expression: ca.MX, scale: float, limit: str = "", share: float = 1.0) -> None:
+    def at_least_zero(
+        self, expression: ca.MX, scale: float, limit: str = "", share: float = 1.0
+    ) -> None:
         """0 <= expression."""
         self.require(expression, scale, 0.0, np.inf, limit, share)
 
-    def within(self, expression: ca.MX, bound: ca.MX | float, scale: float, limit: str = "") -> None:
+    def within(
+        self, expression: ca.MX, bound: ca.MX | float, scale: float, limit: str = ""
+    ) -> None:
         """|expression| <= bound."""
         self.at_least_zero(bound - expression, scale, limit, 0.5)
         self.at_least_zero(bound + expression, scale, limit, 0.5)
@@ -108,20 +127,28 @@ class Program:
     def conditions(self, point: Float[np.ndarray, " n"]) -> Conditions:
         """The constraints and all bounds at a point of the scaled unknowns."""
         [values] = self.values([ca.vertcat(*self._constraints)], point)
-        return Conditions(values.ravel(), _joined(self._constraint_bounds), _joined(self._unknown_bounds))
+        return Conditions(
+            values.ravel(),
+            _joined(self._constraint_bounds),
+            _joined(self._unknown_bounds),
+        )
 
     def values(
         self, expressions: Sequence[ca.MX], point: Float[np.ndarray, " n"]
     ) -> list[Float[np.ndarray, "columns rows"]]:
-        """Expressions in the unknowns at a point of the scaled unknowns, each with its columns first."""
-        function = ca.Function("values", [ca.vertcat(*self._unknowns)], list(expressions))
+        """Expressions in the unknowns at a point of the scaled unknowns, each with its
+        columns first."""
+        function = ca.Function(
+            "values", [ca.vertcat(*self._unknowns)], list(expressions)
+        )
         return [np.array(value).T for value in function.call([point])]
 
     def solve(self, time_limit: float, perhaps_infeasible: bool) -> Optimum:
         """Where IPOPT ends from the guess."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {
-            # Not expanded: to unroll the points costs more than the faster iterations bring.
+            # Not expanded: to unroll the points costs more than the faster iterations
+            # bring.
             "print_time": False,
             "ipopt": {
                 "print_level": 0,
@@ -135,10 +162,17 @@ class Program:
                 "expect_infeasible_problem": "yes" if perhaps_infeasible else "no",
             },
         }
-        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options)
-        (lbx, ubx), (lbg, ubg) = _joined(self._unknown_bounds), _joined(self._constraint_bounds)
+        solver = ca.nlpsol(
+            "solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options
+        )
+        (lbx, ubx), (lbg, ubg) = (
+            _joined(self._unknown_bounds),
+            _joined(self._constraint_bounds),
+        )
         end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
-        x_end, g_end, on_x, on_g = (np.array(end[name]).ravel() for name in ("x", "g", "lam_x", "lam_g"))
+        x_end, g_end, on_x, on_g = (
+            np.array(end[name]).ravel() for name in ("x", "g", "lam_x", "lam_g")
+        )
         over = [lbx - x_end, x_end - ubx, lbg - g_end, g_end - ubg]
         violation = max(float(np.max(excess)) for excess in over)
         return Optimum(x_end, on_x, on_g, solver.stats(), violation)

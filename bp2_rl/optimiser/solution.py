@@ -1,4 +1,5 @@
-"""The solution of a problem: a stride on its mesh, its values between the mesh's points, and its files."""
+"""The solution of a problem: a stride on its mesh, its values between the mesh's
+points, and its files."""
 
 import contextlib
 import dataclasses
@@ -28,8 +29,9 @@ class NotSolved(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A stride on its mesh. Coordinates, motors and contact coordinates are in the order of `Stride.legs`; what they
-    mean is said in `sagittal`. Contact coordinates are (x, z) of each leg in turn.
+    """A stride on its mesh. Coordinates, motors and contact coordinates are in the
+    order of `Stride.legs`; what they mean is said in `sagittal`. Contact coordinates
+    are (x, z) of each leg in turn.
     """
 
     durations: Float[np.ndarray, " segments"]  # s
@@ -38,7 +40,8 @@ class Motion:
     a: Float[np.ndarray, "segments points nq"]  # m/s2, rad/s2
     tau: Float[np.ndarray, "segments points motors"]  # Nm
     force: Float[np.ndarray, "segments points contacts"]  # N; zero in swing
-    impulse: Float[np.ndarray, "segments contacts"]  # N s, at the beginning of each segment
+    # N s, at the beginning of each segment
+    impulse: Float[np.ndarray, "segments contacts"]
 
     @property
     def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
@@ -66,10 +69,12 @@ class SolveStatistics:
     """How a solve went."""
 
     cost: float
-    violation: float  # largest violation of any constraint, in the program's own scaled units
+    # largest violation of any constraint, in the program's own scaled units
+    violation: float
     iterations: int
     seconds: float  # wall time of the solve
-    checks: dict[str, float] = dataclasses.field(default_factory=dict[str, float])  # what verify.py measured
+    # what verify.py measured
+    checks: dict[str, float] = dataclasses.field(default_factory=dict[str, float])
 
     @property
     def statistics(self) -> "SolveStatistics":
@@ -94,18 +99,31 @@ class Solution(SolveStatistics):
     def duty(self) -> float:
         """Share of the cycle that a foot spends on the ground, mean over the feet."""
         stride = self.problem.stride
-        feet = [len(standing) for standing in stride.standing]  # of half a cycle, the other half has as many
-        return float(np.sum(feet * self.motion.durations)) / stride.cycles / len(stride.legs) / self.period
+        # of half a cycle, the other half has as many
+        feet = [len(standing) for standing in stride.standing]
+        return (
+            float(np.sum(feet * self.motion.durations))
+            / stride.cycles
+            / len(stride.legs)
+            / self.period
+        )
 
 
-# --- Between the mesh's points --------------------------------------------------------------------------------
+# --- Between the mesh's points --------------------------------------------------------
 
 
-def sample(problem: Problem, motion: Motion, segment: int, share: Float[np.ndarray, " instants"]) -> Moment:
-    """The motion at shares (0 to 1) of a segment, by the polynomials that its scheme stands for.
+def sample(
+    problem: Problem,
+    motion: Motion,
+    segment: int,
+    share: Float[np.ndarray, " instants"],
+) -> Moment:
+    """The motion at shares (0 to 1) of a segment, by the polynomials that its scheme
+    stands for.
 
-    Hermite-Simpson: q and v cubic, tau, force and a quadratic in each interval. Trapezoid: v quadratic, the others
-    linear. The paper's scheme: v linear, tau, force and a constant. q is always the cubic through its ends' q and v.
+    Hermite-Simpson: q and v cubic, tau, force and a quadratic in each interval.
+    Trapezoid: v quadratic, the others linear. The paper's scheme: v linear, tau, force
+    and a constant. q is always the cubic through its ends' q and v.
     """
     duration, intervals = motion.durations[segment], problem.intervals
     position = np.clip(share, 0.0, 1.0) * intervals
@@ -130,7 +148,9 @@ def sample(problem: Problem, motion: Motion, segment: int, share: Float[np.ndarr
     def cubic(x: Points, rate: Points) -> Instants:
         return hermite_and_rate(s, h, *ends(x), *ends(rate))[0]
 
-    rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[problem.scheme]
+    rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[
+        problem.scheme
+    ]
     return Moment(
         q=cubic(motion.q, motion.v),
         v=linear(motion.v) if problem.scheme == "paper" else cubic(motion.v, motion.a),
@@ -148,7 +168,7 @@ def resample(problem: Problem, motion: Motion, onto: Problem) -> Motion:
     return Motion(motion.durations, q, v, a, tau, force, motion.impulse)
 
 
-# --- On disk --------------------------------------------------------------------------------------------------
+# --- On disk --------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -158,13 +178,16 @@ class _Card(SolveStatistics):
     format: int
     problem: Problem
     versions: dict[str, str]
-    arrays_sha256: str = ""  # of the .npz file; empty on cards of versions that kept none
+    # of the .npz file; empty on cards of versions that kept none
+    arrays_sha256: str = ""
 
 
 def save_solution(path: Path, solution: Solution) -> None:
-    """Write `path`.npz with the arrays and `path`.json, its card, with problem, figures and versions.
+    """Write `path`.npz with the arrays and `path`.json, its card, with problem, figures
+    and versions.
 
-    An old card goes first and the new one comes last, so that there is none of other arrays wherever this is killed.
+    An old card goes first and the new one comes last, so that there is none of other
+    arrays wherever this is killed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays, card = _beside(path, ".npz"), _beside(path, ".json")
@@ -173,7 +196,14 @@ def save_solution(path: Path, solution: Solution) -> None:
     digest = hashlib.sha256(read_bytes(arrays)).hexdigest()
     statistics = vars(solution.statistics)
     config.save_config(
-        card, _Card(**statistics, format=FORMAT, problem=solution.problem, versions=versions(), arrays_sha256=digest)
+        card,
+        _Card(
+            **statistics,
+            format=FORMAT,
+            problem=solution.problem,
+            versions=versions(),
+            arrays_sha256=digest,
+        ),
     )
 
 
@@ -185,17 +215,24 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
         problem: what it must be a solution of, if that is known.
 
     Raises:
-        UserError: a file is missing, broken, of another format, or holds the solution of another problem.
+        UserError: a file is missing, broken, of another format, or holds the solution
+            of another problem.
     """
     try:
         written = read_json(_beside(path, ".json"))
         if isinstance(written, dict) and written.get("format") != FORMAT:
-            raise UserError(f"it has format {written.get('format')!r}, this version reads {FORMAT}")
+            raise UserError(
+                f"it has format {written.get('format')!r}, this version reads {FORMAT}"
+            )
         card = config.from_json(_Card, written)
         content = read_bytes(_beside(path, ".npz"))
         if card.arrays_sha256 not in ("", hashlib.sha256(content).hexdigest()):
             raise UserError("its arrays are not those that its card was written for")
-        motion = Motion(**read_npz(_beside(path, ".npz"), array_specs(card.problem), content=content))
+        motion = Motion(
+            **read_npz(
+                _beside(path, ".npz"), array_specs(card.problem), content=content
+            )
+        )
         if unfit := not_finite(motion.arrays):
             raise UserError(f"it holds numbers in {unfit} that are not finite")
     except UserError as error:
@@ -214,7 +251,8 @@ def is_saved(path: Path) -> bool:
 
 
 def speed_name(speed: float) -> str:
-    """How files name a speed: exactly, and in its order up to 100 m/s; such as speed-08.50 or speed-10.003."""
+    """How files name a speed: exactly, and in its order up to 100 m/s; such as
+    speed-08.50 or speed-10.003."""
     whole, _, decimals = format(Decimal(repr(speed)), "f").partition(".")
     return f"speed-{whole:0>2}.{decimals:0<2}"
 
@@ -222,7 +260,11 @@ def speed_name(speed: float) -> str:
 def array_specs(problem: Problem) -> dict[str, ArraySpec]:
     """What the arrays of a solution of `problem` are."""
     stride = problem.stride
-    segments, points, both = len(stride.standing), len(problem.points), 2 * len(stride.legs)
+    segments, points, both = (
+        len(stride.standing),
+        len(problem.points),
+        2 * len(stride.legs),
+    )
     shapes = {
         "durations": (segments,),
         **dict.fromkeys("qva", (segments, points, stride.nq)),
@@ -234,7 +276,9 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
 
 def not_finite(arrays: Mapping[str, Float[np.ndarray, "..."]]) -> str:
     """The name of the first array that holds NaN or an infinity; empty if none does."""
-    return next((name for name, array in arrays.items() if not np.isfinite(array).all()), "")
+    return next(
+        (name for name, array in arrays.items() if not np.isfinite(array).all()), ""
+    )
 
 
 def versions() -> dict[str, str]:

@@ -1,6 +1,8 @@
-"""The independent verifier of a solution: it measures figures without the solver's code and checks their limits.
+"""The independent verifier of a solution: it measures figures without the solver's code
+and checks their limits.
 
-The model is `planar`'s, built in MuJoCo, and time runs through the stride between the mesh's points as well:
+The model is `planar`'s, built in MuJoCo, and time runs through the stride between the
+mesh's points as well:
 
     at the points        do the equations of motion, contacts, impacts and the cycle's closing hold?
     between the points   forces that push, feet that clear the ground, motors within their envelope
@@ -23,25 +25,28 @@ from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
 
 UNITS = {
     "speed": "m/s",
-    # At the mesh's points: |M a + h - B u - tau_p - J^T F| (paper, Eq. continuous_dynamics), |J v| of standing feet,
-    # and how far these feet are from where they landed, or from the ground. Each figure is the largest of its kind, or,
+    # At the mesh's points: |M a + h - B u - tau_p - J^T F| (paper, Eq.
+    # continuous_dynamics), |J v| of standing feet, and how far these feet are from
+    # where they landed, or from the ground. Each figure is the largest of its kind, or,
     # where its name says so, the least.
     "dynamics_residual": "N or Nm",
     "foot_speed": "m/s",
     "foot_drift": "m",
-    # From segment to segment, around the cycle: |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid), steps of a coordinate,
-    # and steps of a velocity where no foot lands.
+    # From segment to segment, around the cycle: |M (v+ - v-) - J^T Lambda| (paper, Eq.
+    # hybrid), steps of a coordinate, and steps of a velocity where no foot lands.
     "impact_residual": "N s or N m s",
     "position_jump": "m or rad",
     "velocity_jump": "m/s or rad/s",
-    # Over the stride: |W_motor - W_lost - impact losses| with W_lost in springs, slides, gears, joints and air; the
-    # impulse of contact forces and air along the track; and that of contact forces less the weight's, upwards.
+    # Over the stride: |W_motor - W_lost - impact losses| with W_lost in springs,
+    # slides, gears, joints and air; the impulse of contact forces and air along the
+    # track; and that of contact forces less the weight's, upwards.
     "energy_residual": "of the positive motor work",
     "impulse_residual_x": "of the weight's impulse",
     "impulse_residual_z": "of the weight's impulse",
-    # Between the points as at them: the vertical force of a standing foot, the height of a swinging one, torque beyond
-    # the motors' envelope, power beyond what the bus gives or takes back (both 0 within), the speed of the fastest
-    # joint, and |F_x| / (mu F_z), impulses included.
+    # Between the points as at them: the vertical force of a standing foot, the height
+    # of a swinging one, torque beyond the motors' envelope, power beyond what the bus
+    # gives or takes back (both 0 within), the speed of the fastest joint, and |F_x| /
+    # (mu F_z), impulses included.
     "stance_force_min": "N",
     "swing_clearance_min": "m",
     "torque_excess": "Nm",
@@ -56,11 +61,13 @@ UNITS = {
 }
 """The figures of `verify`, in its order, with their units."""
 LIMITS = {
-    "dynamics_residual": 1e-3,  # these four are what the program makes zero: the limit is what IPOPT leaves of it
+    # these four are what the program makes zero: the limit is what IPOPT leaves of it
+    "dynamics_residual": 1e-3,
     "impact_residual": 1e-5,
     "position_jump": 1e-6,
     "velocity_jump": 1e-5,
-    "energy_residual": 1e-3,  # these and all others are what stands between a discretised stride and a true one
+    # these and all others are what stands between a discretised stride and a true one
+    "energy_residual": 1e-3,
     "impulse_residual_x": 1e-4,
     "impulse_residual_z": 1e-4,
     "stance_force_min": -1.0,
@@ -69,15 +76,19 @@ LIMITS = {
     "bus_excess": 50.0,
     "foot_speed": 0.01,
     "foot_drift": 1e-4,
-    "friction_use": 1.1,  # between the points of a coarse mesh, where the program does not look
+    # between the points of a coarse mesh, where the program does not look
+    "friction_use": 1.1,
     "position_error": 1e-3,
     "velocity_error": 0.05,
     "energy_error": 0.01,
 }
 """The figures that have a limit; speed and the fastest joint's speed inform."""
-RESIMULATED = (4.0, 13.2)  # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
-LATER = {"bus_excess": 0.0, "energy_error": 0.0}  # figures that older files lack, and what stands for them
-LEAST = ("stance_force_min", "swing_clearance_min")  # figures that must not be below their limit; others not above
+# m/s, speeds at which the re-simulation must agree; elsewhere it is reported
+RESIMULATED = (4.0, 13.2)
+# figures that older files lack, and what stands for them
+LATER = {"bus_excess": 0.0, "energy_error": 0.0}
+# figures that must not be below their limit; others not above
+LEAST = ("stance_force_min", "swing_clearance_min")
 
 FINER = 10  # samples between two points of the mesh
 QUADRATURE = 8  # Gauss points an interval
@@ -99,8 +110,11 @@ def verify(solution: Solution) -> dict[str, float]:
     }
 
 
-def _work_error(solution: Solution, v: Float[np.ndarray, "segments points nq"]) -> float:
-    """How far the motors' work at other velocities is from the solution's, over its positive part."""
+def _work_error(
+    solution: Solution, v: Float[np.ndarray, "segments points nq"]
+) -> float:
+    """How far the motors' work at other velocities is from the solution's, over its
+    positive part."""
     motion, motors = solution.motion, solution.problem.stride.motors
     weights = (motion.durations[:, None] * solution.problem.quadrature)[..., None]
     power = motion.tau * motion.v[..., motors]
@@ -109,34 +123,43 @@ def _work_error(solution: Solution, v: Float[np.ndarray, "segments points nq"]) 
 
 
 def failures(figures: dict[str, float], *, exact: bool = True) -> list[str]:
-    """Return a line for each figure that is beyond its limit; no lines if the solution is sound.
+    """Return a line for each figure that is beyond its limit; no lines if the solution
+    is sound.
 
-    If `exact`, the simulated stride must agree at every point, else in its energy alone: a stride in which feet are not
-    held back by springs is an unstable thing to simulate from torques.
+    If `exact`, the simulated stride must agree at every point, else in its energy
+    alone: a stride in which feet are not held back by springs is an unstable thing to
+    simulate from torques.
 
-    A figure that is NaN or missing counts as beyond its limit, except a missing figure in `LATER`.
+    A figure that is NaN or missing counts as beyond its limit, except a missing figure
+    in `LATER`.
     """
     lines = []
     speed = figures.get("speed", math.nan)
     for figure, limit in LIMITS.items():
         point_by_point = figure in ("position_error", "velocity_error")
-        if point_by_point and (not exact or speed < RESIMULATED[0] or speed > RESIMULATED[1]):
+        if point_by_point and (
+            not exact or speed < RESIMULATED[0] or speed > RESIMULATED[1]
+        ):
             continue
         value, least = figures.get(figure, LATER.get(figure, math.nan)), figure in LEAST
         if not (value >= limit if least else value <= limit):
             side = "below" if least else "above"
-            lines.append(f"{figure} is {value:.3g} {UNITS[figure]}, {side} its limit of {limit:g}")
+            lines.append(
+                f"{figure} is {value:.3g} {UNITS[figure]}, {side} its limit of {limit:g}"
+            )
     return lines
 
 
 def resimulate(
     solution: Solution, rtol: float = 1e-9
-) -> tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]]:
+) -> tuple[
+    Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]
+]:
     """q and v at the mesh's points as its torques and durations make them.
 
-    From the solution's own state after the first impact, standing feet held exactly, every landing a perfectly
-    inelastic impact; DOP853, interval by interval, as torques have corners where intervals meet. NaN from where the
-    integrator gives up.
+    From the solution's own state after the first impact, standing feet held exactly,
+    every landing a perfectly inelastic impact; DOP853, interval by interval, as torques
+    have corners where intervals meet. NaN from where the integrator gives up.
     """
     model, stride = PlanarModel.of(solution.problem), solution.problem.stride
     q, v = (np.full_like(x, math.nan) for x in (solution.motion.q, solution.motion.v))
@@ -179,14 +202,20 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         for q, v, a, tau, force in zip(*(x[i] for x in series), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
-            push[model.motors] += verifier_laws.joint_torque(model.hardware, v[model.motors], tau)
+            push[model.motors] += verifier_laws.joint_torque(
+                model.hardware, v[model.motors], tau
+            )
             residual = max(residual, np.max(np.abs(terms.mass @ a + terms.bias - push)))
             speed = max(speed, np.max(np.abs((terms.jacobian @ v)[rows]), initial=0.0))
             feet_at.append(terms.contact[rows])
         away = np.array(feet_at)
         away[:, 0::2] -= away[0, 0::2]
         drift = max(drift, np.max(np.abs(away), initial=0.0))
-    return {"dynamics_residual": float(residual), "foot_speed": float(speed), "foot_drift": float(drift)}
+    return {
+        "dynamics_residual": float(residual),
+        "foot_speed": float(speed),
+        "foot_drift": float(drift),
+    }
 
 
 def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
@@ -197,17 +226,26 @@ def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
         step = max(step, np.max(np.abs(q - q_before)))
         if stride.touchdowns(i):
             terms = model.terms(q, v)
-            residual = terms.mass @ (v - v_before) - terms.jacobian.T @ solution.motion.impulse[i]
+            residual = (
+                terms.mass @ (v - v_before)
+                - terms.jacobian.T @ solution.motion.impulse[i]
+            )
             impact = max(impact, np.max(np.abs(residual)))
         else:
             kick = max(kick, np.max(np.abs(v - v_before)))
-    return {"impact_residual": float(impact), "position_jump": float(step), "velocity_jump": float(kick)}
+    return {
+        "impact_residual": float(impact),
+        "position_jump": float(step),
+        "velocity_jump": float(kick),
+    }
 
 
 def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
     problem, motion = solution.problem, solution.motion
     x, w = np.polynomial.legendre.leggauss(QUADRATURE)
-    shares = (np.arange(problem.intervals)[:, None] + (x + 1.0) / 2.0).ravel() / problem.intervals
+    shares = (
+        np.arange(problem.intervals)[:, None] + (x + 1.0) / 2.0
+    ).ravel() / problem.intervals
     weights = np.tile(w / 2.0, problem.intervals) / problem.intervals
     net = positive = lost = 0.0
     impulse, blown = motion.impulse.sum(axis=0), 0.0
@@ -232,15 +270,27 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
 def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     problem, motion = solution.problem, solution.motion
     stride, hardware = problem.stride, problem.hardware
-    push, clearance, excess, overload, fastest, friction = math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
+    push, clearance, excess, overload, fastest, friction = (
+        math.inf,
+        math.inf,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     for i, moment in _on_fine_grid(problem, motion):
         standing = contact_rows(stride.legs, stride.standing[i])
         swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
         push = min(push, np.min(moment.force[:, standing[1::2]], initial=math.inf))
-        heights = [model.terms(q, v).contact[swinging[1::2]] for q, v in zip(moment.q, moment.v, strict=True)]
+        heights = [
+            model.terms(q, v).contact[swinging[1::2]]
+            for q, v in zip(moment.q, moment.v, strict=True)
+        ]
         clearance = min(clearance, np.min(heights, initial=math.inf))
         qd = moment.v[:, model.motors]
-        excess = max(excess, verifier_laws.torque_excess(hardware, model.share, qd, moment.tau))
+        excess = max(
+            excess, verifier_laws.torque_excess(hardware, model.share, qd, moment.tau)
+        )
         power = verifier_laws.bus_power(hardware, qd, moment.tau)
         overload = max(overload, verifier_laws.bus_excess(hardware, model.share, power))
         fastest = max(fastest, np.max(np.abs(qd)))
@@ -248,7 +298,9 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
             (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),
             (motion.impulse[i, 0::2], motion.impulse[i, 1::2], 0.0),
         ):
-            slip = np.abs(along[down > least]) / (hardware.friction * down[down > least])
+            slip = np.abs(along[down > least]) / (
+                hardware.friction * down[down > least]
+            )
             friction = max(friction, np.max(slip, initial=0.0))
     return {
         "stance_force_min": float(push),
@@ -278,7 +330,9 @@ def _simulate_segment(
     for k in range(problem.intervals):
         torque = _torque_polynomial(solution, segment, k)
 
-        def rate(t: float, state: np.ndarray, torque: np.ndarray = torque) -> np.ndarray:
+        def rate(
+            t: float, state: np.ndarray, torque: np.ndarray = torque
+        ) -> np.ndarray:
             q, v = np.split(state, 2)
             a, _ = model.accelerate(q, v, torque @ (1.0, t / h, (t / h) ** 2), standing)
             return np.concatenate([v, a])
@@ -286,23 +340,41 @@ def _simulate_segment(
         begin = states[k * steps]
         if not np.all(np.isfinite(begin)):
             break
-        run = solve_ivp(rate, (0.0, h), begin, "DOP853", np.linspace(0.0, h, steps + 1), rtol=rtol, atol=rtol)
+        run = solve_ivp(
+            rate,
+            (0.0, h),
+            begin,
+            "DOP853",
+            np.linspace(0.0, h, steps + 1),
+            rtol=rtol,
+            atol=rtol,
+        )
         states[k * steps : k * steps + run.y.shape[1]] = run.y.T
     q, v = np.split(states, 2, axis=1)
     return q, v
 
 
-def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float[np.ndarray, "motors 3"]:
-    """tau in one interval as coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
+def _torque_polynomial(
+    solution: Solution, segment: int, interval: int
+) -> Float[np.ndarray, "motors 3"]:
+    """tau in one interval as coefficients of 1, s and s^2, for s from 0 to 1: no scheme
+    goes beyond."""
     s = np.array([0.2, 0.5, 0.8])
     shares = (interval + s) / solution.problem.intervals
     tau = sample(solution.problem, solution.motion, segment, shares).tau
     return np.linalg.solve(np.vander(s, increasing=True), tau).T
 
 
-def _states_before(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
-    """Yield q and v just before each segment begins: the end of the segment, or of the stride, before it."""
-    problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
+def _states_before(
+    solution: Solution,
+) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
+    """Yield q and v just before each segment begins: the end of the segment, or of the
+    stride, before it."""
+    problem, motion, order = (
+        solution.problem,
+        solution.motion,
+        solution.problem.stride.next_coordinates,
+    )
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
     q[0] -= problem.speed * np.sum(motion.durations)
     yield q, v

@@ -1,7 +1,10 @@
-"""Tables of published numbers as CSV: ours that ship, and a stranger's, looked at before use.
+"""Tables of published numbers as CSV: ours that ship, and a stranger's, looked at
+before use.
 
-A row is a frozen dataclass. Its fields are the columns, under the headings that `ColumnHeading` gives them, unit
-included: a column in km/h is not taken for one in m/s. A file may hold further columns, and the columns in any order.
+A row is a frozen dataclass. Its fields are the columns, under the headings that
+`ColumnHeading` gives them, unit
+included: a column in km/h is not taken for one in m/s. A file may hold further columns,
+and the columns in any order.
 """
 
 import csv
@@ -23,7 +26,8 @@ YES, NO = "yes", "no"
 
 
 class ColumnHeading(NamedTuple):
-    """What stands over a field's column: `mass: Annotated[float, Heading("mass [kg]")]`; else the field's name."""
+    """What stands over a field's column: `mass: Annotated[float, Heading("mass
+    [kg]")]`; else the field's name."""
 
     text: str
 
@@ -33,18 +37,24 @@ def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
 
     Args:
         path: of UTF-8 text whose first line holds the headings.
-        row: a frozen dataclass of str, int, float, bool (yes or no), or optional ones (an empty cell is None), with
-            their bounds.
+        row: a frozen dataclass of str, int, float, bool (yes or no), or optional ones
+            (an empty cell is None), with their bounds.
 
     Raises:
-        BadFileError: the file cannot be read, lacks a column, or holds what is no such row; the line says where.
+        BadFileError: the file cannot be read, lacks a column, or holds what is no such
+            row; the line says where.
     """
     lines = _lines(path)
     if len(lines) < 2:
-        raise BadFileError(f"{path} holds no table: expected a line of headings, and rows below")
+        raise BadFileError(
+            f"{path} holds no table: expected a line of headings, and rows below"
+        )
     (_, head), *body = lines
     columns = _columns(path, [cell.strip() for cell in head], row)
-    return tuple(_row(f"{path}, line {number}", cells, len(head), columns, row) for number, cells in body)
+    return tuple(
+        _row(f"{path}, line {number}", cells, len(head), columns, row)
+        for number, cells in body
+    )
 
 
 def headings(row: type[Any]) -> tuple[str, ...]:
@@ -63,8 +73,15 @@ def _fields(row: type[Any]) -> tuple[_Field, ...]:
     hints = typing.get_type_hints(row, include_extras=True)
     found = []
     for field in dataclasses.fields(row):
-        remarks = get_args(hints[field.name])[1:] if get_origin(hints[field.name]) is Annotated else ()
-        heading = next((remark.text for remark in remarks if isinstance(remark, ColumnHeading)), field.name)
+        remarks = (
+            get_args(hints[field.name])[1:]
+            if get_origin(hints[field.name]) is Annotated
+            else ()
+        )
+        heading = next(
+            (remark.text for remark in remarks if isinstance(remark, ColumnHeading)),
+            field.name,
+        )
         bare = get_args(hints[field.name])[0] if remarks else hints[field.name]
         members = get_args(bare) if isinstance(bare, types.UnionType) else (bare,)
         found.append(_Field(field.name, heading, members[0], types.NoneType in members))
@@ -74,8 +91,15 @@ def _fields(row: type[Any]) -> tuple[_Field, ...]:
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """The cells of each line that is not empty, with the line's number."""
     try:
-        reader = csv.reader(read_bytes(path, LARGEST).decode("utf-8-sig").splitlines(keepends=True), strict=True)
-        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+        reader = csv.reader(
+            read_bytes(path, LARGEST).decode("utf-8-sig").splitlines(keepends=True),
+            strict=True,
+        )
+        return [
+            (reader.line_num, cells)
+            for cells in reader
+            if any(cell.strip() for cell in cells)
+        ]
     except (csv.Error, UnicodeDecodeError) as error:
         raise BadFileError(f"{path} is no CSV file in UTF-8: {error}") from error
 
@@ -84,14 +108,27 @@ def _columns(path: Path, head: Sequence[str], row: type[Any]) -> dict[_Field, in
     """Where each field's column is."""
     fields = _fields(row)
     if missing := [field.heading for field in fields if head.count(field.heading) != 1]:
-        raise BadFileError(f"{path} needs one column {missing[0]!r}; its columns should be: {','.join(headings(row))}")
+        raise BadFileError(
+            f"{path} needs one column {missing[0]!r}; its columns should be: {','.join(headings(row))}"
+        )
     return {field: head.index(field.heading) for field in fields}
 
 
-def _row(place: str, cells: Sequence[str], width: int, columns: dict[_Field, int], row: type[TableRow]) -> TableRow:
+def _row(
+    place: str,
+    cells: Sequence[str],
+    width: int,
+    columns: dict[_Field, int],
+    row: type[TableRow],
+) -> TableRow:
     if len(cells) != width:
-        raise BadFileError(f"{place} has {len(cells)} cells, the line of headings {width}")
-    values = {field.name: _value(place, field, cells[at].strip()) for field, at in columns.items()}
+        raise BadFileError(
+            f"{place} has {len(cells)} cells, the line of headings {width}"
+        )
+    values = {
+        field.name: _value(place, field, cells[at].strip())
+        for field, at in columns.items()
+    }
     try:
         made = row(**values)
         check_bounds(made)
@@ -112,6 +149,11 @@ def _value(place: str, field: _Field, cell: str) -> Any:
             return field.type(cell)
         except ValueError:
             pass
-    wanted = {bool: "yes or no", int: "a whole number", float: "a number", str: "some text"}[field.type]
+    wanted = {
+        bool: "yes or no",
+        int: "a whole number",
+        float: "a number",
+        str: "some text",
+    }[field.type]
     shown = cell if len(cell) <= 40 else f"{cell[:37]}..."
     raise BadFileError(f"{place}: {field.heading} takes {wanted}, got {shown!a}")

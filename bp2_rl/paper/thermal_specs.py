@@ -1,4 +1,5 @@
-"""The numbers of a motor's heat, with their sources; the laws are in `bp2_rl.paper.motor_heat`."""
+"""The numbers of a motor's heat, with their sources; the laws are in
+`bp2_rl.paper.motor_heat`."""
 
 import dataclasses
 from typing import Annotated
@@ -13,13 +14,17 @@ AMBIENT = 25.0  # C, ASSUMED: where 86 s at 1.8 K/s end at the limit of class H
 class MotorHeat:
     """A motor as two lumps that heat, winding and case; all twelve alike."""
 
-    winding_capacity: Annotated[float, Within(10.0, 1e6)] = 96.25  # J/K, ASSUMED: 0.25 kg of copper at 385 J/kg/K
+    # J/K, ASSUMED: 0.25 kg of copper at 385 J/kg/K
+    winding_capacity: Annotated[float, Within(10.0, 1e6)] = 96.25
     winding_to_case: Annotated[float, Within(0.05, 1e6)] | None = None
-    """K/W; by default such that a rear hip heats at the paper's 1.8 K/s over 86 s in the gait at 10.74 m/s"""
+    """K/W; by default such that a rear hip heats at the paper's 1.8 K/s over 86 s in
+    the gait at 10.74 m/s"""
     case_capacity: Annotated[float, Within(10.0, 1e6)] = 350.0
     """J/K, ASSUMED: 0.75 kg of stator iron, magnets and housing at 470 J/kg/K"""
-    case_to_air: Annotated[float, Within(0.1, 1e6)] = 1.0  # K/W, ASSUMED: 0.03 m2 in a wind of 10 m/s, 35 W/m2/K
-    air: Annotated[float, Within(-50.0, 100.0)] = AMBIENT  # C; the motors are as warm when the clock starts
+    # K/W, ASSUMED: 0.03 m2 in a wind of 10 m/s, 35 W/m2/K
+    case_to_air: Annotated[float, Within(0.1, 1e6)] = 1.0
+    # C; the motors are as warm when the clock starts
+    air: Annotated[float, Within(-50.0, 100.0)] = AMBIENT
     limit: Annotated[float, Within(0.0, 1000.0)] = 180.0
     """C, at which the run ends for any winding: insulation class H of IEC 60085"""
     copper_growth: Annotated[float, Within(0.0, 0.01)] = 3.9e-3
@@ -32,4 +37,6 @@ class MotorHeat:
         """Refuse what does not heat like a motor."""
         check_bounds(self, "--heat.")
         if self.limit <= self.air:
-            raise UserError(f"--heat.limit ({self.limit:g} C) must be above --heat.air ({self.air:g} C)")
+            raise UserError(
+                f"--heat.limit ({self.limit:g} C) must be above --heat.air ({self.air:g} C)"
+            )

@@ -1,8 +1,13 @@
-"""BP2 as an environment of Gymnasium. Nothing here is imported unless Gymnasium asks for it."""
+"""BP2 as an environment of Gymnasium. Nothing here is imported unless Gymnasium asks
+for it."""
 
 import sys
 
-GYMNASIUM = {"bp2": "BP2-v0", "bp2_ideal": "BP2Ideal-v0", "bp2_kinematic": "BP2Kinematic-v0"}
+GYMNASIUM = {
+    "bp2": "BP2-v0",
+    "bp2_ideal": "BP2Ideal-v0",
+    "bp2_kinematic": "BP2Kinematic-v0",
+}
 """What each named environment is called in Gymnasium, after `bp2_rl/`."""
 EPISODE = 1000  # control steps, 5 s
 
@@ -22,5 +27,6 @@ def register_gymnasium() -> None:
             )
 
 
-if "gymnasium" in sys.modules:  # so that `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")` finds it, in any process
+# so that `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")` finds it, in any process
+if "gymnasium" in sys.modules:
     register_gymnasium()

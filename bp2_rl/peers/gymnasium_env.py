@@ -1,8 +1,8 @@
 """BP2 as a Gymnasium environment: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
 
-The MDP is `BP2Env`'s: observation, reward, randomisation and falls. Actions are those of `BP2Env` over their limit,
-`control.action_limit`, so that each is in [-1, 1]. What the critic sees beyond the policy's observation is in
-`info["privileged_state"]`.
+The MDP is `BP2Env`'s: observation, reward, randomisation and falls. Actions are those
+of `BP2Env` over their limit, `control.action_limit`, so that each is in [-1, 1]. What
+the critic sees beyond the policy's observation is in `info["privileged_state"]`.
 """
 
 from typing import Any, Literal
@@ -21,9 +21,13 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig, Impl
 
-LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.max_speed` has ended its episode
+# SI units: a state that is faster than `termination.max_speed` has ended its episode
+LARGEST_OBSERVATION = 1e3
 POLICY, CRITIC = "state", "privileged_state"
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(conventions.POLICY_RATE)}
+METADATA: dict[str, Any] = {
+    "render_modes": ["rgb_array"],
+    "render_fps": round(conventions.POLICY_RATE),
+}
 HEIGHT, WIDTH, CAMERA = 480, 640, "track"  # pixels, and the model's camera
 RenderMode = Literal["rgb_array"]
 Picture = UInt8[np.ndarray, "height width 3"]
@@ -32,7 +36,12 @@ Picture = UInt8[np.ndarray, "height width 3"]
 def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
     """(Of an observation, of an action)."""
     return (
-        spaces.Box(-LARGEST_OBSERVATION, LARGEST_OBSERVATION, (env.observation_size[POLICY],), np.float32),
+        spaces.Box(
+            -LARGEST_OBSERVATION,
+            LARGEST_OBSERVATION,
+            (env.observation_size[POLICY],),
+            np.float32,
+        ),
         spaces.Box(-1.0, 1.0, (env.action_size,), np.float32),
     )
 
@@ -63,7 +72,9 @@ class Photographer:
             self._renderer = mujoco.Renderer(self._model, HEIGHT, WIDTH)
         except (mujoco.FatalError, RuntimeError) as error:
             remedy = "set MUJOCO_GL=egl, or osmesa, before Python starts"
-            raise UserError(f"MuJoCo finds no GL library for render_mode=rgb_array: {remedy} ({error})") from error
+            raise UserError(
+                f"MuJoCo finds no GL library for render_mode=rgb_array: {remedy} ({error})"
+            ) from error
 
     def picture(self, qpos: Float[np.ndarray, " nq"]) -> Picture:
         """Return the robot in a state, as rows and columns of red, green and blue."""
@@ -99,7 +110,9 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         self.env = make(name, config, impl=impl)
         self.observation_space, self.action_space = spaces_of(self.env)
         self.render_mode = render_mode
-        self._photographer = render_mode and Photographer(self.env.config.hardware, render_mode)
+        self._photographer = render_mode and Photographer(
+            self.env.config.hardware, render_mode
+        )
         self._reset, self._step = jax.jit(self.env.reset), jax.jit(self.env.step)
         self._state: Any = None
 
@@ -112,15 +125,25 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
         return np.array(self._state.obs[POLICY]), self._info()
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control step, 5 ms; time limits are the wrapper's."""
         self._state = self._step(self._state, scaled(action, self.env))
         state = self._state
-        return np.array(state.obs[POLICY]), float(state.reward), bool(state.done), False, self._info()
+        return (
+            np.array(state.obs[POLICY]),
+            float(state.reward),
+            bool(state.done),
+            False,
+            self._info(),
+        )
 
     def render(self) -> Picture | None:  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium's may be lists
         """Return a picture of the robot, with `render_mode="rgb_array"`."""
-        return self._photographer and self._photographer.picture(np.asarray(self._state.pipeline_state.q, float))
+        return self._photographer and self._photographer.picture(
+            np.asarray(self._state.pipeline_state.q, float)
+        )
 
     def close(self) -> None:
         """Free what pictures needed."""
@@ -129,4 +152,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         state = self._state
-        return {CRITIC: np.array(state.obs[CRITIC]), **{key: float(value) for key, value in state.metrics.items()}}
+        return {
+            CRITIC: np.array(state.obs[CRITIC]),
+            **{key: float(value) for key, value in state.metrics.items()},
+        }

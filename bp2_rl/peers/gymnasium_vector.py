@@ -1,6 +1,8 @@
-"""Many BP2s in one Gymnasium environment: `gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=8)`.
+"""Many BP2s in one Gymnasium environment:
+`gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=8)`.
 
-All robots are one batch in a single compiled program. Each robot runs as in the single environment with its seed.
+All robots are one batch in a single compiled program. Each robot runs as in the single
+environment with its seed.
 """
 
 from collections.abc import Sequence
@@ -36,9 +38,10 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """So many robots side by side.
 
-    A robot whose episode has ended begins a new one at the next step, whose action it does not heed and whose reward is
-    0 (`AutoresetMode.NEXT_STEP`). `info` holds an array for each entry of the single environment's, and what is in it
-    is there for every robot.
+    A robot whose episode has ended begins a new one at the next step, whose action it
+    does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
+    array for each entry of the single environment's, and what is in it is there for
+    every robot.
 
     Args:
         num_envs: robots.
@@ -67,31 +70,52 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise UserError(f"num_envs must be at least 1, got {num_envs}")
         self.env = make(name, config, impl=impl, num_robots=num_envs)
         self.render_mode = render_mode
-        self._photographer = render_mode and Photographer(self.env.config.hardware, render_mode)
+        self._photographer = render_mode and Photographer(
+            self.env.config.hardware, render_mode
+        )
         self.num_envs, self._limit = num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = spaces_of(self.env)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._reset, self._step = jax.jit(jax.vmap(self.env.reset)), jax.jit(jax.vmap(self.env.step))
-        self._choose = jax.jit(jax.vmap(lambda which, a, b: jax.tree.map(lambda x, y: jnp.where(which, x, y), a, b)))
+        self._reset, self._step = (
+            jax.jit(jax.vmap(self.env.reset)),
+            jax.jit(jax.vmap(self.env.step)),
+        )
+        self._choose = jax.jit(
+            jax.vmap(
+                lambda which, a, b: jax.tree.map(
+                    lambda x, y: jnp.where(which, x, y), a, b
+                )
+            )
+        )
         self._draws = [seeding.np_random()[0] for _ in range(num_envs)]
         self._state: Any = None
         self._age = np.zeros(num_envs, int)  # control steps of the present episodes
         self._over = np.zeros(num_envs, bool)
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """New robots; from one seed they take this and the following ones. `options["reset_mask"]` names those meant.
+        """New robots; from one seed they take this and the following ones.
+        `options["reset_mask"]` names those meant.
 
         Raises:
             UserError: there are not as many seeds, or entries of the mask, as robots.
         """
         if seed is None or isinstance(seed, (int, np.integer)):
-            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        which = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
+            seed = [
+                None if seed is None else int(seed) + i for i in range(self.num_envs)
+            ]
+        which = np.asarray(
+            (options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool
+        )
         if len(seed) != self.num_envs or which.shape != (self.num_envs,):
-            raise UserError(f"reset takes one seed and one entry of reset_mask for each of {self.num_envs} robots")
+            raise UserError(
+                f"reset takes one seed and one entry of reset_mask for each of {self.num_envs} robots"
+            )
         for robot in np.flatnonzero(which).tolist():
             if seed[robot] is not None:
                 self._draws[robot] = seeding.np_random(seed[robot])[0]
@@ -103,7 +127,10 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         begins = self._over
         self._state = self._step(self._state, scaled(actions, self.env))
         self._age += 1
-        rewards, terminated = np.array(self._state.reward, float), np.array(self._state.done, bool)
+        rewards, terminated = (
+            np.array(self._state.reward, float),
+            np.array(self._state.done, bool),
+        )
         if begins.any():
             self._begin(begins)
             rewards[begins], terminated[begins] = 0.0, False
@@ -115,7 +142,12 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return a picture of each robot, with `render_mode="rgb_array"`."""
         if not self._photographer:
             return None
-        return tuple(map(self._photographer.picture, np.asarray(self._state.pipeline_state.q, float)))
+        return tuple(
+            map(
+                self._photographer.picture,
+                np.asarray(self._state.pipeline_state.q, float),
+            )
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free what pictures needed."""
@@ -125,16 +157,25 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
         """New episodes for these robots; only they draw a number."""
-        keys = [draw_key(draws) if begins else 0 for draws, begins in zip(self._draws, which, strict=True)]
+        keys = [
+            draw_key(draws) if begins else 0
+            for draws, begins in zip(self._draws, which, strict=True)
+        ]
         fresh = self._reset(jnp.stack([jax.random.PRNGKey(key) for key in keys]))
-        self._state = fresh if self._state is None else self._choose(which, fresh, self._state)
+        self._state = (
+            fresh if self._state is None else self._choose(which, fresh, self._state)
+        )
         self._age[which], self._over = 0, self._over & ~which
 
     def _seen(self) -> np.ndarray:
         return np.array(self._state.obs[POLICY])
 
     def _info(self) -> dict[str, Any]:
-        """As Gymnasium's own vector environments give it: `_NAME` says of which robots NAME holds."""
+        """As Gymnasium's own vector environments give it: `_NAME` says of which robots
+        NAME holds."""
         state = self._state
-        info = {CRITIC: np.array(state.obs[CRITIC]), **{name: np.array(x, float) for name, x in state.metrics.items()}}
+        info = {
+            CRITIC: np.array(state.obs[CRITIC]),
+            **{name: np.array(x, float) for name, x in state.metrics.items()},
+        }
         return info | {f"_{name}": np.ones(self.num_envs, bool) for name in info}

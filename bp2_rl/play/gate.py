@@ -1,4 +1,5 @@
-"""Who may open the page, and what a browser may say: viser believes whatever comes, and a wrong word would end it."""
+"""Who may open the page, and what a browser may say: viser believes whatever comes, and
+a wrong word would end it."""
 
 import contextlib
 import dataclasses
@@ -14,27 +15,42 @@ from viser._messages import CommandTriggerMessage, GuiUpdateMessage, ViewerCamer
 
 OWN_NAMES = "localhost", "127.0.0.1", "::1"
 """What a machine calls itself."""
-KINDS = {kind.__name__: kind for kind in (CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage)}
+KINDS = {
+    kind.__name__: kind
+    for kind in (CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage)
+}
 """Messages that the page sends: a key pressed, a widget moved, a camera turned."""
 
 
 def is_understood(message: Any, widgets: dict[str, Any]) -> bool:
-    """Return whether a message can be from the page, and moves one of its widgets to a value that it can have."""
+    """Return whether a message can be from the page, and moves one of its widgets to a
+    value that it can have."""
     try:
         fields = msgspec.msgpack.decode(message)
         kind = KINDS[fields.pop("type")]
         said = msgspec.convert(fields, kind)
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError):  # text, a list, another kind ...
+    except (
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RecursionError,
+    ):  # text, a list, another kind ...
         return False
     if fields.keys() != {field.name for field in dataclasses.fields(kind)}:
         return False
     if not isinstance(said, GuiUpdateMessage):
         return True
-    return said.uuid in widgets and said.updates.keys() == {"value"} and takes(widgets[said.uuid], **said.updates)
+    return (
+        said.uuid in widgets
+        and said.updates.keys() == {"value"}
+        and takes(widgets[said.uuid], **said.updates)
+    )
 
 
 def takes(widget: Any, value: Any) -> bool:
-    """Return whether a widget of viser's can have a value: one of a list, a number of a slider, or a tick."""
+    """Return whether a widget of viser's can have a value: one of a list, a number of a
+    slider, or a tick."""
     if hasattr(widget, "options"):
         return value in widget.options
     if hasattr(widget, "min"):
@@ -44,11 +60,13 @@ def takes(widget: Any, value: Any) -> bool:
 
 @contextlib.contextmanager
 def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
-    """Let servers of viser's that start within pass over messages that are not understood; no traceback tells of them.
+    """Let servers of viser's that start within pass over messages that are not
+    understood; no traceback tells of them.
 
-    With `own_names` they answer 403 where a browser asks for another machine or comes from one. A site may let its own
-    name lead to this machine, or open a connection to it from its page; a browser's request tells both, in `Host` and
-    `Origin`. viser has no setting for either, so its way to websockets' server is led past them.
+    With `own_names` they answer 403 where a browser asks for another machine or comes
+    from one. A site may let its own name lead to this machine, or open a connection to
+    it from its page; a browser's request tells both, in `Host` and `Origin`. viser has
+    no setting for either, so its way to websockets' server is led past them.
 
     Args:
         widgets: of the page by their uuid; they may come later.
@@ -56,7 +74,12 @@ def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
     """
     serve = websockets.asyncio.server.serve
 
-    def serve_guarded(handler: Callable[..., Any], *arguments: Any, process_request: Any, **options: Any) -> Any:
+    def serve_guarded(
+        handler: Callable[..., Any],
+        *arguments: Any,
+        process_request: Any,
+        **options: Any,
+    ) -> Any:
         async def handle(connection: Any) -> None:
             receive = connection.recv
 
@@ -70,9 +93,14 @@ def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
 
         def answer(connection: Any, request: Any) -> Any:
             headers = request.headers
-            if not own_names or all(map(is_own, (*headers.get_all("Host"), *headers.get_all("Origin")))):
+            if not own_names or all(
+                map(is_own, (*headers.get_all("Host"), *headers.get_all("Origin")))
+            ):
                 return process_request(connection, request)
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "bp2 play is for this machine's browsers alone\n")
+            return connection.respond(
+                http.HTTPStatus.FORBIDDEN,
+                "bp2 play is for this machine's browsers alone\n",
+            )
 
         return serve(handle, *arguments, process_request=answer, **options)
 

@@ -1,4 +1,5 @@
-"""What the robot looks like: the MJCF's visible geoms as triangles, body by body, and where each body is in a state."""
+"""What the robot looks like: the MJCF's visible geoms as triangles, body by body, and
+where each body is in a state."""
 
 import dataclasses
 from typing import Any
@@ -25,7 +26,8 @@ class VisiblePart:
 
 
 class Looks:
-    """The robot's looks: `model` and `data` with everything that is to be seen, for kinematics alone."""
+    """The robot's looks: `model` and `data` with everything that is to be seen, for
+    kinematics alone."""
 
     def __init__(self, hardware: HardwareSpec):
         self.model = load_model(hardware)
@@ -38,11 +40,19 @@ class Looks:
         found: dict[tuple[int, tuple[int, int, int]], list[trimesh.Trimesh]] = {}
         for geom, color in visible_geoms(self.model):
             r, g, b = (255.0 * color).astype(int).tolist()
-            found.setdefault((int(self.model.geom_bodyid[geom]), (r, g, b)), []).append(_triangles(self.model, geom))
-        return [VisiblePart(body, trimesh.util.concatenate(meshes), color) for (body, color), meshes in found.items()]
+            found.setdefault((int(self.model.geom_bodyid[geom]), (r, g, b)), []).append(
+                _triangles(self.model, geom)
+            )
+        return [
+            VisiblePart(body, trimesh.util.concatenate(meshes), color)
+            for (body, color), meshes in found.items()
+        ]
 
-    def place(self, qpos: Float[np.ndarray, " nq"]) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
-        """(Position in m, w-x-y-z quaternion) of every body but the world, the trunk above the origin."""
+    def place(
+        self, qpos: Float[np.ndarray, " nq"]
+    ) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
+        """(Position in m, w-x-y-z quaternion) of every body but the world, the trunk
+        above the origin."""
         self.data.qpos[:] = qpos
         self.data.qpos[:2] = 0.0
         mujoco.mj_kinematics(self.model, self.data)
@@ -62,10 +72,14 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
         case GEOM.mjGEOM_BOX:
             mesh = trimesh.creation.box(2.0 * model.geom_size[geom])
         case GEOM.mjGEOM_MESH:
-            mesh = trimesh.Trimesh(*mesh_of(model, int(model.geom_dataid[geom])), process=False)
+            mesh = trimesh.Trimesh(
+                *mesh_of(model, int(model.geom_dataid[geom])), process=False
+            )
             mesh.unmerge_vertices()  # an edge where faces meet
         case other:
-            raise NotImplementedError(f"no triangles for a geom of type {GEOM(other).name}")
+            raise NotImplementedError(
+                f"no triangles for a geom of type {GEOM(other).name}"
+            )
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     pose = np.eye(4)

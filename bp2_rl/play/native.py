@@ -1,4 +1,5 @@
-"""The session in MuJoCo's own window. Arrow keys change speed and turn; the mouse may pull at the robot."""
+"""The session in MuJoCo's own window. Arrow keys change speed and turn; the mouse may
+pull at the robot."""
 
 import queue
 from collections.abc import Callable
@@ -31,8 +32,11 @@ class Window:
     """
 
     def __init__(self, session: Session):
-        if not glfw.init():  # else the viewer would wait for ever for a window that never opens
-            raise UserError("no window can be opened on this display; pass --web to play in a browser")
+        # else the viewer would wait for ever for a window that never opens
+        if not glfw.init():
+            raise UserError(
+                "no window can be opened on this display; pass --web to play in a browser"
+            )
         import mujoco.viewer
 
         self._session, self._model = session, load_model(session.hardware)
@@ -40,11 +44,18 @@ class Window:
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._data.qpos[:] = session.qpos
         self._viewer = mujoco.viewer.launch_passive(
-            self._model, self._data, key_callback=self._keys.put, show_left_ui=False, show_right_ui=False
+            self._model,
+            self._data,
+            key_callback=self._keys.put,
+            show_left_ui=False,
+            show_right_ui=False,
         )
         with self._viewer.lock():
             camera, options = self._viewer.cam, self._viewer.opt
-            camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, self._model.body("trunk").id
+            camera.type, camera.trackbodyid = (
+                mujoco.mjtCamera.mjCAMERA_TRACKING,
+                self._model.body("trunk").id,
+            )
             camera.distance, camera.azimuth, camera.elevation = 2.8, 110.0, -12.0
             options.flags[mujoco.mjtVisFlag.mjVIS_CONTACTFORCE] = True
             options.flags[mujoco.mjtVisFlag.mjVIS_PERTFORCE] = True
@@ -54,11 +65,13 @@ class Window:
         self._viewer.close()
 
     def watched(self) -> bool:
-        """Return that somebody may look: a window that is shut ends the session, in `show`."""
+        """Return that somebody may look: a window that is shut ends the session, in
+        `show`."""
         return True
 
     def show(self, pace: Pace) -> bool:
-        """Do what keys and mouse asked for since the last time, and draw; False once it has been shut."""
+        """Do what keys and mouse asked for since the last time, and draw; False once it
+        has been shut."""
         if not self._viewer.is_running():
             return False
         session = self._session
@@ -67,12 +80,18 @@ class Window:
         real, shown = session.data, self._data
         with self._viewer.lock():
             real.xfrc_applied[:] = shown.xfrc_applied
-            shown.qpos[:], shown.qvel[:], shown.ctrl[:] = real.qpos, real.qvel, real.ctrl
+            shown.qpos[:], shown.qvel[:], shown.ctrl[:] = (
+                real.qpos,
+                real.qvel,
+                real.ctrl,
+            )
             mujoco.mj_forward(self._model, shown)
             self._draw_ghost(session.reference())
         said = readings(session, pace)
         names, values = "\n".join((*said, "", KEYS)), "\n".join(said.values())
-        self._viewer.set_texts([(None, int(mujoco.mjtGridPos.mjGRID_TOPLEFT), names, values)])
+        self._viewer.set_texts(
+            [(None, int(mujoco.mjtGridPos.mjGRID_TOPLEFT), names, values)]
+        )
         self._viewer.sync()
         return True
 
@@ -84,7 +103,14 @@ class Window:
         mujoco.mj_kinematics(self._model, self._ghost)
         scene.ngeom = 0
         options, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
-        mujoco.mjv_addGeoms(self._model, self._ghost, options, perturb, int(mujoco.mjtCatBit.mjCAT_DYNAMIC), scene)
+        mujoco.mjv_addGeoms(
+            self._model,
+            self._ghost,
+            options,
+            perturb,
+            int(mujoco.mjtCatBit.mjCAT_DYNAMIC),
+            scene,
+        )
         for geom in scene.geoms[: scene.ngeom]:
             geom.rgba[:], geom.matid = GHOST, -1
 

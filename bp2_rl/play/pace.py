@@ -9,7 +9,9 @@ from bp2_rl.robot import conventions
 
 FRAMES = 30.0  # a second, at most
 SHOWING = 0.2  # share of the time that showing may take
-PATIENCE = 0.1  # s behind the wall's clock, beyond which the rest is given up for lost: a jerk, but no chase
+# s behind the wall's clock, beyond which the rest is given up for lost: a jerk, but no
+# chase
+PATIENCE = 0.1
 
 
 @runtime_checkable
@@ -17,7 +19,8 @@ class Stage(Protocol):
     """A page or a window."""
 
     def watched(self) -> bool:
-        """Return whether anybody looks; where nobody does, wait a moment for somebody who comes."""
+        """Return whether anybody looks; where nobody does, wait a moment for somebody
+        who comes."""
         ...
 
     def show(self, pace: "Pace") -> bool:
@@ -48,7 +51,8 @@ class Pace:
         self._shown = self._idle = 0.0
 
     def wait(self, simulated: float) -> None:
-        """Wait until the wall's clock has come as far as the simulation, which just went on by so many seconds."""
+        """Wait until the wall's clock has come as far as the simulation, which just
+        went on by so many seconds."""
         self._due += simulated * self.slow
         self._shown += simulated * self.slow
         ahead = self._due - self._clock()
@@ -69,12 +73,14 @@ class Pace:
 
     @property
     def factor(self) -> float:
-        """Real-time factor: seconds shown a second; in slow motion, of those that were asked for."""
+        """Real-time factor: seconds shown a second; in slow motion, of those that were
+        asked for."""
         return self._shown / max(self.elapsed - self._idle, 1e-9)
 
     @property
     def load(self) -> float:
-        """Seconds of processor time a second shown: where that is more than 1, one core is too few."""
+        """Seconds of processor time a second shown: where that is more than 1, one core
+        is too few."""
         return (self._work() - self._worked_before) / max(self._shown, 1e-9)
 
     def __str__(self) -> str:
@@ -84,10 +90,14 @@ class Pace:
         return f"real-time factor {self.factor:.2f}, {self.load:.2f} cores busy"
 
 
-def play_on(tick: Callable[[], None], stage: Stage, pace: Pace, *, seconds: float = math.inf) -> None:
-    """Go on in real time until the stage is shut, or for so many seconds; stand still while nobody looks.
+def play_on(
+    tick: Callable[[], None], stage: Stage, pace: Pace, *, seconds: float = math.inf
+) -> None:
+    """Go on in real time until the stage is shut, or for so many seconds; stand still
+    while nobody looks.
 
-    On a machine that is too slow for it pictures get fewer, so that the robot gets the time.
+    On a machine that is too slow for it pictures get fewer, so that the robot gets the
+    time.
 
     Args:
         tick: goes on by a control step.

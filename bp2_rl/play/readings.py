@@ -10,7 +10,8 @@ PAPER = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
 
 
 def readings(session: Session, pace: Pace) -> dict[str, str]:
-    """Return what the robot does and is told, how its sprint goes, and how well the time is kept."""
+    """Return what the robot does and is told, how its sprint goes, and how well the
+    time is kept."""
     (forward, left, turn), told = session.velocity, session.command
     paper = PAPER if session.hardware.is_bp2 else ""
     fallen = "" if session.down_since is None else "fell; "

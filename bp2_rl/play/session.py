@@ -1,4 +1,5 @@
-"""One robot in C MuJoCo under a policy and somebody's hands, 5 ms at a time; knows neither clock nor screen."""
+"""One robot in C MuJoCo under a policy and somebody's hands, 5 ms at a time; knows
+neither clock nor screen."""
 
 import collections
 import math
@@ -25,7 +26,9 @@ from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import shove
 
-BRAKING = 1.5  # m/s2, at which a slower speed is commanded where the controller does not ease stops itself
+# m/s2, at which a slower speed is commanded where the controller does not ease stops
+# itself
+BRAKING = 1.5
 RIPPLE = 0.25  # s: over a stride speeds are averaged
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
 REMEMBERED = 250  # ms of torques and joint speeds
@@ -33,7 +36,8 @@ Friction = Annotated[float, Within(0.05, 2.0)]
 
 
 class Wish(NamedTuple):
-    """The velocity that a person asks for; the command approaches it at rates that policies can follow."""
+    """The velocity that a person asks for; the command approaches it at rates that
+    policies can follow."""
 
     speed: float = 0.0  # m/s, forward
     left: float = 0.0  # m/s, to the left
@@ -51,7 +55,8 @@ def wish_limits(commands: CommandConfig) -> tuple[Wish, Wish]:
 
 
 class Session:
-    """The robot, from a stand. Under a straight command it keeps to the line on which it was when it last turned.
+    """The robot, from a stand. Under a straight command it keeps to the line on which
+    it was when it last turned.
 
     Args:
         policy: steers the robot, and knows the environment that it was trained in.
@@ -92,7 +97,8 @@ class Session:
         self.distance = 0.0
         self._began: float | None = None
         self.sprint = 0.0
-        """The time from the first command to the finish, which is `TRACK` ahead of the origin, or until now, s."""
+        """The time from the first command to the finish, which is `TRACK` ahead of the
+        origin, or until now, s."""
         self.finished = False
         self.down_since: float | None = None
         """When the robot fell, s; None while it is up."""
@@ -101,11 +107,12 @@ class Session:
         )
         self._worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
 
-    # --- What hands can do -----------------------------------------------------------------------------------
+    # --- What hands can do ------------------------------------------------------------
 
     @property
     def wish(self) -> Wish:
-        """The velocity that a person asks for, within what the policy was trained for."""
+        """The velocity that a person asks for, within what the policy was trained
+        for."""
         return self._wish
 
     @wish.setter
@@ -115,7 +122,9 @@ class Session:
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
         """Add so many steps of `STEP` to the parts of the wish, as keys do."""
         steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
-        self.wish = Wish(*(round(part + size * count, 6) for part, size, count in steps))
+        self.wish = Wish(
+            *(round(part + size * count, 6) for part, size, count in steps)
+        )
 
     def stand(self) -> None:
         """Wish for a stand."""
@@ -135,22 +144,31 @@ class Session:
         self._model.geom_friction[self._feet, 0] = value
 
     def tick(self) -> None:
-        """A control step. A robot that has fallen lies a while, then it stands at the origin again, without a wish."""
+        """A control step. A robot that has fallen lies a while, then it stands at the
+        origin again, without a wish."""
         data, simulator = self.data, self._simulator
-        if self.down_since is not None and self.time > self.down_since + DOWN - 0.5 * conventions.CONTROL_STEP:
+        if (
+            self.down_since is not None
+            and self.time > self.down_since + DOWN - 0.5 * conventions.CONTROL_STEP
+        ):
             self.reset()
         self._lead()
         if self._began is None and self._asked.any():
             self._began = self.time
         simulator.read(0)  # hands may have changed it
-        targets = self._runner.tick(self._seen_from_line()[None], simulator.qvel, self._asked[None])
+        targets = self._runner.tick(
+            self._seen_from_line()[None], simulator.qvel, self._asked[None]
+        )
         for position, velocity in targets:
             self._worked[:-1] = self._worked[1:]
             self._worked[-1, 0] = joint_velocities(data.qvel)
             self._worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
         velocity = self._velocity_now()
-        if not np.isfinite(velocity).all() or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded:
+        if (
+            not np.isfinite(velocity).all()
+            or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded
+        ):
             self.falls += self.down_since is None
             self.reset()
             return
@@ -160,16 +178,18 @@ class Session:
         self._velocities.append(velocity)
         self._run_clock()
 
-    # --- What eyes can see ------------------------------------------------------------------------------------
+    # --- What eyes can see ------------------------------------------------------------
 
     @property
     def command(self) -> Float[np.ndarray, "3"]:
-        """What the policy is told: m/s forward, m/s to the left, rad/s; the operator's steering included."""
+        """What the policy is told: m/s forward, m/s to the left, rad/s; the operator's
+        steering included."""
         return self._runner.command[0]
 
     @property
     def velocity(self) -> Float[np.ndarray, "3"]:
-        """What the robot does, over the last stride: m/s forward, m/s to the left, rad/s."""
+        """What the robot does, over the last stride: m/s forward, m/s to the left,
+        rad/s."""
         return np.mean(self._velocities, axis=0) if self._velocities else np.zeros(3)
 
     @property
@@ -187,38 +207,58 @@ class Session:
         return foot_forces(self.data).copy()
 
     def reference(self) -> Float[np.ndarray, " nq"]:
-        """The reference motion at this moment where the robot is: `qpos` of its ghost."""
+        """The reference motion at this moment where the robot is: `qpos` of its
+        ghost."""
         qpos = self.qpos.copy()
         if (reference := self._runner.reference) is None:
             return qpos
         yaw, up = float(yaw_of(qpos[3:7])), np.asarray(reference.up, np.float64)[0]
-        turn, lean = np.zeros(4), np.array([1.0 + up[2], -up[1], up[0], 0.0])  # lean: the least from z to `up`
+        # lean: the least from z to `up`
+        turn, lean = np.zeros(4), np.array([1.0 + up[2], -up[1], up[0], 0.0])
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_mulQuat(qpos[3:7], turn, lean / np.linalg.norm(lean))
         qpos[2] = float(reference.height[0])
-        return with_legs(qpos, np.asarray(reference.joint_position)[0], np.asarray(reference.spring_compression)[0])
+        return with_legs(
+            qpos,
+            np.asarray(reference.joint_position)[0],
+            np.asarray(reference.spring_compression)[0],
+        )
 
-    # --- Within -----------------------------------------------------------------------------------------------
+    # --- Within -----------------------------------------------------------------------
 
     def _lead(self) -> None:
-        """Change what is asked by as much as a policy can follow in a control step, within what it was trained for."""
-        limits, control, now, dt = self.config.commands, self.config.control, self._asked, conventions.CONTROL_STEP
-        braking = min(control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING)
+        """Change what is asked by as much as a policy can follow in a control step,
+        within what it was trained for."""
+        limits, control, now, dt = (
+            self.config.commands,
+            self.config.control,
+            self._asked,
+            conventions.CONTROL_STEP,
+        )
+        braking = min(
+            control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING
+        )
         launching = COMMAND_ACCELERATION
-        if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once
+        # as fast as the policy will be told, and no faster: a stop comes at once
+        if math.isfinite(control.launching):
             launching = launch_rate(now[0], control, np)
-        speed = now[0] + np.clip(self.wish.speed - now[0], -braking * dt, launching * dt)
+        speed = now[0] + np.clip(
+            self.wish.speed - now[0], -braking * dt, launching * dt
+        )
         # As in training: less sideways at speed, and turns that friction holds.
-        most = np.array([
-            limits.max_lateral * (1.0 - 0.5 * abs(speed) / limits.max_forward),
-            min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6)),
-        ])  # fmt: skip
+        most = np.array(
+            [
+                limits.max_lateral * (1.0 - 0.5 * abs(speed) / limits.max_forward),
+                min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6)),
+            ]
+        )
         step = limits.turn_acceleration * dt
         change = np.clip(np.clip(self.wish[1:], -most, most) - now[1:], -step, step)
         self._asked = np.append(speed, now[1:] + change)
 
     def _run_clock(self) -> None:
-        """Let the clock of the sprint go on until the robot is at the finish, or falls."""
+        """Let the clock of the sprint go on until the robot is at the finish, or
+        falls."""
         if self._began is None or self.finished or self.down_since is not None:
             return
         self.sprint = self.time - self._began
@@ -227,7 +267,8 @@ class Session:
             self.best = min(self.best, self.sprint)
 
     def _seen_from_line(self) -> Float[np.ndarray, " nq"]:
-        """The state in the frame of the line that the robot is to keep to: the operator steers along its x axis."""
+        """The state in the frame of the line that the robot is to keep to: the operator
+        steers along its x axis."""
         qpos = self.qpos
         if self._asked[1:].any():
             self._line[:] = *qpos[:2], yaw_of(qpos[3:7])
@@ -239,7 +280,8 @@ class Session:
         return seen
 
     def _velocity_now(self) -> Float[np.ndarray, "3"]:
-        """m/s forward and to the left of the heading, and rad/s about the world's vertical."""
+        """m/s forward and to the left of the heading, and rad/s about the world's
+        vertical."""
         rate = np.zeros(3)
         mujoco.mju_rotVecQuat(rate, self.data.qvel[3:6], self.qpos[3:7])
         return np.append(_turned(self.data.qvel[:2], -yaw_of(self.qpos[3:7])), rate[2])
@@ -248,4 +290,6 @@ class Session:
 def _turned(vector: Float[np.ndarray, "2"], angle: Any) -> Float[np.ndarray, "2"]:
     """Return a vector on the ground turned to the left by an angle, rad."""
     cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
+    return np.array(
+        [cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]]
+    )

@@ -1,7 +1,9 @@
-"""The session in a browser: the robot in three dimensions, sliders and buttons, a chart. Needs the package viser.
+"""The session in a browser: the robot in three dimensions, sliders and buttons, a
+chart. Needs the package viser.
 
-The robot stays where it is on the page and the ground moves under it, so that no camera need follow it and a hand may
-turn it about freely. Pages only say what they want: the robot is touched between two control steps, in `show`.
+The robot stays where it is on the page and the ground moves under it, so that no camera
+need follow it and a hand may turn it about freely. Pages only say what they want: the
+robot is touched between two control steps, in `show`.
 """
 
 import functools
@@ -29,17 +31,26 @@ from bp2_rl.play.session import Session, Wish, wish_limits
 from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
 CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
-NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which there is none: BP2's
-LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)  # as `plotting.LEG_COLORS`
+# N/m, of an arrow; N, below which there is none: BP2's
+NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0
+# as `plotting.LEG_COLORS`
+LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)
 GHOST_COLOR, GHOST_OPACITY = (80, 150, 255), 0.3
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
-WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)  # m: where the camera is, and what it looks at
-TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)  # on a telephone, whose lower half the panel takes
+# m: where the camera is, and what it looks at
+WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
+# on a telephone, whose lower half the panel takes
+TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)
 LINES = {"start": 0.0, "finish": TRACK}  # m
 READINGS = 5.0  # a second: how often numbers and chart are renewed
 SLOWER = {"real time": 1.0, "1/2": 2.0, "1/5": 5.0, "1/10": 10.0}
 TURN = "To the left. The faster the robot, the less of it is commanded: what friction holds"
-PUSHES = {"forward": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+PUSHES = {
+    "forward": (1.0, 0.0),
+    "back": (-1.0, 0.0),
+    "left": (0.0, 1.0),
+    "right": (0.0, -1.0),
+}
 KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
     "W": ("Faster", lambda session: session.step(speed=1)),
     "S": ("Slower", lambda session: session.step(speed=-1)),
@@ -50,15 +61,20 @@ KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
     "X": ("Stand", Session.stand),
     "R": ("Reset", Session.reset),
 }
-SLIDERS = {"speed": ("Speed, m/s", ""), "left": ("Sideways, m/s", "To the left"), "turn": ("Turn, rad/s", TURN)}
+SLIDERS = {
+    "speed": ("Speed, m/s", ""),
+    "left": ("Sideways, m/s", "To the left"),
+    "turn": ("Turn, rad/s", TURN),
+}
 POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
 
 class Page:
     """The page of a session; `close` ends its server.
 
-    A page for this machine alone answers only to this machine's own names, so that no other site's page can steer it.
-    What a browser sends but for moves of the page's widgets, keys and its own camera is passed over.
+    A page for this machine alone answers only to this machine's own names, so that no
+    other site's page can steer it. What a browser sends but for moves of the page's
+    widgets, keys and its own camera is passed over.
 
     Args:
         session: to be shown.
@@ -70,18 +86,27 @@ class Page:
     """
 
     def __init__(self, session: Session, *, host: str, port: int):
-        # Browsers open connections ahead that they then never use: not worth a traceback.
+        # Browsers open connections ahead that they then never use: not worth a
+        # traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
         self._widgets: dict[str, Any] = {}  # by viser's name
         try:
-            family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
-            socket.create_server(address[:2], family=family).close()  # at no such address viser waits for ever
+            family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[
+                0
+            ]
+            # at no such address viser waits for ever
+            socket.create_server(address[:2], family=family).close()
             with guarding(self._widgets, own_names=host in OWN_NAMES):
                 self.server = viser.ViserServer(
-                    host=host, port=port, label=session.hardware.anatomy.name, verbose=False
+                    host=host,
+                    port=port,
+                    label=session.hardware.anatomy.name,
+                    verbose=False,
                 )
         except (OSError, RuntimeError, OverflowError) as error:
-            raise UserError(f"cannot listen at {host}:{port}: {error}; choose another --host or --port") from error
+            raise UserError(
+                f"cannot listen at {host}:{port}: {error}; choose another --host or --port"
+            ) from error
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
         self._session = session
         self._wanted: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
@@ -89,7 +114,9 @@ class Page:
         self._scene = _Scene(self.server, session)
         self._panel()
         for key, (label, action) in KEYS.items():
-            self.server.gui.add_command(label, hotkey=key).on_trigger(functools.partial(self._want, action))
+            self.server.gui.add_command(label, hotkey=key).on_trigger(
+                functools.partial(self._want, action)
+            )
         self._somebody = threading.Event()
         self.server.on_client_connect(self._count)
         self.server.on_client_connect(_step_back)
@@ -100,20 +127,24 @@ class Page:
         self.server.stop()
 
     def watched(self) -> bool:
-        """Return whether a browser shows the page; where none does, wait a moment for one."""
+        """Return whether a browser shows the page; where none does, wait a moment for
+        one."""
         return self._somebody.wait(POLLING)
 
     def show(self, pace: Pace) -> bool:
         """Do what the page asked for since the last time, and renew what it shows."""
         session = self._session
-        for _ in range(self._wanted.qsize()):  # not what comes meanwhile, or a flood would never let the robot run
+        # not what comes meanwhile, or a flood would never let the robot run
+        for _ in range(self._wanted.qsize()):
             self._wanted.get()(session)
         self._agree_on_the_wish()
         if session.friction != self._friction.value:
             session.friction = self._friction.value
         pace.slow = SLOWER[self._slower.value]
         with self.server.atomic():
-            self._scene.show(session, ghost=self._ghost.value, forces=self._forces.value)
+            self._scene.show(
+                session, ghost=self._ghost.value, forces=self._forces.value
+            )
             if pace.elapsed >= self._next_readings:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
@@ -121,13 +152,16 @@ class Page:
         return True
 
     def _agree_on_the_wish(self) -> None:
-        """Wish what the sliders say, unless the wish has changed otherwise, as by a fall: then move the sliders."""
+        """Wish what the sliders say, unless the wish has changed otherwise, as by a
+        fall: then move the sliders."""
         session = self._session
         if session.wish != self._wish:
             for name, slider in self._sliders.items():
                 slider.value = getattr(session.wish, name)
         else:
-            session.wish = Wish(**{name: slider.value for name, slider in self._sliders.items()})
+            session.wish = Wish(
+                **{name: slider.value for name, slider in self._sliders.items()}
+            )
         self._wish = session.wish
 
     def _want(self, action: Callable[[Session], None], _: Any = None) -> None:
@@ -135,7 +169,8 @@ class Page:
         self._wanted.put(action)
 
     async def _count(self, client: viser.ClientHandle) -> None:
-        """Note whether a browser is there, after one has come or gone; viser awaits one such call after the other."""
+        """Note whether a browser is there, after one has come or gone; viser awaits one
+        such call after the other."""
         del client
         if self.server.get_clients():
             self._somebody.set()
@@ -144,7 +179,9 @@ class Page:
 
     def _panel(self) -> None:
         gui, session = self.server.gui, self._session
-        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.configure_theme(
+            control_width="medium", show_logo=False, show_share_button=False
+        )
         gui.main_panel.dock_right()
         self._readings = gui.add_html("")
         least, most = wish_limits(session.config.commands)
@@ -153,20 +190,33 @@ class Page:
             low, high = getattr(least, name), getattr(most, name)
             if low < high:
                 self._sliders[name] = gui.add_slider(
-                    label, min=low, max=high, step=0.05, initial_value=getattr(session.wish, name), hint=hint or None
+                    label,
+                    min=low,
+                    max=high,
+                    step=0.05,
+                    initial_value=getattr(session.wish, name),
+                    hint=hint or None,
                 )
         buttons = gui.add_button_group("Robot", ("stand", "reset"))
         buttons.on_click(lambda event: self._want(getattr(Session, event.target.value)))
-        strength = gui.add_slider("Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8)
+        strength = gui.add_slider(
+            "Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8
+        )
         push = gui.add_button_group("Push it", tuple(PUSHES))
 
         @push.on_click
         def _(event: Any) -> None:
-            forward, left = (strength.value * part for part in PUSHES[event.target.value])
+            forward, left = (
+                strength.value * part for part in PUSHES[event.target.value]
+            )
             self._want(lambda session: session.push(forward, left))
 
-        self._friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=session.friction)
-        self._slower = gui.add_dropdown("Time", tuple(SLOWER), initial_value="real time")
+        self._friction = gui.add_slider(
+            "Friction", min=0.1, max=1.5, step=0.05, initial_value=session.friction
+        )
+        self._slower = gui.add_dropdown(
+            "Time", tuple(SLOWER), initial_value="real time"
+        )
         self._ghost = gui.add_checkbox("Reference motion", initial_value=True)
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
         self._chart = TorqueSpeed(motors_of(session.config))
@@ -186,35 +236,68 @@ class _Scene:
         server.initial_camera.fov = np.deg2rad(45.0)
         scene.configure_environment_map("park", environment_intensity=0.6)
         self._ground = scene.add_grid(
-            "/ground", infinite_grid=True, cell_size=CELL, section_size=SECTION, cell_color=(225, 205, 198),
-            section_color=(255, 255, 255), section_thickness=3.0, plane_color=(150, 72, 56), plane_opacity=1.0,
-            fade_distance=60.0, shadow_opacity=0.4,
-        )  # fmt: skip
+            "/ground",
+            infinite_grid=True,
+            cell_size=CELL,
+            section_size=SECTION,
+            cell_color=(225, 205, 198),
+            section_color=(255, 255, 255),
+            section_thickness=3.0,
+            plane_color=(150, 72, 56),
+            plane_opacity=1.0,
+            fade_distance=60.0,
+            shadow_opacity=0.4,
+        )
         self._lines = [
-            (x, scene.add_box(f"/{name}", (255, 200, 40), (0.25, 12.0, 0.04), cast_shadow=False))
+            (
+                x,
+                scene.add_box(
+                    f"/{name}", (255, 200, 40), (0.25, 12.0, 0.04), cast_shadow=False
+                ),
+            )
             for name, x in LINES.items()
         ]
         for name in LINES:
             scene.add_label(f"/{name}/label", name, position=(0.0, 2.0, 0.6))
-        self._robot, self._ghost = _Figure(scene, "/robot", self._looks), _Figure(scene, "/ghost", self._looks)
+        self._robot, self._ghost = (
+            _Figure(scene, "/robot", self._looks),
+            _Figure(scene, "/ghost", self._looks),
+        )
         for i, part in enumerate(self._looks.parts()):
-            name, shape = self._looks.bodies[part.body - 1], (part.mesh.vertices, part.mesh.faces)
-            scene.add_mesh_simple(f"/robot/{name}/{i}", *shape, color=part.color, side="double")
+            name, shape = (
+                self._looks.bodies[part.body - 1],
+                (part.mesh.vertices, part.mesh.faces),
+            )
             scene.add_mesh_simple(
-                f"/ghost/{name}/{i}", *shape, color=GHOST_COLOR, opacity=GHOST_OPACITY, cast_shadow=False
+                f"/robot/{name}/{i}", *shape, color=part.color, side="double"
+            )
+            scene.add_mesh_simple(
+                f"/ghost/{name}/{i}",
+                *shape,
+                color=GHOST_COLOR,
+                opacity=GHOST_OPACITY,
+                cast_shadow=False,
             )
         size = session.hardware.size
-        self._least_force, self._stiffness = size.mass * LEAST_FORCE, size.mass / size.length * NEWTONS_A_METRE
+        self._least_force, self._stiffness = (
+            size.mass * LEAST_FORCE,
+            size.mass / size.length * NEWTONS_A_METRE,
+        )
         self._toes = self._looks.model.geom_bodyid[foot_geom_ids(self._looks.model)]
         self._sole = self._looks.model.site(SOLE_SITES[0]).pos.copy()
         # On the toes, so that they stay on the feet whatever a browser draws first.
         self._arrows = [
             scene.add_arrows(
-                f"/robot/{self._looks.bodies[toe - 1]}/force", np.zeros((1, 2, 3)), tuple(color),
-                shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False,
+                f"/robot/{self._looks.bodies[toe - 1]}/force",
+                np.zeros((1, 2, 3)),
+                tuple(color),
+                shaft_radius=0.012,
+                head_radius=0.03,
+                head_length=0.06,
+                visible=False,
             )
             for toe, color in zip(self._toes.tolist(), LEG_COLORS, strict=True)
-        ]  # fmt: skip
+        ]
 
     def show(self, session: Session, *, ghost: bool, forces: bool) -> None:
         """Everything as it is now."""
@@ -234,7 +317,9 @@ class _Scene:
         for arrow, turn, force in zip(self._arrows, turns, forces, strict=True):
             arrow.visible = bool(np.linalg.norm(force) > self._least_force)
             if arrow.visible:
-                arrow.points = np.array([[self._sole, self._sole + turn.T @ force / self._stiffness]])
+                arrow.points = np.array(
+                    [[self._sole, self._sole + turn.T @ force / self._stiffness]]
+                )
 
 
 class _Figure:
@@ -242,12 +327,19 @@ class _Figure:
 
     def __init__(self, scene: Any, root: str, looks: Looks):
         self.root = scene.add_frame(root, show_axes=False)
-        self._frames = [scene.add_frame(f"{root}/{name}", show_axes=False) for name in looks.bodies]
+        self._frames = [
+            scene.add_frame(f"{root}/{name}", show_axes=False) for name in looks.bodies
+        ]
         self._at = [np.full((len(looks.bodies), size), np.inf) for size in (3, 4)]
 
-    def place(self, position: Float[np.ndarray, "B 3"], quaternion: Float[np.ndarray, "B 4"]) -> None:
-        """Move what has moved: a frame that is told where it is costs more than all of a body's kinematics."""
-        for attribute, now, last in zip(("position", "wxyz"), (position, quaternion), self._at, strict=True):
+    def place(
+        self, position: Float[np.ndarray, "B 3"], quaternion: Float[np.ndarray, "B 4"]
+    ) -> None:
+        """Move what has moved: a frame that is told where it is costs more than all of
+        a body's kinematics."""
+        for attribute, now, last in zip(
+            ("position", "wxyz"), (position, quaternion), self._at, strict=True
+        ):
             for i in np.flatnonzero(np.any(np.abs(now - last) > SEEN, axis=1)):
                 setattr(self._frames[i], attribute, now[i])
                 last[i] = now[i]

@@ -1,4 +1,5 @@
-"""The interface of a reference motion: a function from command and phase to the motion of the whole body."""
+"""The interface of a reference motion: a function from command and phase to the motion
+of the whole body."""
 
 from typing import Protocol, runtime_checkable
 
@@ -11,12 +12,13 @@ from bp2_rl.robot.hardware import HardwareSpec
 class Reference(struct.PyTreeNode):
     """The reference at one command and phase. All leaves share the leading batch axes.
 
-    Legs are in the order FR, FL, RR, RL, joints of a leg in the order abad, hip, knee. The heading frame has
-    its x axis along the trunk's yaw and its z axis up.
+    Legs are in the order FR, FL, RR, RL, joints of a leg in the order abad, hip, knee.
+    The heading frame has its x axis along the trunk's yaw and its z axis up.
     """
 
     joint_position: Float[Array, "... 12"]  # rad
-    joint_velocity: Float[Array, "... 12"]  # rad/s, the exact time derivative of joint_position
+    # rad/s, the exact time derivative of joint_position
+    joint_velocity: Float[Array, "... 12"]
     spring_compression: Float[Array, "... 4"]  # m
     spring_velocity: Float[Array, "... 4"]  # m/s
     height: Float[Array, "..."]  # m, trunk centre above the ground
@@ -31,7 +33,8 @@ class Reference(struct.PyTreeNode):
 
 @runtime_checkable
 class ReferenceMotion(Protocol):
-    """A family of periodic motions indexed by the command (vx, vy in m/s, yaw rate in rad/s)."""
+    """A family of periodic motions indexed by the command (vx, vy in m/s, yaw rate in
+    rad/s)."""
 
     @property
     def hardware(self) -> HardwareSpec:
@@ -40,7 +43,8 @@ class ReferenceMotion(Protocol):
 
     @property
     def height(self) -> float:
-        """Mean height of the trunk's centre above the ground, m; the least where it depends on the command."""
+        """Mean height of the trunk's centre above the ground, m; the least where it
+        depends on the command."""
         ...
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -48,9 +52,13 @@ class ReferenceMotion(Protocol):
         ...
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """How much of its full steps the motion takes: 0 when standing, 1 in a full trot."""
+        """How much of its full steps the motion takes: 0 when standing, 1 in a full
+        trot."""
         ...
 
-    def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
-        """The reference at this command and phase; phase in cycles, any real number, periodic with period 1."""
+    def __call__(
+        self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
+    ) -> Reference:
+        """The reference at this command and phase; phase in cycles, any real number,
+        periodic with period 1."""
         ...

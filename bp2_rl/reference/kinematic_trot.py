@@ -1,14 +1,18 @@
-"""The kinematic gait generator: a trot for forward, lateral and yaw commands, in closed form.
+"""The kinematic gait generator: a trot for forward, lateral and yaw commands, in closed
+form.
 
-Stance: a foot is fixed in the world, so in the trunk frame it obeys p' = -v - omega x p exactly, while its spring
-takes the pulse of compression that carries the robot's weight. Joint angles follow by inverse kinematics.
+Stance: a foot is fixed in the world, so in the trunk frame it obeys p' = -v - omega x p
+exactly, while its spring takes the pulse of compression that carries the robot's
+weight. Joint angles follow by inverse kinematics.
 
-Swing: the joints leave with the angles and speeds of lift-off and come to those of touchdown along a polynomial,
-with a bump of knee flexion that lifts the foot by much the same at any speed. So the joint angles are continuously
-differentiable in time, and no overshoot of the foot can leave the reach of the leg.
+Swing: the joints leave with the angles and speeds of lift-off and come to those of
+touchdown along a polynomial, with a bump of knee flexion that lifts the foot by much
+the same at any speed. So the joint angles are continuously differentiable in time, and
+no overshoot of the foot can leave the reach of the leg.
 
-Period and duty follow the command so that the sweep of a stance stays within reach at every speed, and everything
-grows smoothly out of standing still. How the defaults were found is in docs/notes/kinematic_gait.md.
+Period and duty follow the command so that the sweep of a stance stays within reach at
+every speed, and everything grows smoothly out of standing still. How the defaults were
+found is in docs/notes/kinematic_gait.md.
 """
 
 import dataclasses
@@ -26,7 +30,9 @@ from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.settings.reference import KinematicConfig
 
-AXIAL_SHARE = 0.78  # of a foot's force is along its spring; found on rails, where the ground then bears the weight
+# of a foot's force is along its spring; found on rails, where the ground then bears the
+# weight
+AXIAL_SHARE = 0.78
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,15 +73,21 @@ class KinematicGait(KinematicConfig):
         """0 when standing, 1 on the move."""
         return self.law.stepping(command)
 
-    def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
+    def __call__(
+        self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
+    ) -> Reference:
         """The reference at this command and phase (see `ReferenceMotion`)."""
         law, phase = self.law, phase - jnp.floor(phase)
         q, qd, spring, spring_rate = law.joints(command, phase, jax.jvp)
         stance_time, period = law.stance_time(command), 1.0 / law.phase_rate(command)
         tau = phase * period - stance_time / 2.0
-        height, height_rate = jax.jvp(lambda t: law.trunk_height(command, t), (tau,), (jnp.ones_like(tau),))
+        height, height_rate = jax.jvp(
+            lambda t: law.trunk_height(command, t), (tau,), (jnp.ones_like(tau),)
+        )
         zero = jnp.zeros_like(height)
-        contact = law.in_stance(command, phase)[0] | (law.stepping(command)[..., None] < STANDING)
+        contact = law.in_stance(command, phase)[0] | (
+            law.stepping(command)[..., None] < STANDING
+        )
         return Reference(
             joint_position=q.reshape(*q.shape[:-2], 12),
             joint_velocity=qd.reshape(*qd.shape[:-2], 12),
@@ -86,7 +98,9 @@ class KinematicGait(KinematicConfig):
             up=jnp.stack([zero, zero, zero + 1.0], axis=-1),
             pitch=zero,
             pitch_rate=zero,
-            velocity=jnp.stack([command[..., 0], command[..., 1], height_rate], axis=-1),
+            velocity=jnp.stack(
+                [command[..., 0], command[..., 1], height_rate], axis=-1
+            ),
             contact=contact.astype(phase.dtype),
             torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )

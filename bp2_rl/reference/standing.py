@@ -1,4 +1,5 @@
-"""A reference motion that stands still under every command, for learning without a gait."""
+"""A reference motion that stands still under every command, for learning without a
+gait."""
 
 import dataclasses
 
@@ -9,7 +10,9 @@ from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
-CYCLES_PER_SECOND = 3.0  # of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a second
+# of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a
+# second
+CYCLES_PER_SECOND = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,11 +31,16 @@ class Standing:
         return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Return 1 for every command, so that a policy that is to find steps of its own sees the clock."""
+        """Return 1 for every command, so that a policy that is to find steps of its own
+        sees the clock."""
         return jnp.ones(command.shape[:-1])
 
-    def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
+    def __call__(
+        self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
+    ) -> Reference:
         """The standing pose, with the velocity that is commanded."""
         pose = KinematicGait(hardware=self.hardware)(jnp.zeros_like(command), phase)
-        planar = jnp.concatenate([command[..., :2], jnp.zeros_like(command[..., :1])], axis=-1)
+        planar = jnp.concatenate(
+            [command[..., :2], jnp.zeros_like(command[..., :1])], axis=-1
+        )
         return pose.replace(velocity=planar)

@@ -1,24 +1,29 @@
-"""The joint motors: PD law, current loop, torque-speed envelope and the bus they share, at the joint side of the gear.
+"""The joint motors: PD law, current loop, torque-speed envelope and the bus they share,
+at the joint side of the gear.
 
-Functions are pure, batched over leading axes (joints "... 12") and take arrays of NumPy or JAX, so that every engine
-runs the very same motor; nothing here imports JAX. What a torque loses on its way to the joint is in `robot.losses`.
+Functions are pure, batched over leading axes (joints "... 12") and take arrays of NumPy
+or JAX, so that every engine runs the very same motor; nothing here imports JAX. What a
+torque loses on its way to the joint is in `robot.losses`.
 
 The envelope (DERIVED from the paper's 120 Nm, 21.4 rad/s and 1765 W, four quadrants) is
 
     tau_hi(w) = clip(min(tau_s (u - w / w0), tau_max), -tau_max, tau_max),   tau_s = tau_max / (1 - w_c / w0)
     tau_lo(w) = -tau_hi(-w)
 
-flat up to the corner speed w_c, falling to zero at the no-load speed w0, and flat while braking. u is the bus's
-voltage over its nominal one, which is 1 where nothing sags. Driven beyond w0 the back EMF exceeds the voltage and the
-drive can only brake: tau_hi is then negative. w_c = 0 is the straight back-EMF line.
+flat up to the corner speed w_c, falling to zero at the no-load speed w0, and flat while
+braking. u is the bus's voltage over its nominal one, which is 1 where nothing sags.
+Driven beyond w0 the back EMF exceeds the voltage and the drive can only brake: tau_hi
+is then negative. w_c = 0 is the straight back-EMF line.
 
-Flat braking is what a motor with a resistance alone can do: the back EMF drives the braking current, up to
-w0 (1 + tau_max / tau_s) without field weakening. A motor whose inductance counts brakes less at speed; `braking_speed`
-is where a line from the corner ends, on which -tau_lo then stays for w > 0.
+Flat braking is what a motor with a resistance alone can do: the back EMF drives the
+braking current, up to w0 (1 + tau_max / tau_s) without field weakening. A motor whose
+inductance counts brakes less at speed; `braking_speed` is where a line from the corner
+ends, on which -tau_lo then stays for w > 0.
 
-The bus feeds all motors. What they draw, sum of tau w and copper loss, sags the voltage, and is kept between the powers
-that may flow in and out by one common factor on all torques, as a drive would. What flows back beyond w0 against the
-drive's will is not scaled: a brake resistor burns it.
+The bus feeds all motors. What they draw, sum of tau w and copper loss, sags the
+voltage, and is kept between the powers that may flow in and out by one common factor on
+all torques, as a drive would. What flows back beyond w0 against the drive's will is not
+scaled: a brake resistor burns it.
 """
 
 import dataclasses
@@ -37,7 +42,8 @@ LEAST_VOLTAGE = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Bus:
-    """What battery and drive can supply and take back; each a number or an array over robots."""
+    """What battery and drive can supply and take back; each a number or an array over
+    robots."""
 
     power_out: Number  # W
     power_in: Number  # W
@@ -46,7 +52,8 @@ class Bus:
 
 @dataclasses.dataclass(frozen=True)
 class Actuator:
-    """Gains and limits of the motors; each a number or an array that broadcasts to (..., 12)."""
+    """Gains and limits of the motors; each a number or an array that broadcasts to
+    (..., 12)."""
 
     stiffness: Number  # Nm/rad
     damping: Number  # Nm s/rad
@@ -55,7 +62,8 @@ class Actuator:
     no_load_speed: Number  # rad/s
     braking_speed: Number = float("inf")  # rad/s; see above
     strength: Number = 1.0  # scale on the peak torque
-    current_lag: Number = 0.0  # s, time constant of the first-order current loop; 0: none
+    # s, time constant of the first-order current loop; 0: none
+    current_lag: Number = 0.0
     torque_rate: Number = float("inf")  # Nm/s, largest rate of change
     bus: Bus | None = None  # None: it gives and takes everything, at nominal voltage
 
@@ -93,38 +101,59 @@ class Actuator:
 def of_joint(actuator: Actuator, joint: int) -> Actuator:
     """Return the motor of one joint of twelve."""
     limits = "peak_torque", "corner_speed", "no_load_speed", "braking_speed"
-    own = {name: float(np.broadcast_to(getattr(actuator, name), 12)[joint]) for name in limits}
+    own = {
+        name: float(np.broadcast_to(getattr(actuator, name), 12)[joint])
+        for name in limits
+    }
     return dataclasses.replace(actuator, **own)
 
 
 def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:
-    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`.
+    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load
+    speed and `stall_torque`.
 
     CasADi's numbers are welcome as well.
     """
     return torque**2 * (no_load / stall)
 
 
-def torque_limits(actuator: Actuator, qd: Array, voltage: Number = 1.0) -> tuple[Any, Any]:
-    """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s).
+def torque_limits(
+    actuator: Actuator, qd: Array, voltage: Number = 1.0
+) -> tuple[Any, Any]:
+    """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint
+    speeds `qd` (rad/s).
 
-    `voltage` of the bus is a share of the nominal one, and broadcasts against the joints.
+    `voltage` of the bus is a share of the nominal one, and broadcasts against the
+    joints.
     """
-    lower, upper = -_upper_limit(actuator, -qd, voltage), _upper_limit(actuator, qd, voltage)
-    if isinstance(actuator.braking_speed, float) and actuator.braking_speed == float("inf"):
+    lower, upper = (
+        -_upper_limit(actuator, -qd, voltage),
+        _upper_limit(actuator, qd, voltage),
+    )
+    if isinstance(actuator.braking_speed, float) and actuator.braking_speed == float(
+        "inf"
+    ):
         return lower, upper
     xp = qd.__array_namespace__()
-    braking_down, braking_up = _braking_limit(actuator, qd), _braking_limit(actuator, -qd)
+    braking_down, braking_up = (
+        _braking_limit(actuator, qd),
+        _braking_limit(actuator, -qd),
+    )
     # Beyond the no-load speed the back EMF brakes, whatever the drive can.
-    return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(xp.minimum(upper, braking_up), lower)
+    return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(
+        xp.minimum(upper, braking_up), lower
+    )
 
 
 def stall_torque(peak: Number, corner: Number, no_load: Number) -> Any:
-    """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's numbers are welcome as well."""
+    """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's
+    numbers are welcome as well."""
     return peak / (1.0 - corner / no_load)
 
 
-def pd_torque(actuator: Actuator, q: Array, qd: Array, q_target: Array, qd_target: Array) -> Array:
+def pd_torque(
+    actuator: Actuator, q: Array, qd: Array, q_target: Array, qd_target: Array
+) -> Array:
     """Torque that the PD law asks for, Nm."""
     return actuator.stiffness * (q_target - q) + actuator.damping * (qd_target - qd)
 
@@ -140,12 +169,13 @@ def joint_torque(
 ) -> ArrayT:
     """Torque of the motors for the next `dt` seconds, Nm, "... 12".
 
-    PD law, then the current loop's lag, then its rate limit, then the envelope and the bus: last, so nothing ever
-    leaves them.
+    PD law, then the current loop's lag, then its rate limit, then the envelope and the
+    bus: last, so nothing ever leaves them.
     """
     xp = qd.__array_namespace__()
     desired = pd_torque(actuator, q, qd, q_target, qd_target)
-    share = dt / (actuator.current_lag + dt)  # of the way, by implicit Euler: all of it without a lag
+    # of the way, by implicit Euler: all of it without a lag
+    share = dt / (actuator.current_lag + dt)
     step = share * (desired - previous_torque)
     largest_step = actuator.torque_rate * dt
     torque = previous_torque + xp.clip(step, -largest_step, largest_step)
@@ -154,8 +184,11 @@ def joint_torque(
 
 
 def winding_heat(actuator: Actuator, torque: Number) -> Any:
-    """Copper loss of each motor at a torque (Nm), W; a weak motor's is as a strong one's."""
-    stall = stall_torque(actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed)
+    """Copper loss of each motor at a torque (Nm), W; a weak motor's is as a strong
+    one's."""
+    stall = stall_torque(
+        actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed
+    )
     return copper_loss(torque, actuator.no_load_speed, stall)
 
 
@@ -165,15 +198,21 @@ def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
 
 
 def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Any:
-    """The bus's voltage over its nominal one ("... 1") while the motors give this torque."""
+    """The bus's voltage over its nominal one ("... 1") while the motors give this
+    torque."""
     if actuator.bus is None:
         return 1.0
     xp = qd.__array_namespace__()
-    return xp.clip(1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0)[..., None]
+    return xp.clip(
+        1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0
+    )[..., None]
 
 
-def share_bus(actuator: Actuator, torque: ArrayT, limits: tuple[Array, Array], qd: Array) -> ArrayT:
-    """The torques, all the same share of the way from the least that the limits allow, so that the bus can feed them.
+def share_bus(
+    actuator: Actuator, torque: ArrayT, limits: tuple[Array, Array], qd: Array
+) -> ArrayT:
+    """The torques, all the same share of the way from the least that the limits allow,
+    so that the bus can feed them.
 
     Those themselves where the bus gives and takes everything.
     """
@@ -187,12 +226,17 @@ def share_bus(actuator: Actuator, torque: ArrayT, limits: tuple[Array, Array], q
     p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
     whole = p0 + p1 + p2
 
-    def share(limit: Number, sign: float) -> Number:  # a shape would be made anew at every call
+    # a shape would be made anew at every call
+    def share(limit: Number, sign: float) -> Number:
         root = xp.sqrt(xp.maximum(p1 * p1 - 4.0 * p2 * (p0 - limit), 0.0))
-        return xp.clip((sign * root - p1) / (2.0 * xp.where(p2 > 0.0, p2, 1.0)), 0.0, 1.0)
+        return xp.clip(
+            (sign * root - p1) / (2.0 * xp.where(p2 > 0.0, p2, 1.0)), 0.0, 1.0
+        )
 
     out, into = actuator.bus.power_out, -actuator.bus.power_in
-    shares = xp.where(whole > out, share(out, 1.0), xp.where(whole < into, share(into, -1.0), 1.0))
+    shares = xp.where(
+        whole > out, share(out, 1.0), xp.where(whole < into, share(into, -1.0), 1.0)
+    )
     return least + shares[..., None] * way
 
 

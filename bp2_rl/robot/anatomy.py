@@ -1,8 +1,10 @@
-"""What a quadruped's body is, as plain numbers: links, joints, lengths, joint ranges and the standing pose.
+"""What a quadruped's body is, as plain numbers: links, joints, lengths, joint ranges
+and the standing pose.
 
-A leg hangs straight down at zero joint angles. Then the frames of its links are parallel to the trunk's (x forward,
-y left, z up), the abduction joint turns about +x, hip and knee about +y, and a spring shortens the lower leg along +z.
-Legs are in the order of `LEGS`; SI units.
+A leg hangs straight down at zero joint angles. Then the frames of its links are
+parallel to the trunk's (x forward, y left, z up), the abduction joint turns about +x,
+hip and knee about +y, and a spring shortens the lower leg along +z. Legs are in the
+order of `LEGS`; SI units.
 """
 
 import dataclasses
@@ -16,8 +18,9 @@ from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
 from bp2_rl.robot.conventions import MOTOR_NAMES
 
-# Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
-# derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
+# Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far
+# from 0, so that every derivative stays finite. Inside BP2's joint ranges (knee <= -0.1
+# rad: cosine <= 0.995) it has no effect.
 _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
 _LEAST_MOMENT = 1e-12  # kg m2
@@ -44,9 +47,11 @@ class Link:
 
 
 def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
-    """Return the nearest principal moments (3), kg m2, that a body can have: positive, none above the others' sum.
+    """Return the nearest principal moments (3), kg m2, that a body can have: positive,
+    none above the others' sum.
 
-    They keep off that sum by a margin, a share for rounding, which MuJoCo does not allow for.
+    They keep off that sum by a margin, a share for rounding, which MuJoCo does not
+    allow for.
     """
     positive = np.maximum(moments, _LEAST_MOMENT)
     return np.minimum(positive, (1.0 - margin) * (positive.sum() - positive))
@@ -59,15 +64,20 @@ class Leg:
     anchor: Vector  # m, the abduction joint in the trunk's frame
     hip: Vector  # m, the hip joint from the abduction joint
     knee: Vector  # m, the knee joint from the hip joint; x is 0
-    foot: Vector  # m, the centre of the foot's sphere from the knee joint, with the spring at rest; x is 0
+    # m, the centre of the foot's sphere from the knee joint, with the spring at rest; x
+    # is 0
+    foot: Vector
     foot_radius: float  # m
     abad: Link
     thigh: Link
     shank: Link
     toe: Link | None  # below the spring; None: the shank is rigid
-    seat: Vector  # m, the toe's frame from the knee joint, with the spring at rest; x is 0; a rigid shank's is unused
+    # m, the toe's frame from the knee joint, with the spring at rest; x is 0; a rigid
+    # shank's is unused
+    seat: Vector
     ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
-    bend: Literal[-1, 1] = -1  # sign of the knee's angle in the gait: -1 bends the knee backwards
+    # sign of the knee's angle in the gait: -1 bends the knee backwards
+    bend: Literal[-1, 1] = -1
 
     @property
     def thigh_length(self) -> float:
@@ -85,12 +95,24 @@ class Leg:
         return self.hip[1] + self.knee[1] + self.foot[1]
 
     def reach(self, compression: float = 0.0) -> tuple[float, float]:
-        """Least and greatest distance of the sole from the hip axis that the knee's range allows, m."""
+        """Least and greatest distance of the sole from the hip axis that the knee's
+        range allows, m."""
         thigh, lower = self.thigh_length, self.lower_length - compression
         low, high = self.ranges[2]
-        # The leg is straight at 0 and folded at +-pi, and so on, which may be inside the range.
-        knees = low, high, *(math.pi * n for n in range(math.ceil(low / math.pi), math.floor(high / math.pi) + 1))
-        distances = [math.hypot(thigh + lower * math.cos(knee), lower * math.sin(knee)) for knee in knees]
+        # The leg is straight at 0 and folded at +-pi, and so on, which may be inside
+        # the range.
+        knees = (
+            low,
+            high,
+            *(
+                math.pi * n
+                for n in range(math.ceil(low / math.pi), math.floor(high / math.pi) + 1)
+            ),
+        )
+        distances = [
+            math.hypot(thigh + lower * math.cos(knee), lower * math.sin(knee))
+            for knee in knees
+        ]
         return min(distances), max(distances)
 
     @property
@@ -102,7 +124,8 @@ class Leg:
 
 @dataclasses.dataclass(frozen=True)
 class JointConvention:
-    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times the model's plus `offset`."""
+    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times
+    the model's plus `offset`."""
 
     name: str
     sign: Annotated[int, Within(-1, 1)] = 1
@@ -117,25 +140,40 @@ class Anatomy:
     trunk: Link
     legs: tuple[Leg, Leg, Leg, Leg]
     stand: tuple[float, ...]  # rad, the twelve joints' angles in the standing pose
-    trunk_size: Vector  # m, half extents of the box that the trunk fills, about its frame's origin
-    weighed_mass: float  # kg, of the robot as it is published; its links may add up to a little less
+    # m, half extents of the box that the trunk fills, about its frame's origin
+    trunk_size: Vector
+    # kg, of the robot as it is published; its links may add up to a little less
+    weighed_mass: float
     footprint: tuple[float, ...]
-    """m, half length and half width of the body with its covers, seen from above: two numbers, and no `Range`"""
+    """m, half length and half width of the body with its covers, seen from above: two
+    numbers, and no `Range`"""
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given
     joints: tuple[JointConvention, ...] = tuple(map(JointConvention, MOTOR_NAMES))
 
     def __post_init__(self) -> None:
-        """Refuse a name that no terminal or title can show; in titles $ begins mathematics."""
-        if not (0 < len(self.name) <= LONGEST_NAME and self.name.isprintable() and "$" not in self.name):
+        """Refuse a name that no terminal or title can show; in titles $ begins
+        mathematics."""
+        if not (
+            0 < len(self.name) <= LONGEST_NAME
+            and self.name.isprintable()
+            and "$" not in self.name
+        ):
             raise UserError(
                 f"a robot's name takes 1 to {LONGEST_NAME} printable letters and no $, got {shown(self.name)}"
             )
 
     @classmethod
-    def of_parts(cls, trunk: Link, legs: tuple[Leg, Leg, Leg, Leg], trunk_size: Vector, **others: Any) -> "Anatomy":
-        """Return a body as heavy as its parts and as wide as its feet are apart, its motors' numbers at the joint.
+    def of_parts(
+        cls,
+        trunk: Link,
+        legs: tuple[Leg, Leg, Leg, Leg],
+        trunk_size: Vector,
+        **others: Any,
+    ) -> "Anatomy":
+        """Return a body as heavy as its parts and as wide as its feet are apart, its
+        motors' numbers at the joint.
 
         `others` are the remaining fields by name.
         """
@@ -143,8 +181,12 @@ class Anatomy:
             trunk=trunk,
             legs=legs,
             trunk_size=trunk_size,
-            weighed_mass=trunk.mass + sum(link.mass for leg in legs for link in leg.links),
-            footprint=(trunk_size[0], max(trunk_size[1], *(abs(leg.anchor[1] + leg.lateral) for leg in legs))),
+            weighed_mass=trunk.mass
+            + sum(link.mass for leg in legs for link in leg.links),
+            footprint=(
+                trunk_size[0],
+                max(trunk_size[1], *(abs(leg.anchor[1] + leg.lateral) for leg in legs)),
+            ),
             gear_ratio=1.0,
             **others,
         )
@@ -162,16 +204,22 @@ class Anatomy:
     @property
     def mass(self) -> float:
         """Mass of all links, kg."""
-        return self.trunk.mass + sum(link.mass for leg in self.legs for link in leg.links)
+        return self.trunk.mass + sum(
+            link.mass for leg in self.legs for link in leg.links
+        )
 
     @property
     def leg_length(self) -> float:
-        """Half the length of a straight leg from hip axis to sole, in the mean over the legs, m."""
-        return sum(leg.thigh_length + leg.lower_length for leg in self.legs) / (2.0 * len(self.legs))
+        """Half the length of a straight leg from hip axis to sole, in the mean over the
+        legs, m."""
+        return sum(leg.thigh_length + leg.lower_length for leg in self.legs) / (
+            2.0 * len(self.legs)
+        )
 
     @property
     def beams(self) -> tuple[float, float, float]:
-        """Return radius, half length and distance from the middle, m, of the two capsules that stand for the trunk."""
+        """Return radius, half length and distance from the middle, m, of the two
+        capsules that stand for the trunk."""
         length, width, radius = self.trunk_size
         return radius, max(length - radius, 0.0), max(width - radius, 0.0)
 
@@ -180,7 +228,9 @@ class Anatomy:
         """Return the lengths that kinematics needs, as arrays over the legs."""
         legs = self.legs
         return LegGeometry(
-            origins=np.array([np.add(leg.anchor, (leg.hip[0], 0.0, 0.0)) for leg in legs]),
+            origins=np.array(
+                [np.add(leg.anchor, (leg.hip[0], 0.0, 0.0)) for leg in legs]
+            ),
             lateral=np.array([leg.lateral for leg in legs]),
             drop=np.array([-leg.hip[2] for leg in legs]),
             thigh=np.array([leg.thigh_length for leg in legs]),
@@ -193,7 +243,9 @@ class Anatomy:
 class LegGeometry(NamedTuple):
     """The lengths of the legs, m, four of each."""
 
-    origins: Any  # (4, 3), where each abduction axis crosses the plane of the hip axis, in the trunk's frame
+    # (4, 3), where each abduction axis crosses the plane of the hip axis, in the
+    # trunk's frame
+    origins: Any
     lateral: Any  # from the abduction axis to the foot's plane, to the left
     drop: Any  # of the hip axis below the abduction axis
     thigh: Any
@@ -206,13 +258,16 @@ class LegGeometry(NamedTuple):
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
 
     def joint_angles(self, feet: Any, compression: Any = 0.0) -> Any:
-        """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m); `kinematics.joint_angles`."""
+        """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m);
+        `kinematics.joint_angles`."""
         xp = feet.__array_namespace__()
         legs = self.cast(xp, feet.dtype)
         p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
         # A foot on the abduction axis is moved below it, by more than it can be above.
-        z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z)
+        z = xp.where(
+            y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z
+        )
         from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
         abad = xp.atan2(d * z + from_abad * y, d * y - from_abad * z)
         h, lower = from_abad - legs.drop, legs.lower - compression

@@ -13,17 +13,22 @@ from bp2_rl.robot.conventions import LEGS
 
 @dataclasses.dataclass(frozen=True)
 class BP2Body:
-    """BP2's body; `BP2Body()` is the paper's. What legs gain in mass the trunk loses."""
+    """BP2's body; `BP2Body()` is the paper's. What legs gain in mass the trunk
+    loses."""
 
     leg_length: Annotated[float, Within(0.0, 10.0)] = bp2.THIGH_LENGTH
     """m, of the thigh and of the uncompressed lower leg alike"""
-    fore_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.FORE_TRACK  # m, between fore legs' planes
-    hind_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.HIND_TRACK  # m, between the hind feet
+    # m, between fore legs' planes
+    fore_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.FORE_TRACK
+    # m, between the hind feet
+    hind_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.HIND_TRACK
     thigh_mass: Annotated[float, Within(0.1, 10.0)] = bp2.THIGH_MASS
-    """kg, before masses are scaled: what legs gain the trunk loses, and inertias go with the masses"""
+    """kg, before masses are scaled: what legs gain the trunk loses, and inertias go
+    with the masses"""
     toe_mass: Annotated[float, Within(0.05, 10.0)] = bp2.TOE_MASS  # kg, of one
     trunk_inertia: Annotated[float, Within(0.1, 1e4)] = 1.0
-    """of the trunk's inertia, times what its mass makes of it; a large one guides the trunk, which then cannot pitch"""
+    """of the trunk's inertia, times what its mass makes of it; a large one guides the
+    trunk, which then cannot pitch"""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
@@ -37,40 +42,61 @@ class BP2Body:
 
     @property
     def thigh_inertia(self) -> float:
-        """Return a thigh's inertia about its centre of mass, across its length, kg m2, before masses are scaled."""
+        """Return a thigh's inertia about its centre of mass, across its length, kg m2,
+        before masses are scaled."""
         return self.thigh_mass / bp2.THIGH_MASS * bp2.THIGH_INERTIA
 
     @property
     def toe_inertia(self) -> float:
-        """Return a toe's inertia about its centre of mass, across its length, kg m2, before masses are scaled."""
+        """Return a toe's inertia about its centre of mass, across its length, kg m2,
+        before masses are scaled."""
         return self.toe_mass / bp2.TOE_MASS * bp2.TOE_INERTIA
 
     @property
     def trunk_quarter_mass(self) -> float:
         """What the legs leave the trunk's quarter, its abduction link included, kg."""
-        return bp2.TRUNK_QUARTER_MASS + (bp2.THIGH_MASS - self.thigh_mass) + (bp2.TOE_MASS - self.toe_mass)
+        return (
+            bp2.TRUNK_QUARTER_MASS
+            + (bp2.THIGH_MASS - self.thigh_mass)
+            + (bp2.TOE_MASS - self.toe_mass)
+        )
 
     @property
     def trunk_inertia_share(self) -> float:
         """Inertia of the trunk without its abduction links, over BP2's."""
-        return self.trunk_inertia * (self.trunk_quarter_mass - bp2.ABAD_MASS) / (bp2.TRUNK_QUARTER_MASS - bp2.ABAD_MASS)
+        return (
+            self.trunk_inertia
+            * (self.trunk_quarter_mass - bp2.ABAD_MASS)
+            / (bp2.TRUNK_QUARTER_MASS - bp2.ABAD_MASS)
+        )
 
     @property
     def trunk_pitch_inertia(self) -> float:
-        """Return the pitch inertia, kg m2, of the trunk with its abduction links about its centre."""
-        return bp2.TRUNK_PITCH_INERTIA + (self.trunk_inertia_share - 1.0) * (bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS)
+        """Return the pitch inertia, kg m2, of the trunk with its abduction links about
+        its centre."""
+        return bp2.TRUNK_PITCH_INERTIA + (self.trunk_inertia_share - 1.0) * (
+            bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS
+        )
 
     @property
     def hip_laterals(self) -> tuple[float, float, float, float]:
-        """How far left of the trunk's mid-plane each leg's abduction axis is, m, in the order of `LEGS`."""
-        fore, hind = (round(track / 2 - bp2.THIGH_LATERAL, 12) for track in (self.fore_track, self.hind_track))
+        """How far left of the trunk's mid-plane each leg's abduction axis is, m, in the
+        order of `LEGS`."""
+        fore, hind = (
+            round(track / 2 - bp2.THIGH_LATERAL, 12)
+            for track in (self.fore_track, self.hind_track)
+        )
         return -fore, fore, -hind, hind
 
     @functools.cached_property
     def anatomy(self) -> Anatomy:
         """Return the body as plain numbers."""
         share = self.trunk_inertia_share
-        roll, pitch, yaw = bp2.TRUNK_ROLL_INERTIA, bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS, bp2.TRUNK_YAW_INERTIA
+        roll, pitch, yaw = (
+            bp2.TRUNK_ROLL_INERTIA,
+            bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS,
+            bp2.TRUNK_YAW_INERTIA,
+        )
         return Anatomy(
             name="BP2",
             trunk=Link(
@@ -80,7 +106,11 @@ class BP2Body:
             ),
             legs=(self._leg(0), self._leg(1), self._leg(2), self._leg(3)),
             stand=bp2.STAND_JOINTS,
-            trunk_size=(bp2.TRUNK_REACH + bp2.TRUNK_RADIUS, bp2.TRUNK_LATERAL + bp2.TRUNK_RADIUS, bp2.TRUNK_RADIUS),
+            trunk_size=(
+                bp2.TRUNK_REACH + bp2.TRUNK_RADIUS,
+                bp2.TRUNK_LATERAL + bp2.TRUNK_RADIUS,
+                bp2.TRUNK_RADIUS,
+            ),
             weighed_mass=bp2.TOTAL_MASS,
             footprint=(bp2.BODY_LENGTH / 2.0, bp2.BODY_WIDTH / 2.0),
             thigh_radius=bp2.THIGH_RADIUS,
@@ -89,7 +119,10 @@ class BP2Body:
         )
 
     def _leg(self, index: int) -> Leg:
-        fore, left = (1.0 if LEGS[index][0] == "F" else -1.0), (1.0 if LEGS[index][1] == "L" else -1.0)
+        fore, left = (
+            (1.0 if LEGS[index][0] == "F" else -1.0),
+            (1.0 if LEGS[index][1] == "L" else -1.0),
+        )
         thigh_twist = self.thigh_mass / bp2.THIGH_MASS * bp2.THIGH_TWIST_INERTIA
         return Leg(
             anchor=(fore * bp2.HIP_FORE_AFT, self.hip_laterals[index], 0.0),
@@ -97,20 +130,34 @@ class BP2Body:
             knee=(0.0, 0.0, -self.leg_length),
             foot=(0.0, 0.0, bp2.FOOT_RADIUS - self.leg_length),
             foot_radius=bp2.FOOT_RADIUS,
-            abad=Link(bp2.ABAD_MASS, (fore * bp2.ABAD_COM_FORE_AFT, 0.0, 0.0), _round(bp2.ABAD_INERTIA)),
-            thigh=Link(self.thigh_mass, _down(bp2.THIGH_COM), _rod(self.thigh_inertia, thigh_twist)),
+            abad=Link(
+                bp2.ABAD_MASS,
+                (fore * bp2.ABAD_COM_FORE_AFT, 0.0, 0.0),
+                _round(bp2.ABAD_INERTIA),
+            ),
+            thigh=Link(
+                self.thigh_mass,
+                _down(bp2.THIGH_COM),
+                _rod(self.thigh_inertia, thigh_twist),
+            ),
             shank=Link(
                 bp2.SHANK_MASS,
                 _down(bp2.SHANK_LENGTH + bp2.SHANK_COM),
                 _rod(bp2.SHANK_INERTIA, bp2.SHANK_TWIST_INERTIA),
             ),
-            toe=Link(self.toe_mass, _down(bp2.TOE_LENGTH + bp2.TOE_COM), _round(self.toe_inertia)),
+            toe=Link(
+                self.toe_mass,
+                _down(bp2.TOE_LENGTH + bp2.TOE_COM),
+                _round(self.toe_inertia),
+            ),
             seat=_down(self.leg_length - bp2.TOE_LENGTH),
             ranges=(bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE),
         )
 
 
-_ABAD_LINKS = 4.0 * (bp2.ABAD_INERTIA + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2)
+_ABAD_LINKS = 4.0 * (
+    bp2.ABAD_INERTIA + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2
+)
 """kg m2, of the abduction links about the trunk's centre."""
 
 

@@ -1,8 +1,10 @@
-"""How much room there is between the legs, and between the legs and the trunk, in closed form.
+"""How much room there is between the legs, and between the legs and the trunk, in
+closed form.
 
-A leg is a thigh (hip to knee), a lower leg (knee to the foot's centre) and a foot, the trunk two beams: all of them
-points at most a radius away from a segment. They are the capsules of solid legs in the MuJoCo model, where shank and
-toe slide into each other and are one lower leg. NumPy and JAX alike, batched over leading axes, in the caller's
+A leg is a thigh (hip to knee), a lower leg (knee to the foot's centre) and a foot, the
+trunk two beams: all of them points at most a radius away from a segment. They are the
+capsules of solid legs in the MuJoCo model, where shank and toe slide into each other
+and are one lower leg. NumPy and JAX alike, batched over leading axes, in the caller's
 precision.
 """
 
@@ -16,15 +18,18 @@ from bp2_rl.base.arrays import Array
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
 
-_FIRST, _SECOND = np.array(list(itertools.combinations(range(4), 2))).T  # the legs of each pair
-_SMALLEST = 1e-12  # m2, and m4: keeps segments that are points, and parallel ones, from dividing by zero
+# the legs of each pair
+_FIRST, _SECOND = np.array(list(itertools.combinations(range(4), 2))).T
+# m2, and m4: keeps segments that are points, and parallel ones, from dividing by zero
+_SMALLEST = 1e-12
 
 
 class Clearance(NamedTuple):
     """The least distances between surfaces, m; below 0 they overlap by so much."""
 
     legs: Float[Any, "..."]  # of different legs
-    trunk: Float[Any, "..."]  # of a leg and the trunk; mostly at the hip, where a thigh is always close
+    # of a leg and the trunk; mostly at the hip, where a thigh is always close
+    trunk: Float[Any, "..."]
 
     @property
     def least(self) -> Float[Any, "..."]:
@@ -34,7 +39,9 @@ class Clearance(NamedTuple):
 
 
 def clearance(
-    joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec = IDEAL
+    joints: Float[Array, "... 4 3"],
+    compression: Float[Array, "... 4"],
+    hardware: HardwareSpec = IDEAL,
 ) -> Clearance:
     """How close the closest two parts are, solid or not.
 
@@ -47,25 +54,42 @@ def clearance(
     starts, ends = _segments(xp, joints, compression, hardware)
     anatomy = hardware.anatomy
     thickness, reach, lateral = anatomy.beams
-    radii = np.stack([np.full(4, anatomy.thigh_radius), np.full(4, anatomy.lower_radius), anatomy.geometry.foot_radius])
+    radii = np.stack(
+        [
+            np.full(4, anatomy.thigh_radius),
+            np.full(4, anatomy.lower_radius),
+            anatomy.geometry.foot_radius,
+        ]
+    )
     beam = np.array([[reach, -lateral, 0.0], [reach, lateral, 0.0]])
-    beams = [xp.asarray(x.T.reshape(3, *[1] * joints.ndim, 2), dtype) for x in (beam, beam * [-1.0, 1.0, 1.0])]
+    beams = [
+        xp.asarray(x.T.reshape(3, *[1] * joints.ndim, 2), dtype)
+        for x in (beam, beam * [-1.0, 1.0, 1.0])
+    ]
     between_legs = segment_distance(
-        *(x[..., _FIRST, :, None] for x in (starts, ends)), *(x[..., _SECOND, None, :] for x in (starts, ends))
+        *(x[..., _FIRST, :, None] for x in (starts, ends)),
+        *(x[..., _SECOND, None, :] for x in (starts, ends)),
     )
     to_beams = segment_distance(starts[..., None], ends[..., None], *beams)
-    legs = between_legs - xp.asarray((radii[:, None, _FIRST] + radii[None, :, _SECOND]).transpose(2, 0, 1), dtype)
+    legs = between_legs - xp.asarray(
+        (radii[:, None, _FIRST] + radii[None, :, _SECOND]).transpose(2, 0, 1), dtype
+    )
     trunk = to_beams - xp.asarray(radii.T[:, :, None] + thickness, dtype)
     return Clearance(xp.min(legs, axis=(-3, -2, -1)), xp.min(trunk, axis=(-3, -2, -1)))
 
 
 def segment_distance(
-    p: Float[Array, "3 ..."], p_end: Float[Array, "3 ..."], q: Float[Array, "3 ..."], q_end: Float[Array, "3 ..."]
+    p: Float[Array, "3 ..."],
+    p_end: Float[Array, "3 ..."],
+    q: Float[Array, "3 ..."],
+    q_end: Float[Array, "3 ..."],
 ) -> Float[Any, "..."]:
-    """Least distance between the points of two segments, either of which may be a point, m; coordinates in front.
+    """Least distance between the points of two segments, either of which may be a
+    point, m; coordinates in front.
 
-    Take the point of the first line that is nearest to the second line, then the point of the second that is nearest
-    to it, then again of the first, each kept within its segment (Ericson, Real-Time Collision Detection, 5.1.9).
+    Take the point of the first line that is nearest to the second line, then the point
+    of the second that is nearest to it, then again of the first, each kept within its
+    segment (Ericson, Real-Time Collision Detection, 5.1.9).
     """
     xp = p.__array_namespace__()
     along_p, along_q, between = p_end - p, q_end - q, p - q
@@ -79,17 +103,28 @@ def segment_distance(
 
 
 def _segments(
-    xp: Any, joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec
+    xp: Any,
+    joints: Float[Array, "... 4 3"],
+    compression: Float[Array, "... 4"],
+    hardware: HardwareSpec,
 ) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
-    """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m; coordinates in front."""
+    """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m;
+    coordinates in front."""
     geometry = hardware.anatomy.geometry.cast(xp, joints.dtype)
     abad, outwards, drop = joints[..., 0], geometry.lateral, geometry.drop
     cos, sin = xp.cos(abad), xp.sin(abad)
-    hips = xp.stack([xp.zeros_like(abad), outwards * cos + drop * sin, outwards * sin - drop * cos], axis=-1)
+    hips = xp.stack(
+        [xp.zeros_like(abad), outwards * cos + drop * sin, outwards * sin - drop * cos],
+        axis=-1,
+    )
     hips = hips + geometry.origins
-    knees = foot_position(joints, geometry.lower, hardware)  # a lower leg without length ends there
+    # a lower leg without length ends there
+    knees = foot_position(joints, geometry.lower, hardware)
     feet = foot_position(joints, compression + geometry.foot_radius, hardware)
-    starts, ends = xp.stack([hips, knees, feet], axis=-2), xp.stack([knees, feet, feet], axis=-2)
+    starts, ends = (
+        xp.stack([hips, knees, feet], axis=-2),
+        xp.stack([knees, feet, feet], axis=-2),
+    )
     return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
 
 

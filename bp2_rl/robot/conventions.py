@@ -1,7 +1,9 @@
-"""What holds for every robot of the package: the order of legs and joints, rates, gravity and air.
+"""What holds for every robot of the package: the order of legs and joints, rates,
+gravity and air.
 
-SI units; world z up, x forward, y left; quaternions w-x-y-z; legs in the order FR, FL, RR, RL; joints of a leg in the
-order abad, hip, knee (then the passive spring, where there is one).
+SI units; world z up, x forward, y left; quaternions w-x-y-z; legs in the order FR, FL,
+RR, RL; joints of a leg in the order abad, hip, knee (then the passive spring, where
+there is one).
 """
 
 from typing import NamedTuple

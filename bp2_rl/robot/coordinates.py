@@ -1,8 +1,9 @@
 """MuJoCo's coordinates of a quadruped, taken apart and put together.
 
-`qpos` is the trunk's position (3) and quaternion (4), then per leg the angles of abad, hip and knee and, where shanks
-are springs, the compression of the spring. `qvel` is the trunk's linear velocity (world frame), its angular velocity
-(body frame), then the rates of the legs' coordinates. Batched over leading axes; NumPy and JAX arrays alike.
+`qpos` is the trunk's position (3) and quaternion (4), then per leg the angles of abad,
+hip and knee and, where shanks are springs, the compression of the spring. `qvel` is the
+trunk's linear velocity (world frame), its angular velocity (body frame), then the rates
+of the legs' coordinates. Batched over leading axes; NumPy and JAX arrays alike.
 """
 
 from typing import Any
@@ -35,8 +36,10 @@ def compression_rates(qvel: Array) -> Any:
 
 
 def with_legs(x: Array, joints: Array, springs: Array) -> Any:
-    """Return `qpos` or `qvel` with other joints and springs; with rigid shanks the springs are unused."""
-    xp, trunk = x.__array_namespace__(), x.shape[-1] % 4 + 4  # the legs have 12 or 16 numbers
+    """Return `qpos` or `qvel` with other joints and springs; with rigid shanks the
+    springs are unused."""
+    # the legs have 12 or 16 numbers
+    xp, trunk = x.__array_namespace__(), x.shape[-1] % 4 + 4
     legs = joints.reshape(*joints.shape[:-1], 4, 3)
     if x.shape[-1] - trunk == 16:
         legs = xp.concat([legs, springs[..., None]], axis=-1)

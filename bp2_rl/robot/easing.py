@@ -1,7 +1,8 @@
-"""What a controller makes of a forward command: it tells its policy no faster rise or fall than the robot can follow.
+"""What a controller makes of a forward command: it tells its policy no faster rise or
+fall than the robot can follow.
 
-Functions take numbers of NumPy or JAX and import neither, so that training, judging and the robot's own computer share
-them.
+Functions take numbers of NumPy or JAX and import neither, so that training, judging and
+the robot's own computer share them.
 """
 
 import math
@@ -13,12 +14,14 @@ from bp2_rl.robot.conventions import CONTROL_STEP
 COMMAND_LIMITS = ("braking", "stopping_time", "launching", "launching_speed")
 """The names of the limits in settings and on a robot's computer."""
 EASE = 0.5
-"""m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to rest."""
+"""m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to
+rest."""
 
 
 @runtime_checkable
 class CommandLimits(Protocol):
-    """How fast a forward command rises and falls at most; `ControlConfig` explains each limit."""
+    """How fast a forward command rises and falls at most; `ControlConfig` explains each
+    limit."""
 
     @property
     def braking(self) -> float: ...  # noqa: D102
@@ -31,18 +34,24 @@ class CommandLimits(Protocol):
 
 
 def launch_rate(speed: Any, limits: CommandLimits, xp: Any) -> Any:
-    """Return how fast the forward command rises at most where it is `speed` (m/s), m/s2; `xp` is NumPy or JAX's."""
+    """Return how fast the forward command rises at most where it is `speed` (m/s),
+    m/s2; `xp` is NumPy or JAX's."""
     return limits.launching * xp.clip(1.0 - speed / limits.launching_speed, 0.0, 1.0)
 
 
 def eased(told: ArrayT, asked: ArrayT, limits: CommandLimits) -> ArrayT:
-    """Return the command (3) that a policy is told a control step after `told`, where `asked` is asked for.
+    """Return the command (3) that a policy is told a control step after `told`, where
+    `asked` is asked for.
 
-    It is the command asked for, but that a robot on its way forward gathers and loses speed no faster than its limits.
+    It is the command asked for, but that a robot on its way forward gathers and loses
+    speed no faster than its limits.
     """
     xp, before, forward = told.__array_namespace__(), told[0], asked[0]
     if limits.launching < math.inf:
-        forward = xp.minimum(forward, xp.maximum(before, 0.0) + CONTROL_STEP * launch_rate(before, limits, xp))
+        forward = xp.minimum(
+            forward,
+            xp.maximum(before, 0.0) + CONTROL_STEP * launch_rate(before, limits, xp),
+        )
     if limits.braking < math.inf or limits.stopping_time:
         rate = limits.braking
         if limits.stopping_time:

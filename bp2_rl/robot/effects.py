@@ -1,6 +1,8 @@
-"""What a compiled model's joints and actuators do, whichever of its attributes say so: measured, not looked up.
+"""What a compiled model's joints and actuators do, whichever of its attributes say so:
+measured, not looked up.
 
-Armature and damping may stand at joints, actuators behind their gears, or tendons; a loop's gains at several actuators.
+Armature and damping may stand at joints, actuators behind their gears, or tendons; a
+loop's gains at several actuators.
 """
 
 import copy
@@ -11,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 STEP, SLOW = 2.0**-10, 2.0**-40
-"""rad or rad/s, and rad/s at which nothing but linear damping counts; powers of two, so that quotients are exact."""
+"""rad or rad/s, and rad/s at which nothing but linear damping counts; powers of two, so
+that quotients are exact."""
 FAST = 10.0
 """rad/s, at which damping that is not linear shows."""
 TOLD = 1e9
@@ -34,19 +37,30 @@ class Effects:
     beyond: Dofs  # Nm, how much more or less than that resists at `FAST`
     stiffness: Dofs  # Nm/rad, of actuators told nothing
     actuator_damping: Dofs  # Nm s/rad, of actuators told nothing
-    told_damping: Dofs  # Nm s/rad, by how much more or less actuators damp that are told 1
+    # Nm s/rad, by how much more or less actuators damp that are told 1
+    told_damping: Dofs
     peak_torque: Dofs  # Nm, of the weakest actuator; inf: without a limit
-    others: float  # Nm, the largest passive force that is no spring's and no damper's: of fluids, and against gravity
+    # Nm, the largest passive force that is no spring's and no damper's: of fluids, and
+    # against gravity
+    others: float
 
 
 def effects_of(model: mujoco.MjModel) -> Effects:
     """Measure what joints and actuators do."""
     free, weightless = copy.copy(model), copy.copy(model)
     weightless.body_mass[:] = weightless.body_inertia[:] = 0.0
-    for limited in (free.actuator_forcelimited, free.actuator_ctrllimited, free.jnt_actfrclimited):
+    for limited in (
+        free.actuator_forcelimited,
+        free.actuator_ctrllimited,
+        free.jnt_actfrclimited,
+    ):
         limited[:] = False
     rest, moved = _after(free), _after(free, position=STEP)
-    fast, told, told_and_moving = _after(free, FAST), _after(free, command=1.0), _after(free, STEP, command=1.0)
+    fast, told, told_and_moving = (
+        _after(free, FAST),
+        _after(free, command=1.0),
+        _after(free, STEP, command=1.0),
+    )
     damping = 0.0 - _after(free, SLOW).qfrc_damper / SLOW
     actuator_damping = (rest.qfrc_actuator - _after(free, STEP).qfrc_actuator) / STEP
     told_damping = (told.qfrc_actuator - told_and_moving.qfrc_actuator) / STEP
@@ -59,21 +73,41 @@ def effects_of(model: mujoco.MjModel) -> Effects:
         actuator_damping=actuator_damping,
         told_damping=told_damping - actuator_damping,
         peak_torque=_peak_torque(model),
-        others=float(np.max(np.abs(fast.qfrc_passive - fast.qfrc_spring - fast.qfrc_damper), initial=0.0)),
+        others=float(
+            np.max(
+                np.abs(fast.qfrc_passive - fast.qfrc_spring - fast.qfrc_damper),
+                initial=0.0,
+            )
+        ),
     )
 
 
-def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "nv nv"]:
+def mass_matrix(
+    model: mujoco.MjModel, data: mujoco.MjData
+) -> Float[np.ndarray, "nv nv"]:
     """Return the mass matrix in a state, with all that MuJoCo adds to the bodies'."""
     matrix = np.zeros((model.nv, model.nv))
-    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission, mujoco.mj_makeM):
+    for stage in (
+        mujoco.mj_kinematics,
+        mujoco.mj_comPos,
+        mujoco.mj_tendon,
+        mujoco.mj_transmission,
+        mujoco.mj_makeM,
+    ):
         stage(model, data)
     mujoco.mj_fullM(model, data, matrix)
     return matrix
 
 
-def _after(model: mujoco.MjModel, speed: float = 0.0, *, position: float = 0.0, command: float = 0.0) -> mujoco.MjData:
-    """Return all forces with every joint but the free ones moved from where it is drawn, and every actuator so told."""
+def _after(
+    model: mujoco.MjModel,
+    speed: float = 0.0,
+    *,
+    position: float = 0.0,
+    command: float = 0.0,
+) -> mujoco.MjData:
+    """Return all forces with every joint but the free ones moved from where it is
+    drawn, and every actuator so told."""
     data, one = mujoco.MjData(model), np.isin(model.jnt_type, ONE)
     data.qpos[model.jnt_qposadr[one]] += position
     data.qvel[model.jnt_dofadr[one]] = speed
@@ -84,25 +118,36 @@ def _after(model: mujoco.MjModel, speed: float = 0.0, *, position: float = 0.0, 
 
 
 def _peak_torque(model: mujoco.MjModel) -> Dofs:
-    """Return the least torque either way that an actuator at its limit, or its joint, lets through."""
+    """Return the least torque either way that an actuator at its limit, or its joint,
+    lets through."""
     servo = (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE) | (
         model.actuator_gaintype == mujoco.mjtGain.mjGAIN_PID
     )
     strained = copy.copy(model)
-    for actuator in np.flatnonzero(servo):  # its commands are places and speeds, not torques
+    # its commands are places and speeds, not torques
+    for actuator in np.flatnonzero(servo):
         first = model.actuator_ctrladr[actuator]
-        strained.actuator_ctrllimited[first : first + model.actuator_ctrlnum[actuator]] = False
+        strained.actuator_ctrllimited[
+            first : first + model.actuator_ctrlnum[actuator]
+        ] = False
     peak = np.full(model.nv, np.inf)
     for command in (-TOLD, TOLD):
         data = _after(strained, command=command)
         moments = np.zeros((len(data.moment_rownnz), model.nv))
         mujoco.mju_sparse2dense(
-            moments, data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind.ravel()
+            moments,
+            data.actuator_moment.ravel(),
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind.ravel(),
         )
         torques = np.abs(moments * data.actuator_force[:, None])
-        torques[(torques == 0.0) | (torques > ENDLESS)] = np.inf  # it does not act there, or without a limit
+        # it does not act there, or without a limit
+        torques[(torques == 0.0) | (torques > ENDLESS)] = np.inf
         peak = np.minimum(peak, np.min(torques, axis=0, initial=np.inf))
     for j in np.flatnonzero(model.jnt_actfrclimited):
         limit = np.min(np.abs(model.jnt_actfrcrange[j]))
-        peak[model.jnt_dofadr[j]] = min(peak[model.jnt_dofadr[j]], limit if limit > 0.0 else np.inf)
+        peak[model.jnt_dofadr[j]] = min(
+            peak[model.jnt_dofadr[j]], limit if limit > 0.0 else np.inf
+        )
     return peak

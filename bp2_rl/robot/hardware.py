@@ -1,4 +1,5 @@
-"""A robot as training and simulation take it: its body, motors, springs, contacts and losses; and BP2's two robots."""
+"""A robot as training and simulation take it: its body, motors, springs, contacts and
+losses; and BP2's two robots."""
 
 import dataclasses
 import math
@@ -18,9 +19,11 @@ ByJoint = float | tuple[float, float, float]
 
 
 class Size(NamedTuple):
-    """Length and mass over BP2's, and by dynamic similarity (equal Froude numbers) everything else.
+    """Length and mass over BP2's, and by dynamic similarity (equal Froude numbers)
+    everything else.
 
-    Settings and rewards are written for BP2. A robot of another size takes them times these factors.
+    Settings and rewards are written for BP2. A robot of another size takes them times
+    these factors.
     """
 
     length: float
@@ -54,61 +57,90 @@ class Size(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Losses:
-    """What a machine loses between its battery and the road, and how late its motors are.
+    """What a machine loses between its battery and the road, and how late its motors
+    are.
 
-    `Losses()` are the ideal robot's, which loses nothing; `BUILT` has the losses of the built robot.
-    The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
+    `Losses()` are the ideal robot's, which loses nothing; `BUILT` has the losses of the
+    built robot. The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
     """
 
-    drag_area: Annotated[float, Within(0.0, 10.0)] = 0.0  # m2, drag coefficient x frontal area
-    headwind: Annotated[float, Within(-50.0, 50.0)] = 0.0  # m/s, of air that blows towards -x
-    gear_efficiency: Annotated[float, Within(0.1, 1.0)] = 1.0  # of the torque, driving and braking alike
-    joint_friction: Annotated[ByJoint, Within(0.0, 1000.0)] = 0.0  # Nm, Coulomb's, at the joint
-    joint_viscosity: Annotated[ByJoint, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
-    spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
-    current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
+    # m2, drag coefficient x frontal area
+    drag_area: Annotated[float, Within(0.0, 10.0)] = 0.0
+    # m/s, of air that blows towards -x
+    headwind: Annotated[float, Within(-50.0, 50.0)] = 0.0
+    # of the torque, driving and braking alike
+    gear_efficiency: Annotated[float, Within(0.1, 1.0)] = 1.0
+    # Nm, Coulomb's, at the joint
+    joint_friction: Annotated[ByJoint, Within(0.0, 1000.0)] = 0.0
+    # Nm s/rad, at the joint
+    joint_viscosity: Annotated[ByJoint, Within(0.0, 10.0)] = 0.0
+    # N, Coulomb's, of the slide that guides the spring
+    spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0
+    # s, time constant of the torque behind its command
+    current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0
     latency: Annotated[float, Within(0.0, 0.020)] = 0.0
-    """s, from an observation to the joint target it leads to; training draws `randomization.latency` in its place"""
-    bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")  # W, from battery to motors
-    bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")  # W, from motors to battery
-    bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0  # share of the voltage that is lost per kW out
+    """s, from an observation to the joint target it leads to; training draws
+    `randomization.latency` in its place"""
+    # W, from battery to motors
+    bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")
+    # W, from motors to battery
+    bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")
+    # share of the voltage that is lost per kW out
+    bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
 class HardwareSpec:
     """A robot's body and what moves it; `HardwareSpec()` is the ideal BP2.
 
-    The motors stay what they are under another gear: a gear ratio g gives g/g0 times the joint torque at g0/g times the
-    speed, with the body's own gear ratio g0. What may differ from joint to joint is one number, or three for abad, hip
-    and knee. The bounds are those of what can be computed, not of what can be built.
+    The motors stay what they are under another gear: a gear ratio g gives g/g0 times
+    the joint torque at g0/g times the speed, with the body's own gear ratio g0. What
+    may differ from joint to joint is one number, or three for abad, hip and knee. The
+    bounds are those of what can be computed, not of what can be built.
     """
 
     body: BP2Body | Anatomy = BP2Body()
     gear_ratio: Annotated[float, Within(0.1, 1000.0)] = bp2.GEAR_RATIO
     solid_legs: bool = False
-    """legs collide with each other and with the trunk in C MuJoCo; in training they end the episode instead"""
+    """legs collide with each other and with the trunk in C MuJoCo; in training they end
+    the episode instead"""
     spring_stiffness: Annotated[float, Within(100.0, 1e7)] = bp2.SPRING_STIFFNESS  # N/m
     spring_damping: Annotated[float, Within(0.0, 1e5)] = bp2.SPRING_DAMPING  # N s/m
-    spring_travel: Annotated[float, Within(0.0, 10.0)] = bp2.SPRING_TRAVEL  # m, at which the stop begins to push
-    spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = bp2.SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
+    # m, at which the stop begins to push
+    spring_travel: Annotated[float, Within(0.0, 10.0)] = bp2.SPRING_TRAVEL
+    # N/m, on top of the spring's
+    spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = (
+        bp2.SPRING_STOP_STIFFNESS
+    )
     rebound_stiffness: Annotated[float, Within(0.0, 1e8)] = bp2.SPRING_STOP_STIFFNESS
-    """N/m, of the stop at no compression that keeps the toe from flying off, on top of the spring's"""
-    rebound_damping: Annotated[float, Within(0.0, 300.0)] = 0.0  # N s/m, of that stop; more is no stable step
+    """N/m, of the stop at no compression that keeps the toe from flying off, on top of
+    the spring's"""
+    # N s/m, of that stop; more is no stable step
+    rebound_damping: Annotated[float, Within(0.0, 300.0)] = 0.0
     joint_stop_time: Annotated[float, Within(0.002, 1.0)] = 0.02
-    """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically damped"""
-    rotor_inertia: Annotated[ByJoint, Within(0.0, 10.0)] = bp2.ROTOR_INERTIA  # kg m2, motor side
-    peak_torque: Annotated[ByJoint, Within(0.1, 1e5)] = bp2.PEAK_TORQUE  # Nm, at the joint with the body's own gear
-    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)] = bp2.CORNER_SPEED  # rad/s, with that gear; 0: a straight line
-    no_load_speed: Annotated[ByJoint, Within(0.1, 1e4)] = bp2.NO_LOAD_SPEED  # rad/s, with that gear
+    """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically
+    damped"""
+    # kg m2, motor side
+    rotor_inertia: Annotated[ByJoint, Within(0.0, 10.0)] = bp2.ROTOR_INERTIA
+    # Nm, at the joint with the body's own gear
+    peak_torque: Annotated[ByJoint, Within(0.1, 1e5)] = bp2.PEAK_TORQUE
+    # rad/s, with that gear; 0: a straight line
+    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)] = bp2.CORNER_SPEED
+    # rad/s, with that gear
+    no_load_speed: Annotated[ByJoint, Within(0.1, 1e4)] = bp2.NO_LOAD_SPEED
     braking_speed: Annotated[ByJoint, Within(0.1, 1e4, infinite=True)] = float("inf")
-    """rad/s, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
+    """rad/s, at which no braking torque is left, on a line as the driving one's; inf:
+    the peak at any speed"""
     envelope: Literal["start", "throughout"] = "start"
-    """when in a millisecond torque keeps to the envelope: at its start only, or, in C MuJoCo, all the time"""
-    mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
+    """when in a millisecond torque keeps to the envelope: at its start only, or, in C
+    MuJoCo, all the time"""
+    # of every body, inertias alike
+    mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0
     friction: Annotated[float, Within(0.01, 10.0)] = bp2.FOOT_FRICTION
     contact_time: Annotated[float, Within(0.002, 1.0)] = bp2.CONTACT_TIME
     """s, in which the ground takes up a foot's depth: MuJoCo's time constant"""
-    contact_damping: Annotated[float, Within(0.01, 100.0)] = 1.0  # MuJoCo's damping ratio of that
+    # MuJoCo's damping ratio of that
+    contact_damping: Annotated[float, Within(0.01, 100.0)] = 1.0
     losses: Losses = Losses()
 
     def __post_init__(self) -> None:
@@ -137,28 +169,41 @@ class HardwareSpec:
         return isinstance(self.body, BP2Body)
 
     def parameter(self, name: str) -> Any:
-        """Return the value of a field of this robot or, where it has none, of BP2's body."""
+        """Return the value of a field of this robot or, where it has none, of BP2's
+        body."""
         return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other values of fields, those of BP2's body among them."""
-        of_body = {name: parameters.pop(name) for name in list(parameters) if not hasattr(self, name)}
+        """Return the robot with other values of fields, those of BP2's body among
+        them."""
+        of_body = {
+            name: parameters.pop(name)
+            for name in list(parameters)
+            if not hasattr(self, name)
+        }
         body = dataclasses.replace(self.bp2, **of_body) if of_body else self.body
         return dataclasses.replace(self, **{"body": body, **parameters})
 
     @property
     def bp2(self) -> BP2Body:
-        """Return BP2's body, for what is about BP2 alone; raise `UserError` where the robot is another."""
+        """Return BP2's body, for what is about BP2 alone; raise `UserError` where the
+        robot is another."""
         if isinstance(self.body, Anatomy):
-            raise UserError("this is about BP2 alone, and the robot is another: use --robot built or ideal")
+            raise UserError(
+                "this is about BP2 alone, and the robot is another: use --robot built or ideal"
+            )
         return self.body
 
     @property
     def size(self) -> "Size":
-        """Return how large the robot is beside BP2; BP2 is of size 1, however it is changed."""
+        """Return how large the robot is beside BP2; BP2 is of size 1, however it is
+        changed."""
         if isinstance(self.body, BP2Body):
             return Size(1.0, 1.0)
-        return Size(self.body.leg_length / bp2.THIGH_LENGTH, self.body.weighed_mass / bp2.TOTAL_MASS)
+        return Size(
+            self.body.leg_length / bp2.THIGH_LENGTH,
+            self.body.weighed_mass / bp2.TOTAL_MASS,
+        )
 
     @property
     def mass(self) -> float:
@@ -167,7 +212,8 @@ class HardwareSpec:
 
     @property
     def reflected_inertia(self) -> Any:
-        """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve where joints differ."""
+        """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve
+        where joints differ."""
         return at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
@@ -196,7 +242,8 @@ class HardwareSpec:
 
 
 def times(factor: float, value: ByJoint) -> ByJoint:
-    """Return a multiple of a number for all joints, or of one for each of abad, hip and knee."""
+    """Return a multiple of a number for all joints, or of one for each of abad, hip and
+    knee."""
     if not isinstance(value, tuple):
         return factor * value
     abad, hip, knee = value
@@ -205,19 +252,26 @@ def times(factor: float, value: ByJoint) -> ByJoint:
 
 def at_joints(value: ByJoint, factor: float = 1.0) -> Any:
     """Return a multiple of a number for all joints, or an array of twelve."""
-    return np.tile(factor * np.array(value), len(LEGS)) if isinstance(value, tuple) else factor * value
+    return (
+        np.tile(factor * np.array(value), len(LEGS))
+        if isinstance(value, tuple)
+        else factor * value
+    )
 
 
 IDEAL = HardwareSpec()
-"""BP2 without losses, on legs that pass through each other: what the paper's numbers alone make of it."""
+"""BP2 without losses, on legs that pass through each other: what the paper's numbers
+alone make of it."""
 
 BUILT = HardwareSpec(
-    body=BP2Body(hind_track=0.28),  # the widest at which fore and hind legs hardly ever meet
+    # the widest at which fore and hind legs hardly ever meet
+    body=BP2Body(hind_track=0.28),
     solid_legs=True,
     rebound_stiffness=150e3,  # a polyurethane buffer 20 mm deep ...
     rebound_damping=100.0,  # ... that gives back half of a hit
     joint_stop_time=0.005,  # a hard stop
-    envelope="throughout",  # a drive's current loop is ten times as fast as the force loop
+    # a drive's current loop is ten times as fast as the force loop
+    envelope="throughout",
     friction=0.8,  # rubber on a dry track
     contact_time=0.003,  # rubber sole and track in series, some 300 kN/m
     losses=Losses(
@@ -233,7 +287,8 @@ BUILT = HardwareSpec(
         bus_sag=0.0125,  # a tenth at full load
     ),
 )
-"""BP2 as a machine that one could build: all of it ASSUMED, with published values in docs/notes/reality.md."""
+"""BP2 as a machine that one could build: all of it ASSUMED, with published values in
+docs/notes/reality.md."""
 
 
 RobotName = Literal["ideal", "built"]

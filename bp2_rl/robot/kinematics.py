@@ -1,9 +1,11 @@
-"""Leg kinematics: where the soles are for given joint angles, and the joint angles that put them there.
+"""Leg kinematics: where the soles are for given joint angles, and the joint angles that
+put them there.
 
-A leg hangs from an abduction axis (+x through the hip), then a hip axis and a knee axis (+y), a thigh, and a
-lower leg whose spring shortens it by its compression. With all joints at zero it hangs straight down.
-Everything is batched over leading axes, pure, and works on NumPy (float64 where exactness matters) and JAX
-arrays alike, in the caller's precision.
+A leg hangs from an abduction axis (+x through the hip), then a hip axis and a knee axis
+(+y), a thigh, and a lower leg whose spring shortens it by its compression. With all
+joints at zero it hangs straight down. Everything is batched over leading axes, pure,
+and works on NumPy (float64 where exactness matters) and JAX arrays alike, in the
+caller's precision.
 """
 
 from typing import Any
@@ -16,18 +18,21 @@ from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 
 def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
-    """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk frame, m."""
+    """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk
+    frame, m."""
     return hardware.anatomy.geometry.origins
 
 
 def hip_places(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
-    """Where each leg's hip axis crosses the plane of its abduction axis, in the trunk frame at no abduction, m."""
+    """Where each leg's hip axis crosses the plane of its abduction axis, in the trunk
+    frame at no abduction, m."""
     legs = hardware.anatomy.geometry
     return legs.origins - legs.drop[:, None] * np.array([0.0, 0.0, 1.0])
 
 
 def straightest_knees(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4"]:
-    """The angle of each knee, within its range, at which the leg is the longest, rad."""
+    """The angle of each knee, within its range, at which the leg is the longest,
+    rad."""
     low, high = np.transpose([leg.ranges[2] for leg in hardware.anatomy.legs])
     return np.clip(0.0, low, high)
 
@@ -61,22 +66,30 @@ def joint_angles(
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
 ) -> Float[Any, "... 4 3"]:
-    """Joint angles (abad, hip, knee) that put each sole at `feet`, below the hip, with the knee bent as it is built.
+    """Joint angles (abad, hip, knee) that put each sole at `feet`, below the hip, with
+    the knee bent as it is built.
 
-    Exact inside reach. A foot out of reach is met in direction only, with the knee straight (or folded); the
-    result and its derivatives stay finite for every finite foot position.
+    Exact inside reach. A foot out of reach is met in direction only, with the knee
+    straight (or folded); the result and its derivatives stay finite for every finite
+    foot position.
     """
     return hardware.anatomy.geometry.joint_angles(feet, compression)
 
 
-def reach(compression: float = 0.0, hardware: HardwareSpec = IDEAL) -> tuple[float, float]:
-    """Least and greatest distance of a sole from its hip axis, in the leg's plane, that every leg's knee allows, m."""
-    folded, straight = zip(*(leg.reach(compression) for leg in hardware.anatomy.legs), strict=True)
+def reach(
+    compression: float = 0.0, hardware: HardwareSpec = IDEAL
+) -> tuple[float, float]:
+    """Least and greatest distance of a sole from its hip axis, in the leg's plane, that
+    every leg's knee allows, m."""
+    folded, straight = zip(
+        *(leg.reach(compression) for leg in hardware.anatomy.legs), strict=True
+    )
     return max(folded), min(straight)
 
 
 def yaw_of(quaternion: ArrayT) -> ArrayT:
-    """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
+    """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the
+    ground. NumPy and JAX alike."""
     xp = quaternion.__array_namespace__()
     w, x, y, z = (quaternion[..., i] for i in range(4))
     return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,16 +1,20 @@
-"""What moves against the robot: air, friction in joints and gears, and friction in the slides of the springs.
+"""What moves against the robot: air, friction in joints and gears, and friction in the
+slides of the springs.
 
-Pure and batched; NumPy and JAX arrays alike, so that every engine applies the same forces. They act for a physics step
-as they are at its beginning. Friction opposes motion in full only where it cannot reverse it within the step; below
-that speed it is as viscous as brings the lightest inertia it can meet to rest, which keeps a step stable.
+Pure and batched; NumPy and JAX arrays alike, so that every engine applies the same
+forces. They act for a physics step as they are at its beginning. Friction opposes
+motion in full only where it cannot reverse it within the step; below that speed it is
+as viscous as brings the lightest inertia it can meet to rest, which keeps a step
+stable.
 
     air        -1/2 rho CdA |u| u,  u = v - wind                                   on the trunk, horizontal
     joint      -(c + (1 - e) |tau|) sigma(w) - b w                                 Coulomb, gear, viscous
     slide      -f sigma(s')                                                        on the spring's coordinate
     rebound    -d s'  where s < 0                                                  its stop's damping
 
-The gear's efficiency e is that of the torque: driving, the joint gets e tau of the motor's torque tau; braking, it
-feels (2 - e) tau, of which the motor gets the share 1 / (2 - e).
+The gear's efficiency e is that of the torque: driving, the joint gets e tau of the
+motor's torque tau; braking, it feels (2 - e) tau, of which the motor gets the share 1 /
+(2 - e).
 """
 
 import dataclasses
@@ -20,14 +24,20 @@ import numpy as np
 
 from bp2_rl.base.arrays import Array, Number
 from bp2_rl.robot import bp2, conventions
-from bp2_rl.robot.coordinates import compression_rates, compressions, joint_velocities, with_legs
+from bp2_rl.robot.coordinates import (
+    compression_rates,
+    compressions,
+    joint_velocities,
+    with_legs,
+)
 from bp2_rl.robot.hardware import HardwareSpec, at_joints
 
 SHARE_OF_SHANK = 0.25
 """of a shank's inertia about the knee, which gives way at its other end"""
 LEAST_TOE = 0.2
-"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges. A
-lighter toe's is less, at least in proportion; of a heavier one the knee's end gives way the more."""
+"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too;
+0.22 over the joints' ranges. A lighter toe's is less, at least in proportion; of a
+heavier one the knee's end gives way the more."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,15 +72,24 @@ class Resistance:
             spring_hold=hardware.mass_scale * least_toe / conventions.PHYSICS_STEP,
         )
         harmless = "headwind", "joint_hold", "spring_hold"  # without the others
-        parts = [value for name, value in vars(resistance).items() if name not in harmless]
+        parts = [
+            value for name, value in vars(resistance).items() if name not in harmless
+        ]
         return resistance if any(np.any(part) for part in parts) else None
 
 
 def _least_inertia(hardware: HardwareSpec) -> float:
-    """Return what a joint turns at the least, kg m2: its rotor, or a share of the shank where rotors are lighter."""
+    """Return what a joint turns at the least, kg m2: its rotor, or a share of the shank
+    where rotors are lighter."""
     shanks = [leg.shank for leg in hardware.anatomy.legs]
-    shank = min(link.inertia[1] + link.mass * (link.com[0] ** 2 + link.com[2] ** 2) for link in shanks)
-    return max(float(np.min(hardware.reflected_inertia)), SHARE_OF_SHANK * hardware.mass_scale * shank)
+    shank = min(
+        link.inertia[1] + link.mass * (link.com[0] ** 2 + link.com[2] ** 2)
+        for link in shanks
+    )
+    return max(
+        float(np.min(hardware.reflected_inertia)),
+        SHARE_OF_SHANK * hardware.mass_scale * shank,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +104,14 @@ class Loss:
 
 
 def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Loss:
-    """The forces that resist in a state in MuJoCo's coordinates under the motors' torque ("... 12", Nm)."""
+    """The forces that resist in a state in MuJoCo's coordinates under the motors'
+    torque ("... 12", Nm)."""
     r, xp = resistance, qvel.__array_namespace__()
-    qd, rate, compression = joint_velocities(qvel), compression_rates(qvel), compressions(qpos)
+    qd, rate, compression = (
+        joint_velocities(qvel),
+        compression_rates(qvel),
+        compressions(qpos),
+    )
     wind = qvel[..., :3] * xp.asarray([1.0, 1.0, 0.0], dtype=qvel.dtype)
     wind = wind + xp.asarray([1.0, 0.0, 0.0], dtype=qvel.dtype) * r.headwind
     air = -r.drag * xp.sqrt(xp.sum(wind * wind, axis=-1, keepdims=True)) * wind

@@ -1,4 +1,5 @@
-"""MJX, imported without what it prints where the optional package Warp is missing, and kept from hanging on CPUs."""
+"""MJX, imported without what it prints where the optional package Warp is missing, and
+kept from hanging on CPUs."""
 
 import contextlib
 import io

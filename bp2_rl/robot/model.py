@@ -1,6 +1,8 @@
-"""From numbers to a MuJoCo model: a robot's MJCF, BP2's written by hand, with a `HardwareSpec` applied to it.
+"""From numbers to a MuJoCo model: a robot's MJCF, BP2's written by hand, with a
+`HardwareSpec` applied to it.
 
-`robot.coordinates` says what is in `qpos` and `qvel`. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
+`robot.coordinates` says what is in `qpos` and `qvel`. `ctrl` is the 12 joint torques in
+the order of `MOTOR_NAMES`.
 """
 
 import functools
@@ -54,10 +56,13 @@ def load_model(
     Args:
         hardware: the robot's parameters.
         timestep: s.
-        visual: False leaves out what physics does not need (looks, sensors, lights, cameras); MJX is faster without.
-        feet_only: leave out the collision of trunk and floor and, if legs are solid, of legs with each other and with
-            the trunk. The feet's contacts stay as they are; MJX is faster.
-        weighed: replace all sensors by four that report the forces on the feet, for `foot_forces`.
+        visual: False leaves out what physics does not need (looks, sensors, lights,
+            cameras); MJX is faster without.
+        feet_only: leave out the collision of trunk and floor and, if legs are solid, of
+            legs with each other and with the trunk. The feet's contacts stay as they
+            are; MJX is faster.
+        weighed: replace all sensors by four that report the forces on the feet, for
+            `foot_forces`.
         scene: changes the ground, last of all.
 
     Raises:
@@ -79,7 +84,9 @@ def load_model(
     try:
         return spec.compile()
     except ValueError as error:
-        raise ModelError(f"the model of {hardware.anatomy.name} does not compile: {one_line(str(error))}") from error
+        raise ModelError(
+            f"the model of {hardware.anatomy.name} does not compile: {one_line(str(error))}"
+        ) from error
 
 
 def model_xml(hardware: HardwareSpec = IDEAL) -> str:
@@ -93,13 +100,19 @@ def model_xml(hardware: HardwareSpec = IDEAL) -> str:
 
 
 def let_converge(
-    model: mujoco.MjModel, *, iterations: int = 100, line_search: int = 50, tolerance: float | None = None
+    model: mujoco.MjModel,
+    *,
+    iterations: int = 100,
+    line_search: int = 50,
+    tolerance: float | None = None,
 ) -> None:
-    """Let C MuJoCo's solver run until it has converged, and a state gone bad stay visible instead of being reset.
+    """Let C MuJoCo's solver run until it has converged, and a state gone bad stay
+    visible instead of being reset.
 
     Args:
         model: to be changed.
-        iterations: of the solver in a step, at most; with the usual tolerance mostly two do.
+        iterations: of the solver in a step, at most; with the usual tolerance mostly
+            two do.
         line_search: line-search steps in an iteration, at most.
         tolerance: scaled residual at which it is done; None for that of the model.
     """
@@ -131,46 +144,69 @@ def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
 
 
 def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3"]]]:
-    """Return the geoms by which the robot is seen, each with its red, green and blue, 0 to 1."""
-    seen = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_group <= VISIBLE)).tolist()
+    """Return the geoms by which the robot is seen, each with its red, green and blue, 0
+    to 1."""
+    seen = np.flatnonzero(
+        (model.geom_bodyid > 0) & (model.geom_group <= VISIBLE)
+    ).tolist()
     painted = {geom: int(model.geom_matid[geom]) for geom in seen}
-    return [(geom, (model.mat_rgba[m] if m >= 0 else model.geom_rgba[geom])[:3]) for geom, m in painted.items()]
+    return [
+        (geom, (model.mat_rgba[m] if m >= 0 else model.geom_rgba[geom])[:3])
+        for geom, m in painted.items()
+    ]
 
 
-def mesh_of(model: mujoco.MjModel, mesh: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def mesh_of(
+    model: mujoco.MjModel, mesh: int
+) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
     """Return a mesh's vertices, m, in the frame of its geoms, and its faces."""
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return model.mesh_vert[first : first + count], model.mesh_face[start : start + faces]
+    return model.mesh_vert[first : first + count], model.mesh_face[
+        start : start + faces
+    ]
 
 
 def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
-    """The ground's force on each foot of a `weighed` model at the state last passed to `mj_step` or `mj_forward`, N.
+    """The ground's force on each foot of a `weighed` model at the state last passed to
+    `mj_step` or `mj_forward`, N.
 
-    In the world frame; the ground is all that is fixed to the world. It is a view, which the next step overwrites.
+    In the world frame; the ground is all that is fixed to the world. It is a view,
+    which the next step overwrites.
     """
     return data.sensordata.reshape(len(LEGS), 3)
 
 
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
-    """Give the links their masses, and move hips, knees and toes; links keep their mass at their upper ends."""
+    """Give the links their masses, and move hips, knees and toes; links keep their mass
+    at their upper ends."""
     trunk = _find(spec, "body", "trunk")
     trunk.mass += len(LEGS) * (design.trunk_quarter_mass - bp2.TRUNK_QUARTER_MASS)
     trunk.inertia = np.asarray(trunk.inertia) * design.trunk_inertia_share
     for leg in LEGS:
-        for link, share in (("thigh", design.thigh_mass / bp2.THIGH_MASS), ("toe", design.toe_mass / bp2.TOE_MASS)):
+        for link, share in (
+            ("thigh", design.thigh_mass / bp2.THIGH_MASS),
+            ("toe", design.toe_mass / bp2.TOE_MASS),
+        ):
             body = _find(spec, "body", f"{leg}_{link}")
-            body.mass, body.inertia = share * body.mass, share * np.asarray(body.inertia)
+            body.mass, body.inertia = (
+                share * body.mass,
+                share * np.asarray(body.inertia),
+            )
     thigh, toe = design.leg_length, design.leg_length - bp2.TOE_LENGTH
     for leg, lateral in zip(LEGS, design.hip_laterals, strict=True):
         _find(spec, "body", f"{leg}_abad").pos[1] = lateral
         _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
-        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - bp2.RODS_BELOW_KNEE, bp2.LOWER_LEG_RADIUS)
+        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(
+            toe - bp2.RODS_BELOW_KNEE, bp2.LOWER_LEG_RADIUS
+        )
     for key in _all(spec, "keys"):
         qpos = np.array(key.qpos)
-        qpos[2] += _leg_drop(qpos, design.leg_length) - _leg_drop(qpos, bp2.THIGH_LENGTH)
+        qpos[2] += _leg_drop(qpos, design.leg_length) - _leg_drop(
+            qpos, bp2.THIGH_LENGTH
+        )
         key.qpos = qpos
 
 
@@ -190,13 +226,18 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         stop.springlength = (0.0, hardware.spring_travel)
         if hardware.rebound_stiffness != hardware.spring_stop_stiffness:
             stop.springlength = (-FAR, hardware.spring_travel)
-            rebound: Any = spec.add_tendon(name=f"{leg}_rebound", springlength=(0.0, FAR))
+            rebound: Any = spec.add_tendon(
+                name=f"{leg}_rebound", springlength=(0.0, FAR)
+            )
             rebound.stiffness = (hardware.rebound_stiffness, 0.0, 0.0)
             rebound.wrap_joint(f"{leg}_spring", 1.0)
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    motors = [np.broadcast_to(x, NU).tolist() for x in (hardware.reflected_inertia, hardware.joint_peak_torque)]
+    motors = [
+        np.broadcast_to(x, NU).tolist()
+        for x in (hardware.reflected_inertia, hardware.joint_peak_torque)
+    ]
     for name, armature, peak in zip(conventions.MOTOR_NAMES, *motors, strict=True):
         joint = _find(spec, "joint", name)
         joint.armature, joint.solref_limit = armature, (hardware.joint_stop_time, 1.0)
@@ -211,12 +252,17 @@ def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 
 def _make_legs_solid(spec: mujoco.MjSpec) -> None:
-    """Let every leg collide with the others and with the trunk; of a leg, the foot alone still meets the floor."""
+    """Let every leg collide with the others and with the trunk; of a leg, the foot
+    alone still meets the floor."""
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
     known = {geom.name for geom in _all(spec, "geoms")}  # a rigid leg has no toe
     for leg, bit in bits.items():
-        parts = [f"{leg}_solid_{part}" for part in SOLID_PARTS if f"{leg}_solid_{part}" in known]
+        parts = [
+            f"{leg}_solid_{part}"
+            for part in SOLID_PARTS
+            if f"{leg}_solid_{part}" in known
+        ]
         for name in (f"{leg}_foot", *parts):
             geom = _find(spec, "geom", name)
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
@@ -227,18 +273,27 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
 def _weigh(spec: mujoco.MjSpec) -> None:
     for sensor in _all(spec, "sensors"):
         spec.delete(sensor)
-    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3  # net: of all its contacts, in the world frame
+    # net: of all its contacts, in the world frame
+    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
     for name in FOOT_GEOMS:
-        sensor = spec.add_sensor(name=f"{name}_force", type=mujoco.mjtSensor.mjSENS_CONTACT, intprm=[force, net, 1])
+        sensor = spec.add_sensor(
+            name=f"{name}_force",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            intprm=[force, net, 1],
+        )
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "world"
         sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, name
 
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
-    seen_only = [geom for geom in _all(spec, "geoms") if geom.contype == geom.conaffinity == 0]
+    seen_only = [
+        geom for geom in _all(spec, "geoms") if geom.contype == geom.conaffinity == 0
+    ]
     for geom in _all(spec, "geoms"):
         geom.material = ""
-    unseen = _all(spec, "meshes", "materials", "textures", "sensors", "lights", "cameras")
+    unseen = _all(
+        spec, "meshes", "materials", "textures", "sensors", "lights", "cameras"
+    )
     for element in (*seen_only, *unseen):
         spec.delete(element)
 
@@ -246,7 +301,11 @@ def _drop_visuals(spec: mujoco.MjSpec) -> None:
 def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
     """Height of the hips above the lowest sole, trunk level and abduction zero, m."""
     hip, knee, compression = qpos[8::4], qpos[9::4], qpos[10::4]
-    return float(np.max(leg_length * np.cos(hip) + (leg_length - compression) * np.cos(hip + knee)))
+    return float(
+        np.max(
+            leg_length * np.cos(hip) + (leg_length - compression) * np.cos(hip + knee)
+        )
+    )
 
 
 def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:

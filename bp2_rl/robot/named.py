@@ -1,4 +1,5 @@
-"""Robots by name: BP2's two, those that ship as robot files, and any other robot by the path of its file."""
+"""Robots by name: BP2's two, those that ship as robot files, and any other robot by the
+path of its file."""
 
 import os
 from pathlib import Path
@@ -28,12 +29,15 @@ def find_robot(name: str) -> HardwareSpec:
     Raises:
         UserError: there is no such robot, or its file is broken.
     """
-    found = next((hardware for known, hardware in ROBOTS.items() if known == name), None)
+    found = next(
+        (hardware for known, hardware in ROBOTS.items() if known == name), None
+    )
     return found or find_robot_file(name).hardware
 
 
 def find_robot_file(name: str) -> "RobotFile":
-    """Return what stands in the robot file of this name, or at this path; of BP2's two robots, their hardware.
+    """Return what stands in the robot file of this name, or at this path; of BP2's two
+    robots, their hardware.
 
     Raises:
         UserError: as `find_robot`.
@@ -41,8 +45,12 @@ def find_robot_file(name: str) -> "RobotFile":
     path = shipped_files().get(name, Path(name))
     if path.suffix != ".toml" and name not in ROBOTS:
         if os.path.isfile(path):  # which takes names that no file can have
-            raise UserError(f"{name} is no robot file: its name must end in .toml; bp2 robot new MODEL.xml writes one")
-        require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
+            raise UserError(
+                f"{name} is no robot file: its name must end in .toml; bp2 robot new MODEL.xml writes one"
+            )
+        require_one_of(
+            "robot", name, (*robot_names(), "a robot file such as ROBOT.toml")
+        )
     from bp2_rl.robot.robot_file import RobotFile, load_robot
 
     return RobotFile(ROBOTS[name]) if name in ROBOTS else load_robot(path)

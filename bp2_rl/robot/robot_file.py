@@ -1,7 +1,9 @@
-"""A robot as a file of TOML: an MJCF or the numbers themselves, and what no MJCF says of motors, losses and contacts.
+"""A robot as a file of TOML: an MJCF or the numbers themselves, and what no MJCF says
+of motors, losses and contacts.
 
-A number for each of abad, hip and knee may be one number for all three. Lengths, masses and inertias of a leg are those
-of the left one, in the frames of `Anatomy`; the right one mirrors it.
+A number for each of abad, hip and knee may be one number for all three. Lengths, masses
+and inertias of a leg are those of the left one, in the frames of `Anatomy`; the right
+one mirrors it.
 """
 
 import dataclasses
@@ -35,7 +37,8 @@ Angle = Annotated[float, Within(-10.0, 10.0)]
 
 
 class RobotFileError(UserError):
-    """A robot file that is missing, damaged, or describes no robot; one line that names the key at fault."""
+    """A robot file that is missing, damaged, or describes no robot; one line that names
+    the key at fault."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +70,8 @@ class LegNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class StandNumbers:
-    """Angles, rad, of the left legs in the standing pose, one number or fore and hind legs'; right legs mirror them."""
+    """Angles, rad, of the left legs in the standing pose, one number or fore and hind
+    legs'; right legs mirror them."""
 
     hip: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
     knee: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
@@ -78,7 +82,8 @@ class StandNumbers:
 class MotorNumbers:
     """The motors at the joint, behind their gears; None is what the MJCF says."""
 
-    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)]  # rad/s, up to which the peak torque is there
+    # rad/s, up to which the peak torque is there
+    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)]
     no_load_speed: Annotated[ByJoint, Within(0.1, 1e4)]  # rad/s
     peak_torque: Annotated[ByJoint, Within(0.1, 1e5)] | None = None  # Nm
     armature: Annotated[ByJoint, Within(0.0, 10.0)] | None = None  # kg m2
@@ -106,7 +111,8 @@ class ContactNumbers:
     """The feet on the ground."""
 
     friction: Annotated[float, Within(0.01, 10.0)] = 0.8
-    time: Annotated[float, Within(0.002, 1.0)] = 0.005  # s, in which the ground takes up a foot's depth
+    # s, in which the ground takes up a foot's depth
+    time: Annotated[float, Within(0.002, 1.0)] = 0.005
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +125,8 @@ class WrittenRobot:
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     foot_radius: Radius | None = None
-    conventions: tuple[JointConvention, ...] = ()  # of the joints in the robot's own model; empty: the mjcf tells
+    # of the joints in the robot's own model; empty: the mjcf tells
+    conventions: tuple[JointConvention, ...] = ()
     trunk: TrunkNumbers | None = None
     fore: LegNumbers | None = None
     hind: LegNumbers | None = None
@@ -141,7 +148,8 @@ class RobotFile:
     """A robot, and what its file says besides."""
 
     hardware: HardwareSpec
-    stiffness: ByJoint | None = None  # Nm/rad, of the position loop; None: the file gives no gains
+    # Nm/rad, of the position loop; None: the file gives no gains
+    stiffness: ByJoint | None = None
     damping: ByJoint | None = None  # Nm s/rad
     top_speed: float | None = None  # m/s, published
     reading: RobotReading | None = None  # of its MJCF; None: the file has the numbers
@@ -176,29 +184,47 @@ def load_robot(path: Path) -> RobotFile:
         check_bounds(written)
         return _robot(written, path)
     except RecursionError as error:
-        raise RobotFileError(f"{path} is no robot file: it is nested too deeply") from error
+        raise RobotFileError(
+            f"{path} is no robot file: it is nested too deeply"
+        ) from error
     except UserError as error:
         raise RobotFileError(f"{path}: {one_line(str(error))}") from error
     except ValueError as error:  # UTF-8's and TOML's
-        raise RobotFileError(f"{path} is damaged or not TOML: {one_line(str(error))}") from error
+        raise RobotFileError(
+            f"{path} is damaged or not TOML: {one_line(str(error))}"
+        ) from error
 
 
 def _require_tables(given: dict[str, Any]) -> None:
-    """Refuse a file that lacks what every robot needs, all of it named at once; a slip of the pen is told first."""
+    """Refuse a file that lacks what every robot needs, all of it named at once; a slip
+    of the pen is told first."""
     body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
     lacking = [name for name in ("motors", *body) if name not in given]
-    if lacking and given.keys() <= {field.name for field in dataclasses.fields(WrittenRobot)}:
-        tables = ", ".join(["name"] * ("name" not in given) + [f"[{name}]" for name in lacking])
-        raise UserError(f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them")
+    if lacking and given.keys() <= {
+        field.name for field in dataclasses.fields(WrittenRobot)
+    }:
+        tables = ", ".join(
+            ["name"] * ("name" not in given) + [f"[{name}]" for name in lacking]
+        )
+        raise UserError(
+            f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them"
+        )
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:
     if written.mjcf is not None and (written.trunk or written.fore or written.hind):
-        raise UserError("give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]")
+        raise UserError(
+            "give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]"
+        )
     reading = None
     if written.mjcf is not None:
         model = path.parent / written.mjcf
-        reading = read_mjcf(model, joints=written.joints, feet=written.feet, foot_radius=written.foot_radius)
+        reading = read_mjcf(
+            model,
+            joints=written.joints,
+            feet=written.feet,
+            foot_radius=written.foot_radius,
+        )
     anatomy = _anatomy(written, reading)
     _check(anatomy)
     motors, spring = written.motors, _spring(written, reading, anatomy)
@@ -215,7 +241,14 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
         friction=written.contact.friction,
         contact_time=written.contact.time,
         losses=written.losses,
-        **({} if spring is None else {f"spring_{name}": value for name, value in dataclasses.asdict(spring).items()}),
+        **(
+            {}
+            if spring is None
+            else {
+                f"spring_{name}": value
+                for name, value in dataclasses.asdict(spring).items()
+            }
+        ),
     )
     gains = written.gains
     return RobotFile(
@@ -229,20 +262,29 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
     )
 
 
-def _by_joint(name: str, given: ByJoint | None, reading: RobotReading | None) -> ByJoint:
-    """Return a motor's number by joint: the file's, or in the mean over the legs the model's."""
+def _by_joint(
+    name: str, given: ByJoint | None, reading: RobotReading | None
+) -> ByJoint:
+    """Return a motor's number by joint: the file's, or in the mean over the legs the
+    model's."""
     if given is not None:
         return given
     if reading is None:
-        raise UserError(f"motors.{name}: missing; one number, or three for abad, hip and knee")
+        raise UserError(
+            f"motors.{name}: missing; one number, or three for abad, hip and knee"
+        )
     values = [getattr(joint, name) for joint in reading.joints]
     if not all(map(math.isfinite, values)):
-        raise UserError(f"motors.{name}: the MJCF does not say it; give one number, or three for abad, hip and knee")
+        raise UserError(
+            f"motors.{name}: the MJCF does not say it; give one number, or three for abad, hip and knee"
+        )
     abad, hip, knee = (sum(values[i::3]) / len(LEGS) for i in range(3))
     return abad, hip, knee
 
 
-def _spring(written: WrittenRobot, reading: RobotReading | None, anatomy: Anatomy) -> SpringNumbers | None:
+def _spring(
+    written: WrittenRobot, reading: RobotReading | None, anatomy: Anatomy
+) -> SpringNumbers | None:
     if not anatomy.sprung:
         if written.spring is not None:
             raise UserError(
@@ -250,21 +292,28 @@ def _spring(written: WrittenRobot, reading: RobotReading | None, anatomy: Anatom
             )
         return None
     if written.spring is None and reading is not None and reading.spring is not None:
-        return SpringNumbers(reading.spring.stiffness, reading.spring.damping, reading.spring.travel)
+        return SpringNumbers(
+            reading.spring.stiffness, reading.spring.damping, reading.spring.travel
+        )
     if written.spring is None:
-        raise UserError("spring: missing, and the legs have a toe; give stiffness, damping and travel")
+        raise UserError(
+            "spring: missing, and the legs have a toe; give stiffness, damping and travel"
+        )
     return written.spring
 
 
-# --- The body ------------------------------------------------------------------------------------------------
+# --- The body -------------------------------------------------------------------------
 
 
 def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
     if reading is not None:
         anatomy = reading.anatomy
     else:
-        trunk = cast(TrunkNumbers, written.trunk)  # `_require_tables` has seen all three
-        left = [_leg(cast(LegNumbers, numbers)) for numbers in (written.fore, written.hind)]
+        # `_require_tables` has seen all three
+        trunk = cast(TrunkNumbers, written.trunk)
+        left = [
+            _leg(cast(LegNumbers, numbers)) for numbers in (written.fore, written.hind)
+        ]
         if (left[0].toe is None) != (left[1].toe is None):
             raise UserError("fore.toe, hind.toe: give both, or neither")
         legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])
@@ -280,13 +329,20 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
         )
     changes: dict[str, Any] = {"name": written.name}
     if (stand := written.stand) is not None:
-        left = [np.broadcast_to(angle, 2) for angle in (stand.abad, stand.hip, stand.knee)]
-        both = ((-abad, hip, knee, abad, hip, knee) for abad, hip, knee in zip(*left, strict=True))
+        left = [
+            np.broadcast_to(angle, 2) for angle in (stand.abad, stand.hip, stand.knee)
+        ]
+        both = (
+            (-abad, hip, knee, abad, hip, knee)
+            for abad, hip, knee in zip(*left, strict=True)
+        )
         changes["stand"] = tuple(float(angle) + 0.0 for legs in both for angle in legs)
         if reading is not None:  # of a model whose knees bend either way, [stand] tells
             knees = changes["stand"][2::3]
             changes["legs"] = tuple(
-                dataclasses.replace(leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend)
+                dataclasses.replace(
+                    leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend
+                )
                 for leg, knee in zip(anatomy.legs, knees, strict=True)
             )
     if written.conventions:
@@ -298,8 +354,14 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
 
 
 def _leg(numbers: LegNumbers) -> Leg:
-    own = {field.name: getattr(numbers, field.name) for field in dataclasses.fields(Leg) if field.name != "ranges"}
-    return Leg(**own, ranges=(numbers.abad_range, numbers.hip_range, numbers.knee_range))
+    own = {
+        field.name: getattr(numbers, field.name)
+        for field in dataclasses.fields(Leg)
+        if field.name != "ranges"
+    }
+    return Leg(
+        **own, ranges=(numbers.abad_range, numbers.hip_range, numbers.knee_range)
+    )
 
 
 def mirrored(leg: Leg) -> Leg:
@@ -313,17 +375,26 @@ def mirrored(leg: Leg) -> Leg:
         return Link(part.mass, vector(part.com), (xx, yy, zz, 0.0 - xy, xz, 0.0 - yz))
 
     (low, high), hip, knee = leg.ranges
-    vectors = {name: vector(getattr(leg, name)) for name in ("anchor", "hip", "knee", "foot", "seat")}
+    vectors = {
+        name: vector(getattr(leg, name))
+        for name in ("anchor", "hip", "knee", "foot", "seat")
+    }
     links = {name: link(getattr(leg, name)) for name in ("abad", "thigh", "shank")}
     return dataclasses.replace(
-        leg, **vectors, **links, toe=None if leg.toe is None else link(leg.toe), ranges=((-high, -low), hip, knee)
+        leg,
+        **vectors,
+        **links,
+        toe=None if leg.toe is None else link(leg.toe),
+        ranges=((-high, -low), hip, knee),
     )
 
 
 def _check(anatomy: Anatomy) -> None:
     """Refuse a body that cannot be, naming the key at fault."""
     if len(anatomy.joints) != len(MOTOR_NAMES):
-        raise UserError(f"conventions: {len(anatomy.joints)} are given; give the 12 joints', or leave them out")
+        raise UserError(
+            f"conventions: {len(anatomy.joints)} are given; give the 12 joints', or leave them out"
+        )
     _check_link("trunk", anatomy.trunk)
     for name, leg in zip(("fore", "hind"), anatomy.legs[1::2], strict=True):
         for part in ("abad", "thigh", "shank", "toe"):
@@ -344,8 +415,13 @@ def _check(anatomy: Anatomy) -> None:
     for i, (motor, angle) in enumerate(zip(MOTOR_NAMES, anatomy.stand, strict=True)):
         low, high = anatomy.legs[i // 3].ranges[i % 3]
         if not low - 1e-6 <= angle <= high + 1e-6:
-            raise UserError(f"stand: {motor} at {angle:g} rad is outside its range, {low:g} to {high:g}")
-    if anatomy.weighed_mass < 0.5 * anatomy.mass or anatomy.weighed_mass > 2.0 * anatomy.mass:
+            raise UserError(
+                f"stand: {motor} at {angle:g} rad is outside its range, {low:g} to {high:g}"
+            )
+    if (
+        anatomy.weighed_mass < 0.5 * anatomy.mass
+        or anatomy.weighed_mass > 2.0 * anatomy.mass
+    ):
         raise UserError(
             f"weighed_mass: {anatomy.weighed_mass:g} kg, and the links add up to {anatomy.mass:g} kg: one is wrong"
         )
@@ -361,7 +437,7 @@ def _check_link(name: str, link: Link) -> None:
         )
 
 
-# --- The file that a model fills in --------------------------------------------------------------------------
+# --- The file that a model fills in ---------------------------------------------------
 
 
 def robot_text(
@@ -372,11 +448,13 @@ def robot_text(
     feet: Sequence[str] = (),
     foot_radius: float | None = None,
 ) -> str:
-    """Return a robot file filled in from a model, with a comment on each number that its user must confirm.
+    """Return a robot file filled in from a model, with a comment on each number that
+    its user must confirm.
 
     Args:
         reading: of the model.
-        mjcf: the model's path from the file's folder; None: the numbers themselves are written, the left legs'.
+        mjcf: the model's path from the file's folder; None: the numbers themselves are
+            written, the left legs'.
         joints: as `read_mjcf` was told.
         feet: as `read_mjcf` was told.
         foot_radius: as `read_mjcf` was told.
@@ -384,7 +462,10 @@ def robot_text(
 
     def by_joint(name: str, otherwise: float, factor: float = 1.0) -> str:
         values = [getattr(joint, name) for joint in reading.joints]
-        known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
+        known = [
+            value if math.isfinite(value) and value > 0.0 else otherwise
+            for value in values
+        ]
         return row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
 
     return render(
@@ -409,8 +490,12 @@ def _assumed(reading: RobotReading) -> list[str]:
     """Return the keys of the numbers that a model does not say."""
     said = {
         "motors.corner_speed": False,
-        "motors.no_load_speed": all(math.isfinite(joint.speed) for joint in reading.joints),
-        "motors.peak_torque": all(math.isfinite(joint.peak_torque) for joint in reading.joints),
+        "motors.no_load_speed": all(
+            math.isfinite(joint.speed) for joint in reading.joints
+        ),
+        "motors.peak_torque": all(
+            math.isfinite(joint.peak_torque) for joint in reading.joints
+        ),
         "motors.armature": all(joint.armature > 0.0 for joint in reading.joints),
     }
     return [key for key, known in said.items() if not known]

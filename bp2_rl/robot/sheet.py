@@ -1,4 +1,5 @@
-"""What a robot file makes of a robot, on one sheet: sizes, joints, motors against the load of standing, and a stand."""
+"""What a robot file makes of a robot, on one sheet: sizes, joints, motors against the
+load of standing, and a stand."""
 
 import dataclasses
 import itertools
@@ -20,17 +21,21 @@ from bp2_rl.robot.robot_file import RobotFile, mirrored, row
 STAND_TIME = 5.0
 """s, for which a robot must stand."""
 FALLEN = 0.7
-"""Share of the standing height below which it has fallen; and cosine of the trunk's tilt."""
+"""Share of the standing height below which it has fallen; and cosine of the trunk's
+tilt."""
 GAINS = 250.0, 3.0
-"""Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size whatever its file says."""
+"""Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size
+whatever its file says."""
 LIKE = 0.1
 """Relative difference up to which two loops count as one."""
 DRAG = 0.2
-"""Share of the peak torque above which a joint's resistance at the motor's no-load speed is doubted."""
+"""Share of the peak torque above which a joint's resistance at the motor's no-load
+speed is doubted."""
 STRETCH = 0.75
 """Share of the straight leg's length below which the greatest reach is doubted."""
 STROKE = 0.1
-"""Share of the straight leg's length below which the difference of greatest and least reach is doubted."""
+"""Share of the straight leg's length below which the difference of greatest and least
+reach is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
 
@@ -52,19 +57,37 @@ def stand(robot: RobotFile) -> StandingTrial:
     model = load_model(hardware)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-    target, torque, begin = np.array(robot.anatomy.stand), np.zeros(12), float(data.qpos[2])
+    target, torque, begin = (
+        np.array(robot.anatomy.stand),
+        np.zeros(12),
+        float(data.qpos[2]),
+    )
     motors, fallen = _motors(robot), None
     for step in range(round(STAND_TIME / PHYSICS_STEP)):
         q, qd = joint_positions(data.qpos), joint_velocities(data.qvel)
-        torque = data.ctrl[:] = joint_torque(motors, torque, q, qd, target, np.zeros(12), PHYSICS_STEP)
+        torque = data.ctrl[:] = joint_torque(
+            motors, torque, q, qd, target, np.zeros(12), PHYSICS_STEP
+        )
         mujoco.mj_step(model, data)
         upright = 1.0 - 2.0 * float(data.qpos[4] ** 2 + data.qpos[5] ** 2)
-        if data.qpos[2] < FALLEN * begin or upright < FALLEN or not np.all(np.isfinite(data.qpos)):
+        if (
+            data.qpos[2] < FALLEN * begin
+            or upright < FALLEN
+            or not np.all(np.isfinite(data.qpos))
+        ):
             fallen = (step + 1) * PHYSICS_STEP
             break
     feet = set(foot_geom_ids(model).tolist())
-    pairs = [(int(contact.geom1), int(contact.geom2)) for contact in data.contact[: data.ncon]]
-    down = {geom for pair in pairs for geom in pair if geom in feet and model.geom("floor").id in pair}
+    pairs = [
+        (int(contact.geom1), int(contact.geom2))
+        for contact in data.contact[: data.ncon]
+    ]
+    down = {
+        geom
+        for pair in pairs
+        for geom in pair
+        if geom in feet and model.geom("floor").id in pair
+    }
     others = {model.geom(geom).name for geom in itertools.chain(*pairs)} - {"floor"}
     return StandingTrial(
         fallen_after=fallen,
@@ -76,20 +99,29 @@ def stand(robot: RobotFile) -> StandingTrial:
 
 
 def trained_gains(robot: RobotFile) -> tuple[float, float]:
-    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the position loop in training."""
+    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the position loop in
+    training."""
     size = robot.hardware.size
     return size.torque * GAINS[0], size.torque * size.time * GAINS[1]
 
 
 def gains(robot: RobotFile) -> tuple[Any, Any]:
-    """Return stiffness and damping of the position loop, each a number or one for each motor: those of training where
-    the file gives none."""
+    """Return stiffness and damping of the position loop, each a number or one for each
+    motor: those of training where the file gives none."""
     otherwise = trained_gains(robot)
 
     def of_motors(given: Any, default: float) -> Any:
-        return np.tile(given, len(LEGS)) if isinstance(given, tuple) else default if given is None else given
+        return (
+            np.tile(given, len(LEGS))
+            if isinstance(given, tuple)
+            else default
+            if given is None
+            else given
+        )
 
-    return of_motors(robot.stiffness, otherwise[0]), of_motors(robot.damping, otherwise[1])
+    return of_motors(robot.stiffness, otherwise[0]), of_motors(
+        robot.damping, otherwise[1]
+    )
 
 
 def _motors(robot: RobotFile) -> Actuator:
@@ -98,10 +130,15 @@ def _motors(robot: RobotFile) -> Actuator:
 
 
 def sheet(robot: RobotFile, stood: StandingTrial) -> str:
-    """Return the sheet as text; lines that begin with "!" are what its user must look at."""
+    """Return the sheet as text; lines that begin with "!" are what its user must look
+    at."""
     anatomy, hardware = robot.anatomy, robot.hardware
     fore, hind = anatomy.legs[1], anatomy.legs[3]
-    published = "" if robot.top_speed is None else f", published top speed {robot.top_speed:g} m/s"
+    published = (
+        ""
+        if robot.top_speed is None
+        else f", published top speed {robot.top_speed:g} m/s"
+    )
     lines = [
         f"{robot.name}: {anatomy.weighed_mass:.3g} kg (links {anatomy.mass:.4g} kg, trunk {anatomy.trunk.mass:.4g} kg)"
         f"{published}",
@@ -112,7 +149,9 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
             f"{' to '.join(f'{end:.3g}' for end in leg.reach())} m from the hip"
             for name, leg in (("fore", fore), ("hind", hind))
         ),
-        f"spring: {hardware.spring_stiffness:g} N/m" if anatomy.sprung else "rigid shanks",
+        f"spring: {hardware.spring_stiffness:g} N/m"
+        if anatomy.sprung
+        else "rigid shanks",
         *_reach_doubts(robot),
         "",
         *_joint_lines(robot, robot.reading),
@@ -121,7 +160,11 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         "",
         *_stand_lines(robot, stood),
         *_symmetry(robot),
-        *([] if robot.reading is None else [f"! {note}" for note in robot.reading.notes]),
+        *(
+            []
+            if robot.reading is None
+            else [f"! {note}" for note in robot.reading.notes]
+        ),
         *(f"assumed: {what}" for what in robot.assumed),
     ]
     return "\n".join(lines)
@@ -148,12 +191,15 @@ def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
             joint = reading.joints[i]
             theirs = f"{'-' if joint.sign < 0 else '+'}{joint.name} {joint.offset:+.3f}"
         low, high = robot.anatomy.legs[i // 3].ranges[i % 3]
-        lines.append(f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}")
+        lines.append(
+            f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}"
+        )
     return lines
 
 
 def _motor_lines(robot: RobotFile) -> list[str]:
-    """One line a number of the motors, with ASSUMED beside what the file lists as assumed, and a doubt."""
+    """One line a number of the motors, with ASSUMED beside what the file lists as
+    assumed, and a doubt."""
     hardware: HardwareSpec = robot.hardware
     lines = [f"{'at the joint':22} {'abad':>8} {'hip':>8} {'knee':>8}"]
     for key, what, by_joint in (
@@ -162,13 +208,19 @@ def _motor_lines(robot: RobotFile) -> list[str]:
         ("no_load_speed", "no-load speed, rad/s", hardware.joint_no_load_speed),
         ("armature", "rotor inertia, kg m2", hardware.reflected_inertia),
         ("joint_friction", "friction, Nm", at_joints(hardware.losses.joint_friction)),
-        ("joint_viscosity", "viscosity, Nm s/rad", at_joints(hardware.losses.joint_viscosity)),
+        (
+            "joint_viscosity",
+            "viscosity, Nm s/rad",
+            at_joints(hardware.losses.joint_viscosity),
+        ),
     ):
         abad, hip, knee = np.broadcast_to(by_joint, 12)[:3]
         assumed = "  ASSUMED" if any(key in entry for entry in robot.assumed) else ""
         lines.append(f"{what:22} {abad:8.4g} {hip:8.4g} {knee:8.4g}{assumed}")
     if np.min(hardware.reflected_inertia) == 0.0:
-        lines.append("! no motor's rotor has an inertia of 0: give armature in [motors], rotor x gear ratio^2")
+        lines.append(
+            "! no motor's rotor has an inertia of 0: give armature in [motors], rotor x gear ratio^2"
+        )
     return lines
 
 
@@ -178,7 +230,11 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     share = np.abs(stood.torque) / peak
     worst = int(np.argmax(share))
     stiffness, damping = (np.broadcast_to(x, 12)[:3] for x in gains(robot))
-    whose = "gains" if robot.stiffness is not None else "training's own loop, ASSUMED as the file has no [gains]:"
+    whose = (
+        "gains"
+        if robot.stiffness is not None
+        else "training's own loop, ASSUMED as the file has no [gains]:"
+    )
     loop = f"{whose} {row(stiffness)} Nm/rad, {row(damping)} Nm s/rad"
     if stood.fallen_after is not None:
         lines = [
@@ -186,9 +242,13 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
             "stronger motors"
         ]
     else:
-        lines = [f"stands {STAND_TIME:g} s at {stood.height:.3f} m, {stood.feet_down} feet down ({loop})"]
+        lines = [
+            f"stands {STAND_TIME:g} s at {stood.height:.3f} m, {stood.feet_down} feet down ({loop})"
+        ]
         if stood.feet_down < len(LEGS):
-            lines.append("! not all feet are down: mend [stand], so that fore and hind legs are equally high")
+            lines.append(
+                "! not all feet are down: mend [stand], so that fore and hind legs are equally high"
+            )
     lines += _note_of_gains(robot)
     lines += _resistance(robot)
     lines.append(
@@ -196,16 +256,21 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
         f"robot push {_push(robot):.2g} times its weight"
     )
     if stood.touching:
-        lines.append(f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs")
+        lines.append(
+            f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs"
+        )
     return lines
 
 
 def _note_of_gains(robot: RobotFile) -> list[str]:
-    """Say where training's position loop is another one than the file's, and how to train with the file's."""
+    """Say where training's position loop is another one than the file's, and how to
+    train with the file's."""
     ours, theirs = trained_gains(robot), [float(np.mean(x)) for x in gains(robot)]
     if np.allclose(ours, theirs, rtol=LIKE):
         return []
-    flags = f"--env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
+    flags = (
+        f"--env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
+    )
     return [
         f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
         f"size; to train with [gains]: {flags}"
@@ -213,9 +278,13 @@ def _note_of_gains(robot: RobotFile) -> list[str]:
 
 
 def _resistance(robot: RobotFile) -> list[str]:
-    """Doubt joints that take much of what their motors give, as those of models do that damp for the loop's sake."""
+    """Doubt joints that take much of what their motors give, as those of models do that
+    damp for the loop's sake."""
     hardware, losses = robot.hardware, robot.hardware.losses
-    drag = at_joints(losses.joint_friction) + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
+    drag = (
+        at_joints(losses.joint_friction)
+        + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
+    )
     share = float(np.max(drag / np.asarray(hardware.joint_peak_torque)))
     if share <= DRAG:
         return []
@@ -225,32 +294,46 @@ def _resistance(robot: RobotFile) -> list[str]:
 
 
 def _push(robot: RobotFile) -> float:
-    """Return two legs' vertical force in the standing pose at the knee's or hip's peak torque, over the weight."""
+    """Return two legs' vertical force in the standing pose at the knee's or hip's peak
+    torque, over the weight."""
     anatomy, peak = robot.anatomy, np.broadcast_to(robot.hardware.joint_peak_torque, 12)
     forces: list[float] = []
     for i, leg in enumerate(anatomy.legs):
         hip, knee = anatomy.stand[3 * i + 1], anatomy.stand[3 * i + 2]
         levers = (
-            abs(leg.thigh_length * math.sin(hip) + leg.lower_length * math.sin(hip + knee)),
+            abs(
+                leg.thigh_length * math.sin(hip)
+                + leg.lower_length * math.sin(hip + knee)
+            ),
             abs(leg.lower_length * math.sin(hip + knee)),
         )
-        forces.append(min(peak[3 * i + 1 + j] / max(lever, 1e-6) for j, lever in enumerate(levers)))
+        forces.append(
+            min(
+                peak[3 * i + 1 + j] / max(lever, 1e-6) for j, lever in enumerate(levers)
+            )
+        )
     return 2.0 * min(forces) / (anatomy.weighed_mass * GRAVITY)
 
 
 def _symmetry(robot: RobotFile) -> list[str]:
     """Say which numbers of the right legs are not those of the left ones mirrored."""
     different: list[str] = []
-    for right, left, which in zip(robot.anatomy.legs[::2], robot.anatomy.legs[1::2], ("fore", "hind"), strict=True):
+    for right, left, which in zip(
+        robot.anatomy.legs[::2], robot.anatomy.legs[1::2], ("fore", "hind"), strict=True
+    ):
         ours, theirs = dataclasses.asdict(mirrored(left)), dataclasses.asdict(right)
         for part, value in ours.items():
             a, b = np.array(_numbers(value)), np.array(_numbers(theirs[part]))
-            share = np.abs(a - b).max(initial=0.0) / max(np.abs(a).max(initial=0.0), 1e-9)
+            share = np.abs(a - b).max(initial=0.0) / max(
+                np.abs(a).max(initial=0.0), 1e-9
+            )
             if share > SAME:
                 different.append(f"{which} {part} by {share:.1%}")
     if not different:
         return ["left and right legs are mirror images"]
-    return [f"! left and right legs differ: {', '.join(different)}; a policy that is mirrored sees them as equal"]
+    return [
+        f"! left and right legs differ: {', '.join(different)}; a policy that is mirrored sees them as equal"
+    ]
 
 
 def _numbers(value: Any) -> list[float]:

@@ -23,22 +23,40 @@ PARTS: dict[str, tuple[str, ...]] = {
     "joint stops": ("joint_stop_time",),
     "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
 }
-"""What tells a built robot from the ideal one: parameters of a robot that belong together; `losses.x` is a loss."""
+"""What tells a built robot from the ideal one: parameters of a robot that belong
+together; `losses.x` is a loss."""
 
 
 def ideal_of(robot: HardwareSpec) -> HardwareSpec:
-    """Return the robot that loses nothing: BP2's ideal one, or any other robot on its own ground and stops."""
+    """Return the robot that loses nothing: BP2's ideal one, or any other robot on its
+    own ground and stops."""
     if robot.is_bp2:
         return IDEAL
-    free = {"losses": Losses(), "envelope": IDEAL.envelope, "braking_speed": math.inf, "solid_legs": False}
+    free = {
+        "losses": Losses(),
+        "envelope": IDEAL.envelope,
+        "braking_speed": math.inf,
+        "solid_legs": False,
+    }
     return dataclasses.replace(robot, **free)
 
 
-def with_parts(robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]) -> HardwareSpec:
+def with_parts(
+    robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]
+) -> HardwareSpec:
     """A robot with some `PARTS` of another."""
-    fields = [field for part in parts for field in PARTS[part] if "." in field or _has(robot, field)]
+    fields = [
+        field
+        for part in parts
+        for field in PARTS[part]
+        if "." in field or _has(robot, field)
+    ]
     own = {field: other.parameter(field) for field in fields if "." not in field}
-    losses = {name: getattr(other.losses, name) for _, dot, name in (f.partition(".") for f in fields) if dot}
+    losses = {
+        name: getattr(other.losses, name)
+        for _, dot, name in (f.partition(".") for f in fields)
+        if dot
+    }
     return robot.changed(losses=dataclasses.replace(robot.losses, **losses), **own)
 
 

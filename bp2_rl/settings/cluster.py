@@ -10,7 +10,8 @@ from bp2_rl.base.errors import UserError
 
 @dataclasses.dataclass(frozen=True)
 class ClusterConfig:
-    """Where the processes of one training meet. By default there is one process, with all GPUs of the machine."""
+    """Where the processes of one training meet. By default there is one process, with
+    all GPUs of the machine."""
 
     coordinator: str | None = None
     """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""
@@ -27,10 +28,18 @@ class ClusterConfig:
         numbers = (self.processes, self.process)
         if self.coordinator in (None, "auto"):
             if numbers != (None, None):
-                raise UserError("--cluster.processes and --cluster.process go with --cluster.coordinator HOST:PORT")
+                raise UserError(
+                    "--cluster.processes and --cluster.process go with --cluster.coordinator HOST:PORT"
+                )
         elif not re.fullmatch(r".+:\d+", self.coordinator):
-            raise UserError(f"--cluster.coordinator must be HOST:PORT or auto, got {self.coordinator}")
+            raise UserError(
+                f"--cluster.coordinator must be HOST:PORT or auto, got {self.coordinator}"
+            )
         elif self.processes is None or self.process is None:
-            raise UserError("--cluster.coordinator HOST:PORT needs --cluster.processes and --cluster.process")
+            raise UserError(
+                "--cluster.coordinator HOST:PORT needs --cluster.processes and --cluster.process"
+            )
         elif self.process >= self.processes:
-            raise UserError(f"--cluster.process must be 0 to {self.processes - 1}, got {self.process}")
+            raise UserError(
+                f"--cluster.process must be 0 to {self.processes - 1}, got {self.process}"
+            )

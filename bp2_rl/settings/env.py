@@ -1,4 +1,5 @@
-"""The MDP's settings: frozen dataclasses, written whole into every run and every exported policy."""
+"""The MDP's settings: frozen dataclasses, written whole into every run and every
+exported policy."""
 
 import dataclasses
 import math
@@ -13,7 +14,8 @@ from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
-"""`Amount` may be zero, `Extent` may not. A thousand metres, seconds or radians are more than any setting needs."""
+"""`Amount` may be zero, `Extent` may not. A thousand metres, seconds or radians are
+more than any setting needs."""
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
 Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
 """A limit; infinity means that there is none."""
@@ -27,61 +29,78 @@ Impl = Literal["jax", "kernel", "warp"]
 
 @dataclasses.dataclass(frozen=True)
 class ControlConfig:
-    """What the policy's action means, and the joint PD loop under it (gains ASSUMED)."""
+    """What the policy's action means, and the joint PD loop under it (gains
+    ASSUMED)."""
 
-    mode: Literal["residual", "absolute"] = "residual"  # around the reference motion, or around the standing pose
+    # around the reference motion, or around the standing pose
+    mode: Literal["residual", "absolute"] = "residual"
     action_scale: Extent = 0.5  # rad a unit of action
     action_limit: Extent = 3.0  # actions are clipped to +- this
     stiffness: Annotated[float, Within(0.1, 1e5)] = 250.0  # Nm/rad
     damping: Annotated[float, Within(0.0, 1e4)] = 3.0  # Nm s/rad
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
-    torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")  # Nm/s
+    # Nm/s
+    torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")
     clock_at_rest: bool = True
-    """whether the policy sees the gait's phase also where the reference stands still; if not, the phase vector that it
-    sees is as long as the reference's steps, zero in a stand"""
+    """whether the policy sees the gait's phase also where the reference stands still;
+    if not, the phase vector that it sees is as long as the reference's steps, zero in a
+    stand"""
     braking: Limit = float("inf")
-    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked for"""
+    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked
+    for"""
     stopping_time: Amount = 0.0
-    """s, least time in which that command falls by its own size and 0.5 m/s: a robot that stands while its trunk still
-    moves falls over"""
+    """s, least time in which that command falls by its own size and 0.5 m/s: a robot
+    that stands while its trunk still moves falls over"""
     launching: Limit = float("inf")
-    """m/s2, fastest rise of that command from a stand: a robot far behind its command gathers speed more slowly"""
+    """m/s2, fastest rise of that command from a stand: a robot far behind its command
+    gathers speed more slowly"""
     launching_speed: Limit = float("inf")
-    """m/s, speed at which that command would rise no more: the rate falls linearly from `launching`"""
+    """m/s, speed at which that command would rise no more: the rate falls linearly from
+    `launching`"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
-    """control steps: the policy also sees how much its observation has changed since so many steps ago (0 at first)"""
+    """control steps: the policy also sees how much its observation has changed since so
+    many steps ago (0 at first)"""
 
 
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
-    """How velocity commands are drawn: a target, approached at a limited rate, drawn anew every few seconds."""
+    """How velocity commands are drawn: a target, approached at a limited rate, drawn
+    anew every few seconds."""
 
     max_forward: Extent = 15.5  # m/s, v_x^max of Table S4, which gives none
     max_lateral: Amount = 0.5  # m/s, v_y^max
     max_yaw_rate: Amount = 1.0  # rad/s, omega_z^max
     max_backward: Amount = 0.0  # m/s
-    max_turn: Amount = 3.0  # m/s2, largest forward speed x yaw rate: what friction holds with a margin
-    limit_fraction: Share = 0.4  # share of targets in the fastest tenth of what the curriculum allows
-    straight_fraction: Share = 0.5  # share of targets with no lateral and no yaw command
+    # m/s2, largest forward speed x yaw rate: what friction holds with a margin
+    max_turn: Amount = 3.0
+    # share of targets in the fastest tenth of what the curriculum allows
+    limit_fraction: Share = 0.4
+    # share of targets with no lateral and no yaw command
+    straight_fraction: Share = 0.5
     slow_fraction: Share = 0.0  # share of targets of at most `slow` forward
     slow: Extent = 3.0  # m/s
     stand_fraction: Share = 0.05  # share of targets that are zero
     acceleration: Annotated[Range, Within(0.001, 1000.0)] = (1.0, 8.0)
     """m/s2, rate at which the forward command approaches its target"""
-    turn_acceleration: Amount = 2.0  # m/s2 and rad/s2, rate of the lateral and yaw commands
-    hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)  # s, from reaching a target to the next draw
+    # m/s2 and rad/s2, rate of the lateral and yaw commands
+    turn_acceleration: Amount = 2.0
+    # s, from reaching a target to the next draw
+    hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)
     stand_time: Annotated[Range | None, Within(0.0, 1000.0)] = None
     """s, from reaching a target to stand to the next draw; None: hold_time"""
 
 
 @dataclasses.dataclass(frozen=True)
 class CurriculumConfig:
-    """Per-robot speed curriculum: commands tracked near a robot's limit raise that limit, falls lower it."""
+    """Per-robot speed curriculum: commands tracked near a robot's limit raise that
+    limit, falls lower it."""
 
     start_speed: Extent | None = None
-    """m/s, fastest forward command at level 0 (level 1: commands.max_forward); None: all commands from the start on"""
-    near: BelowOne = 0.9  # what counts is the time at commands above this share of the limit
+    """m/s, fastest forward command at level 0 (level 1: commands.max_forward); None:
+    all commands from the start on"""
+    # what counts is the time at commands above this share of the limit
+    near: BelowOne = 0.9
     evidence: Amount = 0.5  # s of such time at least, between two draws
     tolerance: Extent = 0.1  # of (1 m/s + limit), for the mean speed error in that time
     raise_by: BelowOne = 0.15
@@ -92,57 +111,73 @@ class CurriculumConfig:
 class ResetConfig:
     """Where episodes start."""
 
-    standing_fraction: Share = 0.3  # start at rest with the command ramping up; the others on the running reference
+    # start at rest with the command ramping up; the others on the running reference
+    standing_fraction: Share = 0.3
     standing_time: Annotated[Range, Within(0.0, 1000.0)] = (0.0, 0.0)
-    """s, for which a robot that starts at rest has the command to stand: else it expects the launch, and leans"""
+    """s, for which a robot that starts at rest has the command to stand: else it
+    expects the launch, and leans"""
     joint_noise: Amount = 0.05  # rad, uniform +-
-    command_error: Amount = 0.0  # m/s, by which the command of a running start differs from its speed, at most
+    # m/s, by which the command of a running start differs from its speed, at most
+    command_error: Amount = 0.0
     velocity_noise: Amount = 0.1  # share of the reference's velocities, uniform +-
 
 
 @dataclasses.dataclass(frozen=True)
 class RandomizationConfig:
-    """Domain randomisation, drawn anew at each reset. Ranges are uniform, factors multiply."""
+    """Domain randomisation, drawn anew at each reset. Ranges are uniform, factors
+    multiply."""
 
     enabled: bool = True
-    friction: Annotated[Range, Within(0.001, 100.0)] = (0.55, 1.22)  # factor: 0.5 to 1.1 on ground of 0.9
-    mass: Annotated[Range, Within(0.01, 100.0)] = (0.9, 1.1)  # factor, every body by itself
+    # factor: 0.5 to 1.1 on ground of 0.9
+    friction: Annotated[Range, Within(0.001, 100.0)] = (0.55, 1.22)
+    # factor, every body by itself
+    mass: Annotated[Range, Within(0.01, 100.0)] = (0.9, 1.1)
     com_offset: Amount = 0.02  # m, of the trunk, +- on each axis
-    strength: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.0)  # factor on the peak torque
+    # factor on the peak torque
+    strength: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.0)
     weak_braking: Annotated[Range, Within(0.0, 1.0)] = (0.0, 0.0)
-    """how weakly motors brake at speed: 0 as the hardware's, 1 no better than they drive"""
-    gains: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.1)  # factor on PD stiffness and damping
-    latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)  # s, from observation to new joint target
+    """how weakly motors brake at speed: 0 as the hardware's, 1 no better than they
+    drive"""
+    # factor on PD stiffness and damping
+    gains: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.1)
+    # s, from observation to new joint target
+    latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
     losses: Annotated[Range, Within(0.0, 100.0)] = (1.0, 1.0)
-    """factor on each of the hardware's losses by itself: air, gear, joints, slides, current lag, bus power, sag"""
+    """factor on each of the hardware's losses by itself: air, gear, joints, slides,
+    current lag, bus power, sag"""
     joint_position_noise: Amount = 0.01  # rad, standard deviation
     joint_velocity_noise: Amount = 0.3  # rad/s
     orientation_noise: Amount = 0.01
     angular_velocity_noise: Amount = 0.1  # rad/s
     push_interval: Extent = 4.0  # s, mean time between pushes
-    push_velocity: Amount = 0.5  # m/s, largest sudden change of the trunk's horizontal velocity
+    # m/s, largest sudden change of the trunk's horizontal velocity
+    push_velocity: Amount = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class TerminationConfig:
     """When a robot has fallen."""
 
-    # Together they end an episode before the trunk can touch the ground, whose contact training leaves out.
+    # Together they end an episode before the trunk can touch the ground, whose contact
+    # training leaves out.
     min_height: Amount = 0.3  # m, trunk centre
     min_up: BelowOne = 0.8  # vertical part of the body's z axis: 37 deg of tilt
-    max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0  # rad/s or m/s in any coordinate: the physics has exploded
+    # rad/s or m/s in any coordinate: the physics has exploded
+    max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0
     max_overlap: Annotated[float, Within(0.0, 1.0)] = 0.005
-    """m, largest depth of a leg in another or in the trunk, where legs are solid: what C MuJoCo's soft contacts allow.
-    Training has no contacts between legs, and ends the episode instead"""
+    """m, largest depth of a leg in another or in the trunk, where legs are solid: what
+    C MuJoCo's soft contacts allow. Training has no contacts between legs, and ends the
+    episode instead"""
 
 
 @dataclasses.dataclass(frozen=True)
 class TrackingShape:
     """How the tracking reward falls with the error e: exp(-2 e^2 / W^2).
 
-    W^2 = floor^2 + (commanded speed / width)^2 for the velocity, and W = yaw_width for the yaw rate. A share `tail` of
-    each reward is instead a straight line, which reaches zero at an error of `reach` plus half the command.
-    `TrackingShape()` is the paper's.
+    W^2 = floor^2 + (commanded speed / width)^2 for the velocity, and W = yaw_width for
+    the yaw rate. A share `tail` of each reward is instead a straight line, which
+    reaches zero at an error of `reach` plus half the command. `TrackingShape()` is the
+    paper's.
     """
 
     floor: Extent = 1.0  # m/s
@@ -152,38 +187,49 @@ class TrackingShape:
     yaw_width: Extent = 1.0  # rad/s
     yaw_reach: Extent = 1.0  # rad/s
     memory: Annotated[float, Within(0.0, 10.0)] = 0.0
-    """s, time constant of an exponential average of the errors: a trunk sways and turns within every stride"""
+    """s, time constant of an exponential average of the errors: a trunk sways and turns
+    within every stride"""
 
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the terms.
+    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the
+    terms.
 
-    `RewardConfig()` is the table's imitation column; presets set others (`settings.presets`).
+    `RewardConfig()` is the table's imitation column; presets set others
+    (`settings.presets`).
     """
 
     height: Coefficient = 0.05  # c_h
     attitude: Coefficient = 0.05  # c_R
     imitation: Coefficient = 0.6  # c_J bar
     tracking: Coefficient = 0.1
-    """c_V bar; Table S4 has 0.1 for imitation and 0.4 for relaxed, `--weights ours` 2, with the preset cpu 1.25"""
+    """c_V bar; Table S4 has 0.1 for imitation and 0.4 for relaxed, `--weights ours` 2,
+    with the preset cpu 1.25"""
     torque: Coefficient = 0.1  # c_tau
     power: Coefficient = 0.0  # c_P
     smoothness: Coefficient = 0.1  # c_s
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
-    landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
-    overspeed: Coefficient = 0.0  # of motors beyond their no-load speed; no row of Table S4
-    stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
+    # of soles that come down fast, which Table S4 has no row for
+    landing: Coefficient = 0.0
+    # of motors beyond their no-load speed; no row of Table S4
+    overspeed: Coefficient = 0.0
+    # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of
+    # Table S4
+    stand: Coefficient = 0.0
     schedule: Schedule = "text"  # see rewards.speed_schedule
     tracking_shape: TrackingShape = TrackingShape()
 
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """All settings of BP2Env: by default the ideal robot, with Table S4's rewards; `make("bp2")` has others."""
+    """All settings of BP2Env: by default the ideal robot, with Table S4's rewards;
+    `make("bp2")` has others."""
 
-    reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
+    reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = (
+        "collocation"
+    )
     """the motion that actions, rewards and starts are about; none: standing"""
     hardware: HardwareSpec = HardwareSpec()
     gait: KinematicConfig = KinematicConfig()
@@ -201,10 +247,14 @@ class EnvConfig:
         check_bounds(self)
         speed, fastest = self.curriculum.start_speed, self.commands.max_forward
         if speed is not None and speed > fastest:
-            raise UserError(f"curriculum.start_speed ({speed:g}) must be at most commands.max_forward ({fastest:g})")
+            raise UserError(
+                f"curriculum.start_speed ({speed:g}) must be at most commands.max_forward ({fastest:g})"
+            )
         control = self.control
         if control.launching_speed < math.inf and control.launching == math.inf:
-            raise UserError("control.launching_speed needs control.launching, m/s2; for no limit set both to inf")
+            raise UserError(
+                "control.launching_speed needs control.launching, m/s2; for no limit set both to inf"
+            )
         if fastest >= control.launching_speed:
             raise UserError(
                 f"commands.max_forward ({fastest:g}) must be below control.launching_speed "

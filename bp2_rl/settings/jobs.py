@@ -1,4 +1,5 @@
-"""Where the trainings of a study run: as processes beside it, or as jobs of a cluster."""
+"""Where the trainings of a study run: as processes beside it, or as jobs of a
+cluster."""
 
 import dataclasses
 import importlib.util
@@ -13,7 +14,8 @@ class JobsConfig(Bounded, path="--jobs."):
     """Where the trainings run. By default here, one on each GPU at a time."""
 
     executor: Literal["here", "slurm", "local"] = "here"
-    """slurm: each training is a job, which submitit hands to Slurm; local: the same jobs on this machine, to try it"""
+    """slurm: each training is a job, which submitit hands to Slurm; local: the same
+    jobs on this machine, to try it"""
     most: Annotated[int, Within(1, 10_000)] = 16
     """jobs at a time; the scheduler may run fewer"""
     gpus: Annotated[int, Within(0, 64)] = 1
@@ -30,4 +32,6 @@ class JobsConfig(Bounded, path="--jobs."):
     def require(self) -> None:
         """Raise `UserError` where submitit is needed and not there."""
         if self.executor != "here" and importlib.util.find_spec("submitit") is None:
-            raise not_installed(f"--jobs.executor {self.executor}", "submitit", "cluster")
+            raise not_installed(
+                f"--jobs.executor {self.executor}", "submitit", "cluster"
+            )

@@ -19,8 +19,8 @@ MAX_BLOCKS = 64
 
 @dataclasses.dataclass(frozen=True)
 class PPOConfig:
-    """Hyperparameters. One train step collects num_envs x unroll_length control steps and takes
-    num_epochs x num_minibatches gradient steps on them."""
+    """Hyperparameters. One train step collects num_envs x unroll_length control steps
+    and takes num_epochs x num_minibatches gradient steps on them."""
 
     num_envs: Annotated[int, Within(1, 2**24)] = 8192
     unroll_length: Annotated[int, Within(1, 2**16)] = 24
@@ -28,26 +28,35 @@ class PPOConfig:
     num_epochs: Annotated[int, Within(1, 2**16)] = 4
     episode_length: Annotated[int, Within(1, 2**30)] = 1600  # control steps
     learning_rate: Scale = 3e-4
-    desired_kl: Scale | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
-    kl_decay: Decay = float("inf")  # train steps after which the divergence aimed at has halved: d / (1 + step / this)
+    # adapts the learning rate to this mean KL divergence; None = fixed
+    desired_kl: Scale | None = 0.01
+    # train steps after which the divergence aimed at has halved: d / (1 + step / this)
+    kl_decay: Decay = float("inf")
     max_learning_rate: Scale = 1e-3
-    critic_steps: Annotated[int, Within(0, 2**30)] = 0  # first train steps, in which the critic alone learns
+    # first train steps, in which the critic alone learns
+    critic_steps: Annotated[int, Within(0, 2**30)] = 0
     averaging: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
-    """of the policy's weights over train steps: what is exported is a x average + (1 - a) x weights, step by step"""
+    """of the policy's weights over train steps: what is exported is a x average + (1 -
+    a) x weights, step by step"""
     discounting: Share = 0.985
     gae_lambda: Share = 0.95
     clipping: Scale = 0.2
     entropy_cost: Weight = 5e-3
-    entropy_decay: Decay = float("inf")  # train steps after which the entropy cost has halved: c / (1 + step / this)
+    # train steps after which the entropy cost has halved: c / (1 + step / this)
+    entropy_decay: Decay = float("inf")
     value_coefficient: Weight = 1.0
     max_grad_norm: Scale = 1.0
     reward_scaling: Scale = 1.0
     policy_layers: Layers = (512, 256, 128)
     value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
-    dtype: Dtype = "float32"  # of the hidden layers' computation in symmetric networks; others are Brax's, of float32
+    # of the hidden layers' computation in symmetric networks; others are Brax's, of
+    # float32
+    dtype: Dtype = "float32"
     initial_std: Scale = 0.3
-    symmetric: bool = False  # networks that are left-right symmetric by construction; layers are of even width then
+    # networks that are left-right symmetric by construction; layers are of even width
+    # then
+    symmetric: bool = False
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that says how to mend them."""
@@ -56,7 +65,9 @@ class PPOConfig:
             if not getattr(self, name):
                 raise UserError(f"ppo.{name} must name one layer or more")
             if self.symmetric and any(width % 2 for width in getattr(self, name)):
-                raise UserError(f"ppo.{name} must be even where ppo.symmetric is on: units come in mirrored pairs")
+                raise UserError(
+                    f"ppo.{name} must be even where ppo.symmetric is on: units come in mirrored pairs"
+                )
         if self.desired_kl is not None and self.max_learning_rate < self.learning_rate:
             raise UserError(
                 f"ppo.max_learning_rate ({self.max_learning_rate:g}) must be at least ppo.learning_rate "

@@ -13,16 +13,19 @@ from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import bp2, kinematics
 
 LIBRARIES = "bp2_trot", "bp2_trot_slow"
-"""Libraries that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
+"""Libraries that ship, in assets/reference_motions: as the optimiser found it, and with
+slow trots on the ground."""
 MEND = "make it anew with `bp2 trajopt library build`"
 Size = Annotated[float, Within(0.01, 10.0)]
 
 
 @dataclasses.dataclass(frozen=True)
 class KinematicConfig:
-    """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the robot's."""
+    """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the
+    robot's."""
 
-    height: Size = bp2.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
+    # m, of the trunk's centre above the ground: mean over a stride
+    height: Size = bp2.STANDING_HEIGHT
     slow_stance: Size = 0.22  # s, stance time at low speed
     sweep: Size = 0.70  # m, path of a foot during stance at high speed
     swing_time: Size = 0.28  # s
@@ -30,7 +33,9 @@ class KinematicConfig:
     """rad, of the knee in mid-swing beyond its mean at lift-off and touchdown"""
     follow_through: Annotated[int, Within(2, 100)] = 7
     """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
-    landing: Share = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
+    # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at
+    # touchdown
+    landing: Share = 0.8
     stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.2
     """m/s, the scale on which stepping grows out of standing"""
 
@@ -48,18 +53,24 @@ class KinematicConfig:
 class CollocationConfig(Bounded, path="library."):
     """Which motion library is played, and how it grows out of standing."""
 
-    path: str = LIBRARIES[0]  # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
+    # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
+    path: str = LIBRARIES[0]
     stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
     """m/s, below which steps shrink, to nothing when standing"""
 
     @property
     def file(self) -> Path:
         """Where the library is."""
-        return asset_path(f"reference_motions/{self.path}.npz") if self.path in LIBRARIES else Path(self.path)
+        return (
+            asset_path(f"reference_motions/{self.path}.npz")
+            if self.path in LIBRARIES
+            else Path(self.path)
+        )
 
     @property
     def sha256(self) -> str:
-        """Checksum of the library's file, by which a policy knows the motion it was trained on.
+        """Checksum of the library's file, by which a policy knows the motion it was
+        trained on.
 
         Raises:
             UserError: the file cannot be read.

@@ -1,4 +1,5 @@
-"""Which tracker follows a run: W&B or MLflow, beside the run's own metrics.jsonl and TensorBoard."""
+"""Which tracker follows a run: W&B or MLflow, beside the run's own metrics.jsonl and
+TensorBoard."""
 
 import dataclasses
 import importlib.util
@@ -10,7 +11,8 @@ from bp2_rl.base.serialization import load_config
 
 Tracker = Literal["wandb", "mlflow"]
 TRACKED = "tracker.json"
-"""The file in a run's folder that names the run's tracker, and the run by the tracker's own name."""
+"""The file in a run's folder that names the run's tracker, and the run by the tracker's
+own name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,19 +25,29 @@ class Tracked:
 
 
 def tracked(run_dir: Path) -> Tracked | None:
-    """Return the tracker of the run in this folder, if any; raise `UserError` where the file is damaged."""
-    return load_config(Tracked, Path(run_dir) / TRACKED) if (Path(run_dir) / TRACKED).is_file() else None
+    """Return the tracker of the run in this folder, if any; raise `UserError` where the
+    file is damaged."""
+    return (
+        load_config(Tracked, Path(run_dir) / TRACKED)
+        if (Path(run_dir) / TRACKED).is_file()
+        else None
+    )
 
 
-def choose_tracker(named: Tracker | None, run_dir: Path | None = None) -> Tracker | None:
-    """Return the tracker that is named, or else the one that a resumed run has; looks whether it is installed.
+def choose_tracker(
+    named: Tracker | None, run_dir: Path | None = None
+) -> Tracker | None:
+    """Return the tracker that is named, or else the one that a resumed run has; looks
+    whether it is installed.
 
     Raises:
         UserError: it is not, or the run has another one.
     """
     had = tracked(run_dir) if run_dir is not None else None
     if had is not None and named not in (None, had.tracker):
-        raise UserError(f"--track {named}: {run_dir} is tracked by {had.tracker}, and goes on with that")
+        raise UserError(
+            f"--track {named}: {run_dir} is tracked by {had.tracker}, and goes on with that"
+        )
     tracker = had.tracker if had is not None else named
     if tracker is not None and importlib.util.find_spec(tracker) is None:
         raise not_installed(f"--track {tracker}", tracker, "track")

@@ -1,4 +1,5 @@
-"""The settings of a training, as its run's config.json holds them; `presets` has the values of each preset."""
+"""The settings of a training, as its run's config.json holds them; `presets` has the
+values of each preset."""
 
 import dataclasses
 from pathlib import Path
@@ -34,13 +35,20 @@ class RunConfig:
 
     steps: Steps = 100_000_000  # control steps, all robots together
     seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
-    checkpoints: Annotated[int, Within(1, 10**6)] = 10  # saves during the run, evenly spread, the last one at its end
-    logs: Annotated[int, Within(1, 10**9)] = 200  # lines of metrics.jsonl during the run
+    # saves during the run, evenly spread, the last one at its end
+    checkpoints: Annotated[int, Within(1, 10**6)] = 10
+    # lines of metrics.jsonl during the run
+    logs: Annotated[int, Within(1, 10**9)] = 200
     judged: Annotated[int, Within(0, 10**6)] = 0
-    """policies judged in C MuJoCo beside the run, evenly spread: those of all saves, and as many between as spare
-    processors can; 0: none"""
-    until: Annotated[float | None, Within(0.1, 100.0), tyro.conf.arg(prefix_name=False, metavar="M/S")] = None
-    """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
+    """policies judged in C MuJoCo beside the run, evenly spread: those of all saves,
+    and as many between as spare processors can; 0: none"""
+    until: Annotated[
+        float | None,
+        Within(0.1, 100.0),
+        tyro.conf.arg(prefix_name=False, metavar="M/S"),
+    ] = None
+    """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and
+    holds it"""
     films: bool = False
     """film judged policies, in films.html"""
 
@@ -48,7 +56,9 @@ class RunConfig:
         """Refuse impossible values."""
         check_bounds(self, "run.")
         if self.films and not self.judged:
-            raise UserError("--run.films shows what the judge sees: let --run.judged be 1 or more")
+            raise UserError(
+                "--run.films shows what the judge sees: let --run.judged be 1 or more"
+            )
         if self.until is not None and not self.judged:
             raise UserError("--until needs a judge: let --run.judged be 1 or more")
 

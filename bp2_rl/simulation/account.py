@@ -1,13 +1,17 @@
-"""Where a run's energy goes, and what happens under its feet: C MuJoCo looks at every recorded sample again.
+"""Where a run's energy goes, and what happens under its feet: C MuJoCo looks at every
+recorded sample again.
 
-For a run on flat ground in steps of 1 ms. Powers are means over a millisecond: a force times the mean of the
-velocities at its ends, which for MuJoCo's Euler integrator is the exact change of the kinetic energy. What the battery
-gives is what is lost, by cause, plus what is stored:
+For a run on flat ground in steps of 1 ms. Powers are means over a millisecond: a force
+times the mean of the velocities at its ends, which for MuJoCo's Euler integrator is the
+exact change of the kinetic energy. What the battery gives is what is lost, by cause,
+plus what is stored:
 
-    bus = copper + gears + joints + slides + dampers + air + ground + stops + legs + stored
+    bus = copper + gears + joints + slides + dampers + air + ground + stops + legs +
+    stored
 
-`stored` is the change of kinetic energy (rotors included), of height and of the springs, stops included. Every term is
-computed by itself, the left side from the motors alone, so that a loss that was not applied, or applied twice, shows.
+`stored` is the change of kinetic energy (rotors included), of height and of the
+springs, stops included. Every term is computed by itself, the left side from the motors
+alone, so that a loss that was not applied, or applied twice, shows.
 """
 
 from typing import NamedTuple
@@ -27,7 +31,17 @@ from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import window_means
 
-CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
+CAUSES = (
+    "copper",
+    "gears",
+    "joints",
+    "slides",
+    "dampers",
+    "air",
+    "ground",
+    "stops",
+    "legs",
+)
 PLATE = 0.005  # s, over which a force plate averages: it follows some 100 Hz
 HARD = 5.0  # m/s, above which a spring that tops out does so hard
 BURST = 0.05  # s, over which a battery's burst is averaged
@@ -39,10 +53,13 @@ class Ledger(NamedTuple):
     bus: Float[np.ndarray, " N"]
     lost: dict[str, Float[np.ndarray, " N"]]
     stored: Float[np.ndarray, " N"]
-    energy: Float[np.ndarray, " N"]  # J, kinetic, of height and of springs, at the start
-    motors: Float[np.ndarray, "N 12"]  # mechanical, of each motor before its gear; below 0 it brakes
+    # J, kinetic, of height and of springs, at the start
+    energy: Float[np.ndarray, " N"]
+    # mechanical, of each motor before its gear; below 0 it brakes
+    motors: Float[np.ndarray, "N 12"]
     copper: Float[np.ndarray, "N 12"]  # that each winding turns into heat
-    springs: Float[np.ndarray, "N 4"]  # that each spring with its stops gives its leg; below 0 it is pressed
+    # that each spring with its stops gives its leg; below 0 it is pressed
+    springs: Float[np.ndarray, "N 4"]
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
@@ -77,8 +94,16 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     force = {name: np.zeros((count, model.nv)) for name in names}
     soles = SoleAccount(np.zeros((count, 4)), np.zeros((count, 4, 3)))
     energy, velocity = np.zeros(count), np.zeros(6)
-    against = None if resistance is None else losses.loss(resistance, run.qpos, run.qvel, run.torque)
-    applied = np.zeros_like(run.qvel) if against is None else losses.generalized(against, run.qvel)
+    against = (
+        None
+        if resistance is None
+        else losses.loss(resistance, run.qpos, run.qvel, run.torque)
+    )
+    applied = (
+        np.zeros_like(run.qvel)
+        if against is None
+        else losses.generalized(against, run.qvel)
+    )
     for k in range(count):
         data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = (
             run.qpos[k],
@@ -90,17 +115,27 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         energy[k] = np.sum(data.energy)
         mujoco.mj_mulM(model, data, force["momentum"][k], change[k] / run.dt)
         force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
-        force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]  # implicit, as the integrator has it
-        split_constraints(model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k])
+        # implicit, as the integrator has it
+        force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]
+        split_constraints(
+            model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k]
+        )
         soles.height[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
         for leg, geom in enumerate(feet):
-            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
-            soles.velocity[k, leg] = velocity[3:] + np.cross(velocity[:3], (0.0, 0.0, -model.geom_size[geom, 0]))
+            mujoco.mj_objectVelocity(
+                model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0
+            )
+            soles.velocity[k, leg] = velocity[3:] + np.cross(
+                velocity[:3], (0.0, 0.0, -model.geom_size[geom, 0])
+            )
 
     mean = run.qvel[:-1] + 0.5 * change
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
     qd, torque = joint_velocities(mean), run.torque[:-1]
-    motors, copper = torque * qd, winding_heat(Actuator.from_hardware(run.hardware), torque)
+    motors, copper = (
+        torque * qd,
+        winding_heat(Actuator.from_hardware(run.hardware), torque),
+    )
     lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
         "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
@@ -141,9 +176,15 @@ def split_constraints(
     on_floor = np.zeros(data.nefc, bool)
     rows = np.flatnonzero(~limits)
     on_floor[rows] = data.contact.geom1[data.efc_id[rows]] == floor
-    for chosen, out in ((on_floor, ground), (limits, stops), (~limits & ~on_floor, legs)):
+    for chosen, out in (
+        (on_floor, ground),
+        (limits, stops),
+        (~limits & ~on_floor, legs),
+    ):
         if np.any(chosen):
-            mujoco.mj_mulJacTVec(model, data, out, np.where(chosen, data.efc_force, 0.0))
+            mujoco.mj_mulJacTVec(
+                model, data, out, np.where(chosen, data.efc_force, 0.0)
+            )
 
 
 def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
@@ -157,22 +198,32 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
         burst=float(np.max(means[0])) if len(means[0]) else float(np.mean(ledger.bus)),
         second=float(np.max(means[1])) if len(means[1]) else None,
         recharge=max(-float(np.min(ledger.bus)), 0.0),
-        motor_peak=float(np.max(run.torque[:-1] * 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:]))),
+        motor_peak=float(
+            np.max(
+                run.torque[:-1]
+                * 0.5
+                * (run.joint_velocity[:-1] + run.joint_velocity[1:])
+            )
+        ),
         beyond=float(np.max(beyond)),
         beyond_share=float(np.mean(beyond > 1.0)),
-        overspeed_share=float(np.mean(np.abs(run.joint_velocity) > run.hardware.joint_no_load_speed)),
+        overspeed_share=float(
+            np.mean(np.abs(run.joint_velocity) > run.hardware.joint_no_load_speed)
+        ),
         lost={cause: float(np.mean(power)) for cause, power in ledger.lost.items()},
         stored=float(ledger.energy[-1] - ledger.energy[0]) / seconds,
-        integration=float(np.mean(ledger.stored[:-1])) - float(ledger.energy[-1] - ledger.energy[0]) / seconds,
+        integration=float(np.mean(ledger.stored[:-1]))
+        - float(ledger.energy[-1] - ledger.energy[0]) / seconds,
         closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
     )
 
 
 def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
-    """How far outside the envelope each torque is at the start or the end of its millisecond, Nm, whichever is more.
+    """How far outside the envelope each torque is at the start or the end of its
+    millisecond, Nm, whichever is more.
 
-    The voltage is that of the millisecond. The first sample, before which no torque is known, and the last are left
-    out.
+    The voltage is that of the millisecond. The first sample, before which no torque is
+    known, and the last are left out.
     """
     motors = Actuator.from_hardware(run.hardware)
     voltage = bus_voltage(motors, run.torque[:-2], run.joint_velocity[1:-1])
@@ -189,24 +240,43 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)
     starts = [touchdowns(standing[:, leg]) for leg in range(4)]
     stances = sum(map(len, starts))
-    landings = np.concatenate([soles.velocity[before_contact(touching[:, leg], starts[leg]), leg] for leg in range(4)])
+    landings = np.concatenate(
+        [
+            soles.velocity[before_contact(touching[:, leg], starts[leg]), leg]
+            for leg in range(4)
+        ]
+    )
     lost = sum(
-        int(np.sum(standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:], axis=0)[leg]) for leg in range(4)
+        int(
+            np.sum(
+                standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:], axis=0
+            )[leg]
+        )
+        for leg in range(4)
     )
     compression, rate = run.spring_compression[:-1], run.spring_velocity[:-1]
     onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
     tops = -rate[1:][onto]
     limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
-    over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
+    over = np.maximum(
+        run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position
+    )
     sliding = (standing & touching).any()
     plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
         depth=max(-float(np.min(soles.height)), 0.0),
         slip=float(np.median(speed[standing & touching])) if sliding else None,
-        slip_95=float(np.quantile(speed[standing & touching], 0.95)) if sliding else None,
-        slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances) if stances else None,
+        slip_95=float(np.quantile(speed[standing & touching], 0.95))
+        if sliding
+        else None,
+        slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances)
+        if stances
+        else None,
         breaks=lost / stances if stances else None,
-        plate_force=max(float(np.max(window_means(foot, plate))) for foot in run.foot_force[..., 2].T),
+        plate_force=max(
+            float(np.max(window_means(foot, plate)))
+            for foot in run.foot_force[..., 2].T
+        ),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
         top_outs=len(tops) / (len(onto) * run.dt),
@@ -219,5 +289,8 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
 
 
 def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """For each stance, by its first sample, the last sample before its foot touched the ground at all."""
-    return np.array([start - int(np.argmax(~touching[start::-1])) for start in starts], int)
+    """For each stance, by its first sample, the last sample before its foot touched the
+    ground at all."""
+    return np.array(
+        [start - int(np.argmax(~touching[start::-1])) for start in starts], int
+    )

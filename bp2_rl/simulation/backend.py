@@ -1,4 +1,5 @@
-"""The simulators that can run a policy for an evaluation, and what may be chosen about Drake's contact."""
+"""The simulators that can run a policy for an evaluation, and what may be chosen about
+Drake's contact."""
 
 import dataclasses
 import math
@@ -19,21 +20,24 @@ class DrakeContact(Bounded, path="--drake."):
     """How a foot meets the ground in Drake."""
 
     model: Literal["point", "hydroelastic"] = "point"
-    """point: a force at the deepest point, by Hunt and Crossley. hydroelastic: a pressure over the patch of contact"""
+    """point: a force at the deepest point, by Hunt and Crossley. hydroelastic: a
+    pressure over the patch of contact"""
     solver: Literal["lagged", "similar", "sap", "tamsi"] = "lagged"
-    """how friction and damping are discretised, by Drake's names; in sap, which damps by a law of its own, and in
-    similar slip lifts a foot"""
+    """how friction and damping are discretised, by Drake's names; in sap, which damps
+    by a law of its own, and in similar slip lifts a foot"""
     stiffness: Annotated[float, Within(1e3, 1e8)] | None = None
-    """of the ground under a foot, N/m; by default what the robot's `contact_time` stands for"""
+    """of the ground under a foot, N/m; by default what the robot's `contact_time`
+    stands for"""
     dissipation: Annotated[float, Within(0.0, 20.0)] = 0.5
-    """Hunt and Crossley's, s/m: a foot leaves the ground at no more than the reciprocal; beyond 1 s/m Drake takes
-    shorter steps"""
+    """Hunt and Crossley's, s/m: a foot leaves the ground at no more than the
+    reciprocal; beyond 1 s/m Drake takes shorter steps"""
     stiction: Annotated[float, Within(1e-6, 1.0)] = 1e-3
     """m/s: slip that friction needs to reach its limit"""
 
     @property
     def steps(self) -> int:
-        """Return how many physics steps a millisecond needs: with 2 s/m one is too few by 0.6 m/s, with 3 by 1.6."""
+        """Return how many physics steps a millisecond needs: with 2 s/m one is too few
+        by 0.6 m/s, with 3 by 1.6."""
         return max(math.ceil(self.dissipation / DISSIPATION_OF_ONE), 1)
 
 

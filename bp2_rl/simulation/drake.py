@@ -1,14 +1,16 @@
-"""The simulator with Drake's multibody dynamics and Drake's contact in the place of MuJoCo's: a second opinion.
+"""The simulator with Drake's multibody dynamics and Drake's contact in the place of
+MuJoCo's: a second opinion.
 
-Motors, losses, latencies and controller are those of `simulation.simulator`, and so is the law of springs and stops.
-Drake takes over what MuJoCo has computed: equations of motion, contact, friction and joint limits. The plant is built
-from the numbers of the compiled MuJoCo model, link by link; no code of dynamics is shared.
+Motors, losses, latencies and controller are those of `simulation.simulator`, and so is
+the law of springs and stops. Drake takes over what MuJoCo has computed: equations of
+motion, contact, friction and joint limits. The plant is built from the numbers of the
+compiled MuJoCo model, link by link; no code of dynamics is shared.
 
     normal     f = k x (1 + d x')+                                Hunt and Crossley, at depth x; or hydroelastic
     friction   |f_t| <= mu f, regularised below the speed v_s     of `DrakeContact.stiction`
 
-The step is semi-implicit Euler, as MuJoCo's, with velocities and contact forces solved for at the step's end. A joint's
-limit is as stiff as the step allows.
+The step is semi-implicit Euler, as MuJoCo's, with velocities and contact forces solved
+for at the step's end. A joint's limit is as stiff as the step allows.
 """
 
 import dataclasses
@@ -41,18 +43,27 @@ except ModuleNotFoundError as missing:
 logging.getLogger("drake").setLevel(logging.ERROR)
 
 SHARE = 0.075
-"""of the robot's mass that its stiffness and `contact_time` let swing: with BP2 300 kN/m at 3 ms"""
+"""of the robot's mass that its stiffness and `contact_time` let swing: with BP2 300
+kN/m at 3 ms"""
 LOAD = 3.0
-"""body weights on a foot under which hydroelastic and point contact give way by equal depths"""
+"""body weights on a foot under which hydroelastic and point contact give way by equal
+depths"""
 _Geom, _Joint = mujoco.mjtGeom, mujoco.mjtJoint
-_SOLVERS = {name[1:].lower(): solver for name, solver in multibody.DiscreteContactApproximation.__members__.items()}
-_MODELS = {"point": multibody.ContactModel.kPoint, "hydroelastic": multibody.ContactModel.kHydroelasticWithFallback}
+_SOLVERS = {
+    name[1:].lower(): solver
+    for name, solver in multibody.DiscreteContactApproximation.__members__.items()
+}
+_MODELS = {
+    "point": multibody.ContactModel.kPoint,
+    "hydroelastic": multibody.ContactModel.kHydroelasticWithFallback,
+}
 
 
 class DrakeSimulator(Simulator):
     """N robots whose states Drake advances; whatever else of `Simulator` holds.
 
-    The states stay in MuJoCo's `data`, where controllers, pushes and watches look for them.
+    The states stay in MuJoCo's `data`, where controllers, pushes and watches look for
+    them.
 
     Raises:
         UserError: a robot stands on rough ground, which Drake has not.
@@ -60,12 +71,17 @@ class DrakeSimulator(Simulator):
 
     backend: ClassVar[Backend] = "drake"
 
-    def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
+    def __init__(
+        self,
+        robots: Sequence[RobotSetup],
+        models: Sequence[mujoco.MjModel] | None = None,
+    ):
         super().__init__([_with_steps(robot) for robot in robots], models)
         if any(robot.world.roughness > 0.0 for robot in robots):
             raise UserError("Drake has no rough ground; use --backend mujoco")
         self._plants = [
-            DrakeRobot(model, contact_of(robot, model)) for model, robot in zip(self.models, robots, strict=True)
+            DrakeRobot(model, contact_of(robot, model))
+            for model, robot in zip(self.models, robots, strict=True)
         ]
 
     def _advance(self, robot: int) -> None:
@@ -79,39 +95,51 @@ class DrakeSimulator(Simulator):
 
 
 def _with_steps(robot: RobotSetup) -> RobotSetup:
-    """Return the robot with as many physics steps a millisecond as its contact needs."""
+    """Return the robot with as many physics steps a millisecond as its contact
+    needs."""
     numerics = robot.numerics
     steps = max(numerics.steps, numerics.drake.steps)
-    return dataclasses.replace(robot, numerics=dataclasses.replace(numerics, steps=steps))
+    return dataclasses.replace(
+        robot, numerics=dataclasses.replace(numerics, steps=steps)
+    )
 
 
 def contact_of(robot: RobotSetup, model: mujoco.MjModel) -> DrakeContact:
-    """Return what was chosen of contact, with the stiffness of this robot's ground where none was."""
+    """Return what was chosen of contact, with the stiffness of this robot's ground
+    where none was."""
     contact = robot.numerics.drake
     if contact.stiffness is not None:
         return contact
-    stiffness = SHARE * float(np.sum(model.body_mass)) / robot.config.hardware.contact_time**2
+    stiffness = (
+        SHARE * float(np.sum(model.body_mass)) / robot.config.hardware.contact_time**2
+    )
     return dataclasses.replace(contact, stiffness=stiffness)
 
 
 class DrakeRobot:
-    """A compiled MuJoCo model as a plant of Drake, which advances MuJoCo's data by a physics step.
+    """A compiled MuJoCo model as a plant of Drake, which advances MuJoCo's data by a
+    physics step.
 
-    Drake's coordinates are MuJoCo's in another order, with the trunk's angular velocity in the world's frame.
+    Drake's coordinates are MuJoCo's in another order, with the trunk's angular velocity
+    in the world's frame.
 
     Args:
-        model: free trunk, hinges, slides; springs at joints and one-sided ones at tendons of one joint.
+        model: free trunk, hinges, slides; springs at joints and one-sided ones at
+            tendons of one joint.
         contact: of feet and ground, with its stiffness.
     """
 
     def __init__(self, model: mujoco.MjModel, contact: DrakeContact):
         builder = DiagramBuilder()
-        self._plant, scene = multibody.AddMultibodyPlantSceneGraph(builder, model.opt.timestep)
+        self._plant, scene = multibody.AddMultibodyPlantSceneGraph(
+            builder, model.opt.timestep
+        )
         plant: Any = self._plant
         plant.set_discrete_contact_approximation(_SOLVERS[contact.solver])
         plant.set_contact_model(_MODELS[contact.model])
         plant.set_stiction_tolerance(contact.stiction)
-        plant.SetUseSampledOutputPorts(False)  # contact forces are asked for before the step that they act in
+        # contact forces are asked for before the step that they act in
+        plant.SetUseSampledOutputPorts(False)
         plant.mutable_gravity_field().set_gravity_vector(model.opt.gravity)
         bodies = _add_bodies(plant, model)
         joints = _add_joints(plant, model, bodies)
@@ -124,15 +152,23 @@ class DrakeRobot:
         self._applied = plant.get_applied_generalized_force_input_port()
         self._results = plant.get_contact_results_output_port()
         self._floor = ids[model.geom("floor").id]
-        self._feet = {ids[foot]: leg for leg, foot in enumerate(foot_geom_ids(model).tolist())}
-        # Where MuJoCo's coordinates are in Drake's, which has a rotation before a translation.
+        self._feet = {
+            ids[foot]: leg for leg, foot in enumerate(foot_geom_ids(model).tolist())
+        }
+        # Where MuJoCo's coordinates are in Drake's, which has a rotation before a
+        # translation.
         trunk, *legs = joints
         q, v = trunk.position_start(), trunk.velocity_start()
-        self._q = np.r_[q + 4 : q + 7, q : q + 4, [joint.position_start() for joint in legs]]
-        self._v = np.r_[v + 3 : v + 6, v : v + 3, [joint.velocity_start() for joint in legs]]
+        self._q = np.r_[
+            q + 4 : q + 7, q : q + 4, [joint.position_start() for joint in legs]
+        ]
+        self._v = np.r_[
+            v + 3 : v + 6, v : v + 3, [joint.velocity_start() for joint in legs]
+        ]
         self._springs = Springs.of(model)
         self._timestep = model.opt.timestep
-        self._turn = np.eye(model.nv)  # from MuJoCo's velocities to Drake's, but for their order
+        # from MuJoCo's velocities to Drake's, but for their order
+        self._turn = np.eye(model.nv)
 
     def mass_matrix(self) -> Float[np.ndarray, "nv nv"]:
         """Return the mass matrix of the state last set, in MuJoCo's coordinates."""
@@ -140,12 +176,17 @@ class DrakeRobot:
         return self._turn.T @ matrix @ self._turn
 
     def bias(self) -> Float[np.ndarray, " nv"]:
-        """Return MuJoCo's `qfrc_bias` of the state last set: what gyroscopic forces and gravity ask for, N and Nm."""
+        """Return MuJoCo's `qfrc_bias` of the state last set: what gyroscopic forces and
+        gravity ask for, N and Nm."""
         plant, context = self._plant, self._context
-        forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
+        forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(
+            context
+        )
         return self._turn.T @ forces[self._v]
 
-    def set_state(self, qpos: Float[np.ndarray, " nq"], qvel: Float[np.ndarray, " nv"]) -> None:
+    def set_state(
+        self, qpos: Float[np.ndarray, " nq"], qvel: Float[np.ndarray, " nv"]
+    ) -> None:
         """Take over a state in MuJoCo's coordinates."""
         self._turn[3:TWIST, 3:TWIST] = _rotation(qpos[3:POSE])
         q, v = np.empty_like(qpos), np.empty_like(qvel)
@@ -153,7 +194,8 @@ class DrakeRobot:
         self._plant.SetPositionsAndVelocities(self._context, np.concatenate([q, v]))
 
     def step(self, data: mujoco.MjData) -> None:
-        """Take a physics step under `ctrl` and `qfrc_applied`; the forces on the feet are put into `sensordata`."""
+        """Take a physics step under `ctrl` and `qfrc_applied`; the forces on the feet
+        are put into `sensordata`."""
         self.set_state(data.qpos, data.qvel)
         forces = data.qfrc_applied + self._springs.force(data.qpos)
         forces[motor_indices(len(forces))] += data.ctrl
@@ -161,7 +203,11 @@ class DrakeRobot:
         generalized[self._v] = self._turn @ forces
         self._applied.FixValue(self._context, generalized)
         data.sensordata[:] = self._ground_forces().ravel()
-        after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context).get_vector(0).value()
+        after = (
+            self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
+            .get_vector(0)
+            .value()
+        )
         q, v = np.split(after, [len(data.qpos)])
         data.qpos[:], data.qvel[:] = q[self._q], v[self._v]
         mujoco.mju_normalize4(data.qpos[3:POSE])
@@ -169,13 +215,27 @@ class DrakeRobot:
         data.time += self._timestep
 
     def _ground_forces(self) -> Float[np.ndarray, "4 3"]:
-        """Return the ground's force on each foot in the step that begins in the state last set, N, world frame."""
+        """Return the ground's force on each foot in the step that begins in the state
+        last set, N, world frame."""
         forces, results = np.zeros((4, 3)), self._results.Eval(self._context)
-        points = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
-        patches = [results.hydroelastic_contact_info(i) for i in range(results.num_hydroelastic_contacts())]
-        pairs = [(one.point_pair().id_B, one.point_pair().id_A, one.contact_force()) for one in points]
+        points = [
+            results.point_pair_contact_info(i)
+            for i in range(results.num_point_pair_contacts())
+        ]
+        patches = [
+            results.hydroelastic_contact_info(i)
+            for i in range(results.num_hydroelastic_contacts())
+        ]
+        pairs = [
+            (one.point_pair().id_B, one.point_pair().id_A, one.contact_force())
+            for one in points
+        ]
         pairs += [
-            (one.contact_surface().id_M(), one.contact_surface().id_N(), one.F_Ac_W().translational())
+            (
+                one.contact_surface().id_M(),
+                one.contact_surface().id_N(),
+                one.F_Ac_W().translational(),
+            )
             for one in patches
         ]
         for pushed, pushing, force in pairs:
@@ -188,7 +248,8 @@ class DrakeRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Springs:
-    """Springs at joints, and stops: forces on the coordinates beyond an end, N; a row for each spring."""
+    """Springs at joints, and stops: forces on the coordinates beyond an end, N; a row
+    for each spring."""
 
     qpos: np.ndarray
     qvel: np.ndarray
@@ -204,14 +265,22 @@ class Springs:
         return cls(
             qpos=model.jnt_qposadr[joint],
             qvel=model.jnt_dofadr[joint],
-            stiffness=np.concatenate([model.jnt_stiffness[sprung], model.tendon_stiffness]),
-            ends=np.concatenate([np.stack([rest, rest], axis=1), model.tendon_lengthspring]),
+            stiffness=np.concatenate(
+                [model.jnt_stiffness[sprung], model.tendon_stiffness]
+            ),
+            ends=np.concatenate(
+                [np.stack([rest, rest], axis=1), model.tendon_lengthspring]
+            ),
         )
 
     def force(self, qpos: Float[np.ndarray, " nq"]) -> Float[np.ndarray, " nv"]:
         """Return the forces on the coordinates."""
         forces, at = np.zeros(len(qpos) - 1), qpos[self.qpos]
-        np.add.at(forces, self.qvel, self.stiffness * (np.clip(at, self.ends[:, 0], self.ends[:, 1]) - at))
+        np.add.at(
+            forces,
+            self.qvel,
+            self.stiffness * (np.clip(at, self.ends[:, 0], self.ends[:, 1]) - at),
+        )
         return forces
 
 
@@ -221,27 +290,55 @@ def _add_bodies(plant: Any, model: mujoco.MjModel) -> list[Any]:
     for i in range(1, model.nbody):
         axes = _rotation(model.body_iquat[i])
         inertia = axes @ np.diag(model.body_inertia[i]) @ axes.T
-        central = tree.RotationalInertia(*np.diag(inertia).tolist(), *inertia[np.triu_indices(3, 1)].tolist())
-        spatial = tree.SpatialInertia.MakeFromCentralInertia(model.body_mass[i], model.body_ipos[i], central)
+        central = tree.RotationalInertia(
+            *np.diag(inertia).tolist(), *inertia[np.triu_indices(3, 1)].tolist()
+        )
+        spatial = tree.SpatialInertia.MakeFromCentralInertia(
+            model.body_mass[i], model.body_ipos[i], central
+        )
         bodies.append(plant.AddRigidBody(model.body(i).name, spatial))
     return bodies
 
 
 def _add_joints(plant: Any, model: mujoco.MjModel, bodies: Sequence[Any]) -> list[Any]:
-    """Add joints with their dampers, limits and rotors, in MuJoCo's order, of which the first is the free one."""
+    """Add joints with their dampers, limits and rotors, in MuJoCo's order, of which the
+    first is the free one."""
     joints = []
     for i in range(model.njnt):
-        body, name, dof = int(model.jnt_bodyid[i]), model.joint(i).name, int(model.jnt_dofadr[i])
+        body, name, dof = (
+            int(model.jnt_bodyid[i]),
+            model.joint(i).name,
+            int(model.jnt_dofadr[i]),
+        )
         parent, child = bodies[model.body_parentid[body]], bodies[body]
         if model.jnt_type[i] == _Joint.mjJNT_FREE:
-            joints.append(plant.AddJoint(tree.QuaternionFloatingJoint(name, parent.body_frame(), child.body_frame())))
+            joints.append(
+                plant.AddJoint(
+                    tree.QuaternionFloatingJoint(
+                        name, parent.body_frame(), child.body_frame()
+                    )
+                )
+            )
             continue
         at = _pose(model.body_pos[body], model.body_quat[body])
-        frame = plant.AddFrame(tree.FixedOffsetFrame(f"{name}_seat", parent.body_frame(), at))
-        kind = tree.RevoluteJoint if model.jnt_type[i] == _Joint.mjJNT_HINGE else tree.PrismaticJoint
+        frame = plant.AddFrame(
+            tree.FixedOffsetFrame(f"{name}_seat", parent.body_frame(), at)
+        )
+        kind = (
+            tree.RevoluteJoint
+            if model.jnt_type[i] == _Joint.mjJNT_HINGE
+            else tree.PrismaticJoint
+        )
         ends = model.jnt_range[i] if model.jnt_limited[i] else (-np.inf, np.inf)
         joint = plant.AddJoint(
-            kind(name, frame, child.body_frame(), model.jnt_axis[i], *ends, damping=float(model.dof_damping[dof]))
+            kind(
+                name,
+                frame,
+                child.body_frame(),
+                model.jnt_axis[i],
+                *ends,
+                damping=float(model.dof_damping[dof]),
+            )
         )
         rotor = plant.AddJointActuator(f"{name}_rotor", joint)
         rotor.set_default_rotor_inertia(model.dof_armature[dof])
@@ -249,44 +346,68 @@ def _add_joints(plant: Any, model: mujoco.MjModel, bodies: Sequence[Any]) -> lis
     return joints
 
 
-def _add_contacts(plant: Any, model: mujoco.MjModel, bodies: Sequence[Any], contact: DrakeContact) -> dict[int, Any]:
+def _add_contacts(
+    plant: Any, model: mujoco.MjModel, bodies: Sequence[Any], contact: DrakeContact
+) -> dict[int, Any]:
     """Add what collides; return Drake's id of each geom."""
     assert contact.stiffness is not None
     feet, ids = foot_geom_ids(model), {}
     load = LOAD * conventions.GRAVITY * float(np.sum(model.body_mass))
-    modulus = contact.stiffness**2 / (np.pi * load)  # of a sphere on the ground: pi E x^2 = k x at this load
+    # of a sphere on the ground: pi E x^2 = k x at this load
+    modulus = contact.stiffness**2 / (np.pi * load)
     for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
-        ground, size = model.geom_type[geom] == _Geom.mjGEOM_PLANE, model.geom_size[geom]
+        ground, size = (
+            model.geom_type[geom] == _Geom.mjGEOM_PLANE,
+            model.geom_size[geom],
+        )
         properties = geometry.ProximityProperties()
-        friction = multibody.CoulombFriction(*2 * [model.geom_friction[feet[0] if ground else geom, 0]])
+        friction = multibody.CoulombFriction(
+            *2 * [model.geom_friction[feet[0] if ground else geom, 0]]
+        )
         # Two that touch are springs in series.
-        geometry.AddContactMaterial(contact.dissipation, 2.0 * contact.stiffness, friction, properties)
+        geometry.AddContactMaterial(
+            contact.dissipation, 2.0 * contact.stiffness, friction, properties
+        )
         if contact.model == "hydroelastic" and ground:
             geometry.AddRigidHydroelasticProperties(properties)
         elif contact.model == "hydroelastic" and geom in feet:
-            geometry.AddCompliantHydroelasticProperties(size[0] / 4.0, modulus, properties)
+            geometry.AddCompliantHydroelasticProperties(
+                size[0] / 4.0, modulus, properties
+            )
         pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
         body, name = bodies[model.geom_bodyid[geom]], model.geom(geom).name
-        ids[geom] = plant.RegisterCollisionGeometry(body, pose, _shape(model.geom_type[geom], size), name, properties)
+        ids[geom] = plant.RegisterCollisionGeometry(
+            body, pose, _shape(model.geom_type[geom], size), name, properties
+        )
     return ids
 
 
-def _let_collide_what_does(scene: Any, model: mujoco.MjModel, ids: dict[int, Any]) -> None:
+def _let_collide_what_does(
+    scene: Any, model: mujoco.MjModel, ids: dict[int, Any]
+) -> None:
     """Exclude the pairs of geoms that pass through each other in MuJoCo."""
     body, parent = model.geom_bodyid, model.body_parentid
     for one, other in itertools.combinations(ids, 2):
         meant = model.geom_contype[[one, other]] & model.geom_conaffinity[[other, one]]
         of, on = body[one], body[other]
-        adjacent = of == on or (of > 0 and of == parent[on]) or (on > 0 and on == parent[of])
+        adjacent = (
+            of == on or (of > 0 and of == parent[on]) or (on > 0 and on == parent[of])
+        )
         if adjacent or not meant.any():
             pair = geometry.GeometrySet(ids[one]), geometry.GeometrySet(ids[other])
-            scene.collision_filter_manager().Apply(geometry.CollisionFilterDeclaration().ExcludeBetween(*pair))
+            scene.collision_filter_manager().Apply(
+                geometry.CollisionFilterDeclaration().ExcludeBetween(*pair)
+            )
 
 
 def _shape(kind: Any, size: Float[np.ndarray, "3"]) -> Any:
     if kind == _Geom.mjGEOM_PLANE:
         return geometry.HalfSpace()
-    return geometry.Sphere(size[0]) if kind == _Geom.mjGEOM_SPHERE else geometry.Capsule(size[0], 2.0 * size[1])
+    return (
+        geometry.Sphere(size[0])
+        if kind == _Geom.mjGEOM_SPHERE
+        else geometry.Capsule(size[0], 2.0 * size[1])
+    )
 
 
 def _rotation(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:

@@ -1,4 +1,5 @@
-"""Robots drawn as in training, around the one designed, and the pushes that each meets."""
+"""Robots drawn as in training, around the one designed, and the pushes that each
+meets."""
 
 import dataclasses
 import functools
@@ -27,16 +28,20 @@ class Draw:
     number: int  # of the robot in it
 
     def values(self, hardware: HardwareSpec, bodies: int = 1) -> Randomization:
-        """Return what is drawn, in NumPy, with masses of so many bodies; the same whenever it is asked for."""
+        """Return what is drawn, in NumPy, with masses of so many bodies; the same
+        whenever it is asked for."""
         return _drawn(self, hardware, bodies)
 
     def change_model(self, model: mujoco.MjModel, hardware: HardwareSpec) -> None:
-        """Give the model its masses, inertias, trunk's centre of mass, and friction of feet and ground."""
+        """Give the model its masses, inertias, trunk's centre of mass, and friction of
+        feet and ground."""
         drawn = self.values(hardware, model.nbody)
         model.body_mass *= drawn.mass
         model.body_inertia *= drawn.mass[:, None]
         model.body_ipos[model.body("trunk").id] += drawn.com_offset
-        model.geom_friction[[model.geom("floor").id, *foot_geom_ids(model)], 0] = drawn.friction
+        model.geom_friction[[model.geom("floor").id, *foot_geom_ids(model)], 0] = (
+            drawn.friction
+        )
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def motors(self, motors: Actuator, hardware: HardwareSpec) -> Actuator:
@@ -45,29 +50,44 @@ class Draw:
 
     def resistance(self, resistance: Resistance, hardware: HardwareSpec) -> Resistance:
         """Return the losses with their factors."""
-        changed = vars(randomization.randomize_resistance(resistance, self.values(hardware)))
+        changed = vars(
+            randomization.randomize_resistance(resistance, self.values(hardware))
+        )
         numbers = {name: np.asarray(value) for name, value in changed.items()}
-        return Resistance(**{name: x.item() if x.size == 1 else x for name, x in numbers.items()})
+        return Resistance(
+            **{name: x.item() if x.size == 1 else x for name, x in numbers.items()}
+        )
 
     def pushes(self, duration: float) -> tuple[Push, ...]:
-        """Return the pushes within so many seconds: each control step has the same chance of one."""
+        """Return the pushes within so many seconds: each control step has the same
+        chance of one."""
         if not self.ranges.enabled or self.ranges.push_velocity == 0.0:
             return ()
         rng = np.random.default_rng((self.seed, self.number))
         steps = np.arange(1, round(duration / conventions.CONTROL_STEP))
         times = (
             conventions.CONTROL_STEP
-            * steps[rng.uniform(size=len(steps)) < conventions.CONTROL_STEP / self.ranges.push_interval]
+            * steps[
+                rng.uniform(size=len(steps))
+                < conventions.CONTROL_STEP / self.ranges.push_interval
+            ]
         )
-        kicks = rng.uniform(-self.ranges.push_velocity, self.ranges.push_velocity, (len(times), 2))
-        return tuple(Push(float(time), *map(float, kick)) for time, kick in zip(times, kicks, strict=True))
+        kicks = rng.uniform(
+            -self.ranges.push_velocity, self.ranges.push_velocity, (len(times), 2)
+        )
+        return tuple(
+            Push(float(time), *map(float, kick))
+            for time, kick in zip(times, kicks, strict=True)
+        )
 
     @property
     def noise_seed(self) -> int | None:
         """Seed of the sensors' noise; None where nothing is drawn."""
         if not self.ranges.enabled:
             return None
-        return int(np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0])
+        return int(
+            np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0]
+        )
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,6 +1,8 @@
-"""Pictures of a run: each function takes a Trajectory and returns a Matplotlib figure, drawn off screen.
+"""Pictures of a run: each function takes a Trajectory and returns a Matplotlib figure,
+drawn off screen.
 
-Each is drawn at a width in inches: `WIDTH` for a page, `NARROW` for a telephone, where letters keep their size.
+Each is drawn at a width in inches: `WIDTH` for a page, `NARROW` for a telephone, where
+letters keep their size.
 """
 
 from collections.abc import Callable
@@ -33,7 +35,8 @@ from bp2_rl.simulation.windows import best_window, steady_window
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride
 SMOOTH = 0.01  # s: the mean that takes the chatter of contacts out of a foot's force
-PAIR = "FR", "RL"  # the legs of a trot that swing together; the other two do the same half a stride later
+# the legs of a trot that swing together; the other two do the same half a stride later
+PAIR = "FR", "RL"
 CELL = 0.5, 4.0  # rad/s and Nm: of the torque-speed plane
 OFTEN = LinearSegmentedColormap.from_list("often", ["#C4DDED", FRONT, "#00223A"])
 
@@ -48,49 +51,114 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
     forward = run.ground_velocity[:, 0]
     stride = moving_mean(forward, round(RIPPLE / run.dt))
-    speed.plot(run.time, forward, color=FRONT, alpha=0.25, linewidth=0.7, label="each millisecond", rasterized=True)
+    speed.plot(
+        run.time,
+        forward,
+        color=FRONT,
+        alpha=0.25,
+        linewidth=0.7,
+        label="each millisecond",
+        rasterized=True,
+    )
     speed.plot(run.time, stride, color=FRONT, linewidth=1.8, label="0.25-s mean")
-    speed.plot(run.time, run.command[:, 0], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    speed.plot(
+        run.time,
+        run.command[:, 0],
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
+        label="command",
+    )
     best = best_window(run, 1.0)
     if best is not None:
-        speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
-        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best speed, {best.speed:.2f} m/s")
-    speed.set(ylabel="Speed [m/s]", title="Forward speed", ylim=(min(0.0, float(np.min(forward))), None))
+        speed.axvspan(
+            best.start,
+            best.start + 1.0,
+            color=LEG_COLORS["FL"],
+            alpha=0.25,
+            linewidth=0,
+        )
+        speed.plot(
+            [],
+            [],
+            color=LEG_COLORS["FL"],
+            alpha=0.35,
+            linewidth=7,
+            label=f"best speed, {best.speed:.2f} m/s",
+        )
+    speed.set(
+        ylabel="Speed [m/s]",
+        title="Forward speed",
+        ylim=(min(0.0, float(np.min(forward))), None),
+    )
     if width < WIDTH:
-        speed.legend(loc="lower right", handlelength=1.6)  # below the curve, which rises and stays
+        # below the curve, which rises and stays
+        speed.legend(loc="lower right", handlelength=1.6)
     else:
         legend_above(speed)
 
-    lane.plot(run.time, run.qpos[:, 1] - run.qpos[0, 1], color=LEG_COLORS["RR"], label="to the left [m]")
-    lane.plot(run.time, run.heading - run.heading[0], color=LEG_COLORS["RL"], label="heading [rad]")
+    lane.plot(
+        run.time,
+        run.qpos[:, 1] - run.qpos[0, 1],
+        color=LEG_COLORS["RR"],
+        label="to the left [m]",
+    )
+    lane.plot(
+        run.time,
+        run.heading - run.heading[0],
+        color=LEG_COLORS["RL"],
+        label="heading [rad]",
+    )
     lane.axhline(0.0, color=QUIET, linewidth=0.8)
-    lane.set(title="Drift", xlabel="Time [s]", ylabel="[m], [rad]", xlim=(0.0, len(run) * run.dt))
+    lane.set(
+        title="Drift",
+        xlabel="Time [s]",
+        ylabel="[m], [rad]",
+        xlim=(0.0, len(run) * run.dt),
+    )
     legend_above(lane)
     if run.fell_at is not None:
         for axes in (speed, lane):
             axes.axvline(run.fell_at, color=FALL, linewidth=1.6)
         speed.annotate(
-            "fell ", (run.fell_at, 0.02), xycoords=("data", "axes fraction"), ha="right", va="bottom", color=FALL
+            "fell ",
+            (run.fell_at, 0.02),
+            xycoords=("data", "axes fraction"),
+            ha="right",
+            va="bottom",
+            color=FALL,
         )
     return figure
 
 
 @styled
 def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Where the motors worked: the share of time in each cell of torque and speed, inside the torque-speed envelope."""
+    """Where the motors worked: the share of time in each cell of torque and speed,
+    inside the torque-speed envelope."""
     narrow = width < WIDTH
     figure = Figure(figsize=(width, 6.6 if narrow else 3.6), layout="constrained")
     panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
     motors = Actuator.from_hardware(run.hardware)
-    reach = 1.15 * max(float(np.max(run.hardware.joint_no_load_speed)), float(np.nanmax(np.abs(run.joint_velocity))))
-    most = 1.05 * max(float(np.max(run.hardware.joint_peak_torque)), float(np.nanmax(np.abs(run.torque))))
+    reach = 1.15 * max(
+        float(np.max(run.hardware.joint_no_load_speed)),
+        float(np.nanmax(np.abs(run.joint_velocity))),
+    )
+    most = 1.05 * max(
+        float(np.max(run.hardware.joint_peak_torque)),
+        float(np.nanmax(np.abs(run.torque))),
+    )
     speeds = np.linspace(-reach, reach, 601)
     edges = [
         np.arange(-np.ceil(end / cell), np.ceil(end / cell) + 1) * cell
         for end, cell in zip((reach, most), CELL, strict=True)
     ]
     velocity, torque = (x.reshape(-1, 4, 3) for x in (run.joint_velocity, run.torque))
-    counts = [np.histogram2d(velocity[:, :, j].ravel(), torque[:, :, j].ravel(), bins=edges)[0] for j in range(3)]
+    counts = [
+        np.histogram2d(velocity[:, :, j].ravel(), torque[:, :, j].ravel(), bins=edges)[
+            0
+        ]
+        for j in range(3)
+    ]
     percent = [100.0 * count / (4 * len(run)) for count in counts]
     norm = LogNorm(100.0 / (4 * len(run)), max(float(np.max(p)) for p in percent))
     for j, (axes, joint) in enumerate(zip(panels, conventions.JOINTS, strict=True)):
@@ -107,13 +175,21 @@ def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
         if not narrow or j == 2:
             axes.set_xlabel("Joint speed [rad/s]")
     scale = ScalarMappable(norm, OFTEN)
-    figure.colorbar(scale, ax=panels, label="Share of time [%]", shrink=0.6 if narrow else 0.9, aspect=24, pad=0.02)
+    figure.colorbar(
+        scale,
+        ax=panels,
+        label="Share of time [%]",
+        shrink=0.6 if narrow else 0.9,
+        aspect=24,
+        pad=0.02,
+    )
     return figure
 
 
 @styled
 def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """The last strides, a row a leg: its vertical force without the chatter of contacts, and when it stands."""
+    """The last strides, a row a leg: its vertical force without the chatter of
+    contacts, and when it stands."""
     strides = _last_strides(run)
     standing = contacts(strides)
     force = strides.foot_force[:, :, 2]
@@ -123,20 +199,28 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     weight = run.mass * conventions.GRAVITY
     for i, (axes, leg) in enumerate(zip(rows, conventions.LEGS, strict=True)):
         for start, length in _spells(strides, standing[:, i]):
-            axes.axvspan(start, start + length, color=LEG_COLORS[leg], alpha=0.16, linewidth=0)
+            axes.axvspan(
+                start, start + length, color=LEG_COLORS[leg], alpha=0.16, linewidth=0
+            )
         axes.plot(strides.time, smooth[:, i], color=LEG_COLORS[leg], linewidth=1.6)
         axes.axhline(weight, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
         axes.set_title(_duty_label(strides, standing, i), fontsize="medium")
         axes.set_ylabel("Force [N]")
-    rows[-1].set(xlabel="Time [s]", xlim=(strides.time[0], strides.time[-1]), ylim=(0.0, None))
+    rows[-1].set(
+        xlabel="Time [s]", xlim=(strides.time[0], strides.time[-1]), ylim=(0.0, None)
+    )
     return figure
 
 
 @styled
 def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """The last strides of one diagonal pair: hip and knee with the policy's targets, and any springs' travel."""
+    """The last strides of one diagonal pair: hip and knee with the policy's targets,
+    and any springs' travel."""
     strides = _last_strides(run)
-    angle, target = (np.rad2deg(x).reshape(-1, 4, 3) for x in (strides.joint_position, strides.target))
+    angle, target = (
+        np.rad2deg(x).reshape(-1, 4, 3)
+        for x in (strides.joint_position, strides.target)
+    )
     figure = Figure(figsize=(width, 6.0), layout="constrained")
     panels = figure.subplots(3 if run.hardware.anatomy.sprung else 2, 1, sharex=True)
     hip, knee = panels[:2]
@@ -144,9 +228,18 @@ def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
         i, color = conventions.LEGS.index(leg), LEG_COLORS[leg]
         for axes, j in ((hip, 1), (knee, 2)):
             axes.plot(strides.time, angle[:, i, j], color=color, label=leg)
-            axes.plot(strides.time, target[:, i, j], color=color, linewidth=0.8, linestyle=(0, (2, 1.5)), alpha=0.8)
+            axes.plot(
+                strides.time,
+                target[:, i, j],
+                color=color,
+                linewidth=0.8,
+                linestyle=(0, (2, 1.5)),
+                alpha=0.8,
+            )
         for spring in panels[2:]:
-            spring.plot(strides.time, 1e3 * strides.spring_compression[:, i], color=color)
+            spring.plot(
+                strides.time, 1e3 * strides.spring_compression[:, i], color=color
+            )
     hip.set(title="Hip angle", ylabel="Angle [deg]")
     hip.plot([], [], color=INK, linewidth=0.8, linestyle=(0, (2, 1.5)), label="target")
     legend_above(hip)
@@ -159,7 +252,10 @@ def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 
 FIGURES: dict[str, tuple[Draw, str]] = {
-    "speed": (speed_figure, "Forward speed with its command, and the drift from the line and heading at the start."),
+    "speed": (
+        speed_figure,
+        "Forward speed with its command, and the drift from the line and heading at the start.",
+    ),
     "torque_speed": (
         torque_speed_figure,
         "How long the motors worked at each torque and speed, the four legs' together; shaded: what a motor can give.",
@@ -175,7 +271,8 @@ FIGURES: dict[str, tuple[Draw, str]] = {
         "their travel.",
     ),
 }
-"""What a report shows of a run, in order, by the name of the file, each with its caption."""
+"""What a report shows of a run, in order, by the name of the file, each with its
+caption."""
 
 
 def _last_strides(run: Trajectory) -> Trajectory:
@@ -188,7 +285,10 @@ def _spells(run: Trajectory, standing: np.ndarray) -> list[tuple[float, float]]:
     """(start, length) of every spell of contact, s."""
     edges = np.diff(np.concatenate(([0], standing.astype(int), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(float(run.time[a]), float((b - a) * run.dt)) for a, b in zip(starts, stops, strict=True)]
+    return [
+        (float(run.time[a]), float((b - a) * run.dt))
+        for a, b in zip(starts, stops, strict=True)
+    ]
 
 
 def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
@@ -196,4 +296,6 @@ def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
     starts = touchdowns(standing[:, leg])
     if len(starts) < 2:
         return conventions.LEGS[leg]
-    return f"{conventions.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
+    return (
+        f"{conventions.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
+    )

@@ -1,7 +1,9 @@
-"""A film of some seconds of a run, for machines with a GL library; a still of it is its poster.
+"""A film of some seconds of a run, for machines with a GL library; a still of it is its
+poster.
 
-MuJoCo binds its GL library when it is first imported and a wrong choice can end the process, so the film is made by
-a process of its own: `make_video` starts it once for each library, this module run as a script is that process.
+MuJoCo binds its GL library when it is first imported and a wrong choice can end the
+process, so the film is made by a process of its own: `make_video` starts it once for
+each library, this module run as a script is that process.
 """
 
 import dataclasses
@@ -28,9 +30,11 @@ from bp2_rl.simulation.windows import best_window
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name
-SLOW_FRAME = 0.1  # s: a frame that takes longer is drawn by the CPU, and the film is made simpler
+# s: a frame that takes longer is drawn by the CPU, and the film is made simpler
+SLOW_FRAME = 0.1
 TIME_LIMIT = 300.0  # s, for one library
-SCENE = 90.0  # m: where the film is made, in the midst of the scene's lane lines and metre marks
+# m: where the film is made, in the midst of the scene's lane lines and metre marks
+SCENE = 90.0
 CAMERA = "track"
 LAST = 19  # niceness
 
@@ -43,16 +47,22 @@ class Shot:
     frame_rate: int = 30  # frames/s
     width: int = 960  # pixels; both multiples of 16, as the codec wants
     height: int = 544
-    to_the_end: bool = False  # the run's last seconds instead of those around its best one
-    beside: bool = False  # something that goes first: plainly, with the time that everyone else leaves
+    # the run's last seconds instead of those around its best one
+    to_the_end: bool = False
+    # something that goes first: plainly, with the time that everyone else leaves
+    beside: bool = False
 
 
 class NoVideo(Exception):
-    """This machine cannot make one; the message says why, and how to mend it, in one line."""
+    """This machine cannot make one; the message says why, and how to mend it, in one
+    line."""
 
 
-def make_video(trajectory: Path, output: Path, gl_library: str | None = None, shot: Shot = Shot()) -> None:
-    """Film the trajectory saved at `trajectory` with the given GL library, or the first that works.
+def make_video(
+    trajectory: Path, output: Path, gl_library: str | None = None, shot: Shot = Shot()
+) -> None:
+    """Film the trajectory saved at `trajectory` with the given GL library, or the first
+    that works.
 
     Beside the film, under its name, lies its poster, a JPEG.
 
@@ -60,26 +70,40 @@ def make_video(trajectory: Path, output: Path, gl_library: str | None = None, sh
         NoVideo: no GL library works here.
     """
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise NoVideo("no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg")
+        raise NoVideo(
+            "no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg"
+        )
     reasons = []
     for library in (gl_library,) if gl_library else GL_LIBRARIES:
         error = _film_with(library, trajectory, output, shot)
         if error is None:
             return
         reasons.append(f"{library}: {error}")
-    remedy = "unset MUJOCO_GL" if gl_library else "apt-get install libegl1 libgl1-mesa-dri libosmesa6 (Debian, Ubuntu)"
-    raise NoVideo(f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}")
+    remedy = (
+        "unset MUJOCO_GL"
+        if gl_library
+        else "apt-get install libegl1 libgl1-mesa-dri libosmesa6 (Debian, Ubuntu)"
+    )
+    raise NoVideo(
+        f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}"
+    )
 
 
 def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str | None:
-    """Run this module with one GL library: None when the film is there, else the last line of the complaint."""
-    environment = os.environ | {"MUJOCO_GL": library, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    """Run this module with one GL library: None when the film is there, else the last
+    line of the complaint."""
+    environment = os.environ | {
+        "MUJOCO_GL": library,
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
     if library == "egl":
         environment.setdefault("PYOPENGL_PLATFORM", "egl")
     command = [sys.executable, "-m", __name__, str(trajectory), str(output)]
     command.append(json.dumps(dataclasses.asdict(shot)))
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT
+        )
     except subprocess.TimeoutExpired:
         return f"not done after {TIME_LIMIT:.0f} s"
     if done.returncode == 0:
@@ -91,7 +115,8 @@ def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str 
 def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     """Render some seconds from the tracking camera, in real time.
 
-    The scene repeats itself every metre, so the robot is shown by whole metres nearer to its middle than it ran.
+    The scene repeats itself every metre, so the robot is shown by whole metres nearer
+    to its middle than it ran.
     """
     model = load_model(run.hardware)
     data = mujoco.MjData(model)
@@ -106,7 +131,13 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     write_bytes(output.with_suffix(POSTER), poster)
 
 
-def _draw(run: Trajectory, model: mujoco.MjModel, data: mujoco.MjData, output: Path, shot: Shot) -> bytes:
+def _draw(
+    run: Trajectory,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    output: Path,
+    shot: Shot,
+) -> bytes:
     """Draw the frames and write them as they come; the middle one, as a JPEG."""
     import imageio_ffmpeg  # an evaluation goes without a film where it is missing
 
@@ -126,7 +157,8 @@ def _draw(run: Trajectory, model: mujoco.MjModel, data: mujoco.MjData, output: P
                 data.qpos[:] = run.qpos[k]
                 data.qpos[0] += SCENE - np.floor(data.qpos[0])
                 mujoco.mj_forward(model, data)
-                for _ in range(2 if i == 0 else 1):  # the endless floor is laid out around the camera's last place
+                # the endless floor is laid out around the camera's last place
+                for _ in range(2 if i == 0 else 1):
                     renderer.update_scene(data, camera=CAMERA)
                 image = _captioned(renderer.render(), _caption(run, k))
                 writer.send(image.tobytes())
@@ -168,7 +200,12 @@ def _captioned(frame: np.ndarray, text: str) -> Image.Image:
     size = max(image.height / 22.0, 12.0)
     place, font = (1.2 * size, image.height - 2.0 * size), ImageFont.load_default(size)
     ImageDraw.Draw(image).text(
-        place, text, font=font, fill="white", stroke_width=round(size / 12), stroke_fill="#1F2328"
+        place,
+        text,
+        font=font,
+        fill="white",
+        stroke_width=round(size / 12),
+        stroke_fill="#1F2328",
     )
     return image
 
@@ -181,7 +218,8 @@ def _main() -> int:
     try:
         film(Trajectory.load(trajectory), output, shot)
     except Exception as error:
-        # What a missing or broken GL library raises depends on the library: the parent only wants to read why.
+        # What a missing or broken GL library raises depends on the library: the parent
+        # only wants to read why.
         print(one_line(f"{type(error).__name__}: {error}"), file=sys.stderr)
         return 1
     return 0

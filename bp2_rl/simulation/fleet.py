@@ -1,4 +1,5 @@
-"""One policy on many robots, each drawn as in training, all under the same command schedule."""
+"""One policy on many robots, each drawn as in training, all under the same command
+schedule."""
 
 import dataclasses
 import math
@@ -16,20 +17,24 @@ from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, sampled_commands
 from bp2_rl.simulation.trajectory import Trajectory
 
-EACH = slice(None, None, conventions.SUBSTEPS)  # the milliseconds at which control steps begin
+# the milliseconds at which control steps begin
+EACH = slice(None, None, conventions.SUBSTEPS)
 
 
 @dataclasses.dataclass(frozen=True)
 class FleetRun:
-    """What N robots did, sampled at the beginning of each of T control steps; 0 after a robot's fall."""
+    """What N robots did, sampled at the beginning of each of T control steps; 0 after a
+    robot's fall."""
 
     time: Float[np.ndarray, " T"]  # s
     command: Float[np.ndarray, " T"]  # m/s, scheduled forward speed
     speed: Float[np.ndarray, "T N"]  # m/s, forward in the heading frame
     offset: Float[np.ndarray, "T N"]  # m, to the left of the line through the start
     fell_at: Float[np.ndarray, " N"]  # s; inf for robots that did not fall
-    leg_room: Float[np.ndarray, " N"]  # m, least between legs or of a leg and the trunk, before a fall
-    robots: dict[str, Float[np.ndarray, " N"]]  # what was drawn: friction, latency (s), mass (kg), strength
+    # m, least between legs or of a leg and the trunk, before a fall
+    leg_room: Float[np.ndarray, " N"]
+    # what was drawn: friction, latency (s), mass (kg), strength
+    robots: dict[str, Float[np.ndarray, " N"]]
     steady_from: float  # s, from when the command is held
 
 
@@ -56,7 +61,8 @@ def run_fleet(
 
     Args:
         policy: what all run by; `ranges` take the place of what it was trained with.
-        request: the run of the robot around which they are drawn; its own pushes and noise are not used.
+        request: the run of the robot around which they are drawn; its own pushes and
+            noise are not used.
         ranges: from what they are drawn.
         robots: how many.
         seed: of everything that is drawn.
@@ -64,18 +70,30 @@ def run_fleet(
     """
     schedule, hardware = request.schedule, request.hardware or policy.card.env.hardware
     draws = [Draw(ranges, seed, number) for number in range(robots)]
-    worlds = [dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration)) for draw in draws]
+    worlds = [
+        dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration))
+        for draw in draws
+    ]
     requests = [
-        dataclasses.replace(request, world=world, noise_seed=draw.noise_seed, drawn=draw)
+        dataclasses.replace(
+            request, world=world, noise_seed=draw.noise_seed, drawn=draw
+        )
         for world, draw in zip(worlds, draws, strict=True)
     ]
     card = policy.card
-    noisy = dataclasses.replace(card, env=dataclasses.replace(card.env, randomization=ranges))
-    runs = simulate_all(_robot_run, dataclasses.replace(policy, card=noisy), requests, backend)
+    noisy = dataclasses.replace(
+        card, env=dataclasses.replace(card.env, randomization=ranges)
+    )
+    runs = simulate_all(
+        _robot_run, dataclasses.replace(policy, card=noisy), requests, backend
+    )
     commands = sampled_commands(schedule)[:-1, 0]
     speed, offset = np.zeros((2, len(commands), robots))
     for number, run in enumerate(runs):
-        speed[: len(run.speed), number], offset[: len(run.offset), number] = run.speed, run.offset
+        speed[: len(run.speed), number], offset[: len(run.offset), number] = (
+            run.speed,
+            run.offset,
+        )
     drawn = [draw.values(hardware) for draw in draws]
     return FleetRun(
         time=conventions.CONTROL_STEP * np.arange(len(commands)),

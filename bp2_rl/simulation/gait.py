@@ -1,4 +1,5 @@
-"""How the legs of a run worked: which feet stood when, strides, springs, and the room between legs."""
+"""How the legs of a run worked: which feet stood when, strides, springs, and the room
+between legs."""
 
 import dataclasses
 import itertools
@@ -15,7 +16,8 @@ TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the groun
 LIFT_FORCE = 0.02  # ... until it presses less than this
 BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing
 SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
-CHUNK = 512  # samples whose clearances are computed at a time: so many stay in a processor's cache
+# samples whose clearances are computed at a time: so many stay in a processor's cache
+CHUNK = 512
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,21 +34,31 @@ class LegMetrics:
 
 
 def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """Which feet stand, from their normal forces: with hysteresis, and without bounces and scuffs."""
+    """Which feet stand, from their normal forces: with hysteresis, and without bounces
+    and scuffs."""
     weight = run.mass * conventions.GRAVITY
     force = run.foot_force[:, :, 2]
     decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
     decided[0] = True
-    last_decision = np.maximum.accumulate(np.where(decided, np.arange(len(run))[:, None], 0), axis=0)
+    last_decision = np.maximum.accumulate(
+        np.where(decided, np.arange(len(run))[:, None], 0), axis=0
+    )
     pressing = np.take_along_axis(force > TOUCH_FORCE * weight, last_decision, axis=0)
     for leg in range(4):
-        pressing[:, leg] = _without_short_spells(pressing[:, leg], False, round(BOUNCE / run.dt))
-        pressing[:, leg] = _without_short_spells(pressing[:, leg], True, round(SCUFF / run.dt))
+        pressing[:, leg] = _without_short_spells(
+            pressing[:, leg], False, round(BOUNCE / run.dt)
+        )
+        pressing[:, leg] = _without_short_spells(
+            pressing[:, leg], True, round(SCUFF / run.dt)
+        )
     return pressing
 
 
-def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: int) -> Bool[np.ndarray, " N"]:
-    """Flip every spell of `value` that is shorter than so many samples and lies between two others."""
+def _without_short_spells(
+    states: Bool[np.ndarray, " N"], value: bool, samples: int
+) -> Bool[np.ndarray, " N"]:
+    """Flip every spell of `value` that is shorter than so many samples and lies between
+    two others."""
     bounds = np.flatnonzero(np.diff(states)) + 1
     states = states.copy()
     for start, stop in itertools.pairwise(bounds):
@@ -56,7 +68,8 @@ def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: 
 
 
 def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Indices of the first samples of the stances (or of any other spells of True) that begin within the run."""
+    """Indices of the first samples of the stances (or of any other spells of True) that
+    begin within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
@@ -66,15 +79,22 @@ def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
 
 
 def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
-    """How far legs are from each other and from the trunk at each of the samples, m, each " N"; solid or not."""
-    joints, compression = run.joint_position[samples].reshape(-1, 4, 3), run.spring_compression[samples]
+    """How far legs are from each other and from the trunk at each of the samples, m,
+    each " N"; solid or not."""
+    joints, compression = (
+        run.joint_position[samples].reshape(-1, 4, 3),
+        run.spring_compression[samples],
+    )
     chunks = (slice(start, start + CHUNK) for start in range(0, len(joints), CHUNK))
-    parts = [clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks]
+    parts = [
+        clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks
+    ]
     return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 
 
 def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
-    """Duty factor and stride frequency over the steady window's whole strides, and each leg's extremes."""
+    """Duty factor and stride frequency over the steady window's whole strides, and each
+    leg's extremes."""
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
     compression = np.max(run.spring_compression, axis=0)
@@ -82,8 +102,12 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
     legs = []
     for i, name in enumerate(conventions.LEGS):
         starts = touchdowns(standing[:, i])
-        strides = standing[starts[0] : starts[-1], i] if len(starts) > 1 else standing[:, i]
-        frequency = (len(starts) - 1) / (len(strides) * run.dt) if len(starts) > 1 else None
+        strides = (
+            standing[starts[0] : starts[-1], i] if len(starts) > 1 else standing[:, i]
+        )
+        frequency = (
+            (len(starts) - 1) / (len(strides) * run.dt) if len(starts) > 1 else None
+        )
         legs.append(
             LegMetrics(
                 name=name,
@@ -100,13 +124,18 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
 
 def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
     """Hz, mean of the legs that made a stride; None where none did."""
-    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
+    frequencies = [
+        leg.stride_frequency for leg in legs if leg.stride_frequency is not None
+    ]
     return sum(frequencies) / len(frequencies) if frequencies else None
 
 
-def evenness(steady: Trajectory, legs: Sequence[LegMetrics]) -> tuple[float | None, float | None]:
-    """How far front and rear legs are from half a cycle between left and right (cycles, the greater of both), and which
-    share of the vertical impulse one side has more than the other.
+def evenness(
+    steady: Trajectory, legs: Sequence[LegMetrics]
+) -> tuple[float | None, float | None]:
+    """How far front and rear legs are from half a cycle between left and right (cycles,
+    the greater of both), and which share of the vertical impulse one side has more than
+    the other.
 
     A leg's phase is that of its vertical force's centroid on the circle of a stride.
     """
@@ -114,7 +143,9 @@ def evenness(steady: Trajectory, legs: Sequence[LegMetrics]) -> tuple[float | No
     if frequency is None:
         return None, None
     force = steady.foot_force[:, :, 2]
-    phase = np.angle(np.exp(-2j * np.pi * frequency * steady.time) @ force) / (2.0 * np.pi)
+    phase = np.angle(np.exp(-2j * np.pi * frequency * steady.time) @ force) / (
+        2.0 * np.pi
+    )
     right, left = slice(0, None, 2), slice(1, None, 2)
     apart = np.abs((phase[right] - phase[left]) % 1.0 - 0.5)
     sides = np.sum(force[:, right]), np.sum(force[:, left])

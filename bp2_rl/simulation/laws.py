@@ -1,6 +1,8 @@
-"""The laws of motors and losses compiled for many robots at once, in float64, whatever each of them is.
+"""The laws of motors and losses compiled for many robots at once, in float64, whatever
+each of them is.
 
-Every robot is a row of numbers. One that lacks a part has it at no strength, so that one program serves all.
+Every robot is a row of numbers. One that lacks a part has it at no strength, so that
+one program serves all.
 """
 
 import functools
@@ -27,7 +29,8 @@ from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 
 SIZES = 4, 24
-"""Programs are compiled for these numbers of robots; fewer robots are filled up with copies of the last one."""
+"""Programs are compiled for these numbers of robots; fewer robots are filled up with
+copies of the last one."""
 RobotNumbers = Float[np.ndarray, " _"]
 JOINT = [
     "stiffness",
@@ -47,16 +50,25 @@ NO_BUS = Bus(ENDLESS, ENDLESS, 0.0)
 NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 
 
-def numbers_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> RobotNumbers:
+def numbers_of(
+    motors: Actuator, resistance: Resistance | None, seconds: float
+) -> RobotNumbers:
     """A robot, whose motors' torques are computed anew after so many seconds."""
     resisting = dict(vars(resistance or NO_RESISTANCE))
-    values = [*(getattr(motors, name) for name in JOINT), *(resisting.pop(name) for name in JOINT_LOSSES)]
-    by_joint = [np.broadcast_to(np.float64(value), conventions.NUM_MOTORS) for value in values]
+    values = [
+        *(getattr(motors, name) for name in JOINT),
+        *(resisting.pop(name) for name in JOINT_LOSSES),
+    ]
+    by_joint = [
+        np.broadcast_to(np.float64(value), conventions.NUM_MOTORS) for value in values
+    ]
     rest = (*vars(motors.bus or NO_BUS).values(), *resisting.values(), seconds)
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
-def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+def forces(
+    rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]
+) -> Float[np.ndarray, "N _"]:
     """Return the motors' torques (12, Nm) and the losses' generalised forces (nv).
 
     Args:
@@ -66,8 +78,11 @@ def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Floa
     return _call(_compiled(_forces, tuple(x.shape[-1] for x in arrays)), rows, arrays)
 
 
-def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
-    """Return the torques (12) and forces (nv) to try next, and the largest torque beyond the envelope at the end (1).
+def correct(
+    rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]
+) -> Float[np.ndarray, "N _"]:
+    """Return the torques (12) and forces (nv) to try next, and the largest torque
+    beyond the envelope at the end (1).
 
     Args:
         rows: the robots' numbers, from `stacked`.
@@ -77,19 +92,23 @@ def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Flo
 
 
 def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
-    """Return the rows of N robots, filled up, on the CPU, where the laws are computed."""
+    """Return the rows of N robots, filled up, on the CPU, where the laws are
+    computed."""
     with jax.enable_x64(True):
         return jax.device_put(np.stack(rows)[filled(len(rows))], jax.devices("cpu")[0])
 
 
 @functools.cache
 def filled(robots: int) -> Int[np.ndarray, " P"]:
-    """Return which robot each place of a compiled program computes, where there are so many robots."""
+    """Return which robot each place of a compiled program computes, where there are so
+    many robots."""
     places = next((size for size in SIZES if robots <= size), robots)
     return np.minimum(np.arange(places), robots - 1)
 
 
-def _call(law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]) -> np.ndarray:
+def _call(
+    law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]
+) -> np.ndarray:
     robots = len(arrays[0])
     values = np.concatenate(arrays, axis=-1)
     if robots < len(rows):
@@ -99,8 +118,11 @@ def _call(law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]) 
 
 
 @functools.cache
-def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> Callable[..., Array]:
-    """The law as one program from two arrays to one: half of the time of a call is its arrays."""
+def _compiled(
+    law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]
+) -> Callable[..., Array]:
+    """The law as one program from two arrays to one: half of the time of a call is its
+    arrays."""
     at = np.cumsum(sizes)[:-1].tolist()
 
     def packed(row: Array, values: Array) -> Array:
@@ -112,7 +134,9 @@ def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> 
 def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
     names = JOINT + JOINT_LOSSES
     joints, rest = jnp.split(row, [len(names) * conventions.NUM_MOTORS])
-    named = dict(zip(names, joints.reshape(len(names), conventions.NUM_MOTORS), strict=True))
+    named = dict(
+        zip(names, joints.reshape(len(names), conventions.NUM_MOTORS), strict=True)
+    )
     resisting = {name: named.pop(name) for name in JOINT_LOSSES}
     others = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
     bus = len(vars(NO_BUS))
@@ -121,28 +145,46 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
 
 
 def _forces(
-    motors: Actuator, resistance: Resistance, seconds: Any, before: Array, qpos: Array, qvel: Array, q_target: Array,
+    motors: Actuator,
+    resistance: Resistance,
+    seconds: Any,
+    before: Array,
+    qpos: Array,
+    qvel: Array,
+    q_target: Array,
     qd_target: Array,
-) -> tuple[Array, ...]:  # fmt: skip
+) -> tuple[Array, ...]:
     q, qd = joint_positions(qpos), joint_velocities(qvel)
     torque = joint_torque(motors, before, q, qd, q_target, qd_target, seconds)
     return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
 
 
 def _correct(
-    motors: Actuator, resistance: Resistance, seconds: Any, torque: Array, before: Array, qpos: Array, qvel: Array,
-    qvel_after: Array, mobility: Array,
-) -> tuple[Array, ...]:  # fmt: skip
+    motors: Actuator,
+    resistance: Resistance,
+    seconds: Any,
+    torque: Array,
+    before: Array,
+    qpos: Array,
+    qvel: Array,
+    qvel_after: Array,
+    mobility: Array,
+) -> tuple[Array, ...]:
     """Take back what lies outside the limits at the step's end.
 
-    Less torque changes the speed at the end, too, and the limit with it: this is Newton's step, joint by joint.
+    Less torque changes the speed at the end, too, and the limit with it: this is
+    Newton's step, joint by joint.
     """
     qd = joint_velocities(qvel)
     voltage = bus_voltage(motors, before, qd)
     lower, upper = torque_limits(motors, joint_velocities(qvel_after), voltage)
     outside = torque - jnp.clip(torque, lower, upper)
-    slope = stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
+    slope = (
+        stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed)
+        / motors.no_load_speed
+    )
     less = torque - outside / (1.0 + slope * seconds * mobility)
-    next_torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)  # with less torque more flows back
+    # with less torque more flows back
+    next_torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)
     forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque), qvel)
     return next_torque, forces, jnp.max(jnp.abs(outside), keepdims=True)

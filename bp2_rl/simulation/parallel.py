@@ -25,7 +25,8 @@ _kept: list[concurrent.futures.ProcessPoolExecutor] = []
 
 @contextlib.contextmanager
 def keep_workers() -> Generator[None]:
-    """Within it the workers stay, with all that they have compiled, for one benchmark after the other."""
+    """Within it the workers stay, with all that they have compiled, for one benchmark
+    after the other."""
     with _workers(processors()) as pool:
         _kept.append(pool)
         try:
@@ -34,8 +35,11 @@ def keep_workers() -> Generator[None]:
             _kept.remove(pool)
 
 
-def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
-    """`run(policy, task)` for every task, handed out in turn: each worker compiles its controller once.
+def in_parallel(
+    run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
+) -> list[Result]:
+    """`run(policy, task)` for every task, handed out in turn: each worker compiles its
+    controller once.
 
     `run` and all else must be picklable.
     """
@@ -45,9 +49,13 @@ def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Se
 
 
 def simulate_all(
-    measure: Callable[[One, Trajectory], Result], policy: Policy, requests: Sequence[One], backend: Backend = "mujoco"
+    measure: Callable[[One, Trajectory], Result],
+    policy: Policy,
+    requests: Sequence[One],
+    backend: Backend = "mujoco",
 ) -> list[Result]:
-    """Return `measure(request, its run)` of every request, run side by side on all processors.
+    """Return `measure(request, its run)` of every request, run side by side on all
+    processors.
 
     `measure` and all else must be picklable.
     """
@@ -56,17 +64,31 @@ def simulate_all(
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
-    """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
+    """Which of them each worker runs: about as much each, and the same robot with the
+    same one if possible.
 
     The longest first, as those side by side last as long as the longest of them.
     """
     kinds: dict[object, int] = {}
-    alike = sorted(range(len(requests)), key=lambda i: kinds.setdefault(requests[i].hardware, len(kinds)))
+    alike = sorted(
+        range(len(requests)),
+        key=lambda i: kinds.setdefault(requests[i].hardware, len(kinds)),
+    )
     work = np.array([_work(requests[i]) for i in alike])
-    worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(int)
-    worker = np.minimum(worker, workers - 1)  # where that comes to all of them, by requests that take no time
-    shares = [[i for i, whose in zip(alike, worker, strict=True) if whose == each] for each in range(workers)]
-    return [sorted(share, key=lambda i: -requests[i].schedule.duration) for share in shares if share]
+    worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
+        int
+    )
+    # where that comes to all of them, by requests that take no time
+    worker = np.minimum(worker, workers - 1)
+    shares = [
+        [i for i, whose in zip(alike, worker, strict=True) if whose == each]
+        for each in range(workers)
+    ]
+    return [
+        sorted(share, key=lambda i: -requests[i].schedule.duration)
+        for share in shares
+        if share
+    ]
 
 
 def _work(one: RunRequest) -> float:
@@ -85,34 +107,50 @@ def _share_out(
     if not tasks:
         return []
     with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
-        futures = [pool.submit(run_all, policy, [tasks[i] for i in share]) for share in shares]
+        futures = [
+            pool.submit(run_all, policy, [tasks[i] for i in share]) for share in shares
+        ]
         for share, future in zip(shares, futures, strict=True):
             done.update(zip(share, future.result(), strict=True))
     return [done[i] for i in range(len(tasks))]
 
 
-def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
+def _workers(
+    count: int,
+) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
     keep_compiled()
-    # When the block ends, nothing that is asked for is left to do; after an interruption nobody wants it.
-    return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]), abandon=True)
+    # When the block ends, nothing that is asked for is left to do; after an
+    # interruption nobody wants it.
+    return spawned(
+        count,
+        functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]),
+        abandon=True,
+    )
 
 
 def _measure_all(
-    measure: Callable[[One, Trajectory], Result], backend: Backend, policy: Policy, requests: Sequence[One]
+    measure: Callable[[One, Trajectory], Result],
+    backend: Backend,
+    policy: Policy,
+    requests: Sequence[One],
 ) -> list[Result]:
     runs = simulate(policy, requests, backend=backend)
     return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
 
 
-def _run_all(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
+def _run_all(
+    run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
+) -> list[Result]:
     return [run(policy, task) for task in tasks]
 
 
 def compute_here() -> None:
-    """Have JAX compute on the processor, in the thread that asks; call it before JAX computes anything.
+    """Have JAX compute on the processor, in the thread that asks; call it before JAX
+    computes anything.
 
-    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to another thread takes longer than
-    to answer it, and many times longer where other programs keep the processors busy.
+    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to
+    another thread takes longer than to answer it, and many times longer where other
+    programs keep the processors busy.
     """
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)

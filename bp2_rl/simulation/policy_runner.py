@@ -1,4 +1,5 @@
-"""The policy runner: from the states of robots in C MuJoCo to their joint targets, 200 times a second."""
+"""The policy runner: from the states of robots in C MuJoCo to their joint targets, 200
+times a second."""
 
 import functools
 import math
@@ -22,14 +23,17 @@ from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.laws import filled
 from bp2_rl.simulation.operator import HeadingHold
 
-ActionFunction = Callable[[Any], Any]  # observation -> action, deterministic; arrays of NumPy or JAX
+# observation -> action, deterministic; arrays of NumPy or JAX
+ActionFunction = Callable[[Any], Any]
 JointTargets = tuple[Float[np.ndarray, "N 12"], Float[np.ndarray, "N 12"]]  # rad, rad/s
 
 
 class PolicyRunner:
-    """The controllers of N robots under one policy, in float32 on the CPU as on the robot.
+    """The controllers of N robots under one policy, in float32 on the CPU as on the
+    robot.
 
-    Joint targets act after each robot's latency; until the first does, the robot stands.
+    Joint targets act after each robot's latency; until the first does, the robot
+    stands.
 
     Args:
         policy: observation -> action, for one robot.
@@ -42,9 +46,11 @@ class PolicyRunner:
     Attributes:
         command: (N, 3), what the policy was told last, m/s and rad/s.
         next_command: (N, 3), what the policy is told in the next control step.
-        position: (N, D, 12), rad, the joint targets issued last that may still come into force, newest last.
+        position: (N, D, 12), rad, the joint targets issued last that may still come
+            into force, newest last.
         velocity: (N, D, 12), rad/s, the rates of these targets.
-        reference: the reference motion at the end of the last control step; its first N rows are the robots'.
+        reference: the reference motion at the end of the last control step; its first N
+            rows are the robots'.
     """
 
     def __init__(
@@ -60,17 +66,28 @@ class PolicyRunner:
         robots = len(operators)
         self._filled, self._each = filled(robots), np.arange(robots)
         self._by_operator = {
-            operator: [robot for robot, its in enumerate(operators) if its == operator] for operator in {*operators}
+            operator: [robot for robot, its in enumerate(operators) if its == operator]
+            for operator in {*operators}
         }
-        self._behind = np.array([control_steps_behind(latency) for latency in latencies])
+        self._behind = np.array(
+            [control_steps_behind(latency) for latency in latencies]
+        )
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
             function, weights = _apart(policy)
-            self._weights, self._control = jax.device_put(weights), _compiled_control_step(function, config, noise)
+            self._weights, self._control = (
+                jax.device_put(weights),
+                _compiled_control_step(function, config, noise),
+            )
             start = Controller(config).init()
-            self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0), start)
+            self._state = jax.tree.map(
+                lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0),
+                start,
+            )
         depth = int(np.max(self._behind)) + 1
-        self.position = np.tile(np.array(config.hardware.anatomy.stand), (robots, depth, 1))
+        self.position = np.tile(
+            np.array(config.hardware.anatomy.stand), (robots, depth, 1)
+        )
         self.velocity = np.zeros_like(self.position)
         self.next_command = self.command = commands.astype(np.float32)
         self.reference: Reference | None = None
@@ -98,71 +115,108 @@ class PolicyRunner:
         scheduled: Float[np.ndarray, "N 3"],
         *drawn: np.ndarray,
     ) -> list[JointTargets]:
-        """Return what the joints follow in each millisecond of a control step that begins in this state.
+        """Return what the joints follow in each millisecond of a control step that
+        begins in this state.
 
         Args:
             qpos: the positions as the robots and their operators know them.
             qvel: the velocities that belong to `qpos`.
-            scheduled: the commands at the end of the control step, before an operator steers.
-            drawn: with noise, a random key for each robot (N, 2), and each robot's share of the noise, 0 to 1 (N).
+            scheduled: the commands at the end of the control step, before an operator
+                steers.
+            drawn: with noise, a random key for each robot (N, 2), and each robot's
+                share of the noise, 0 to 1 (N).
         """
         asked = scheduled.copy()
         for operator, its in self._by_operator.items():
-            asked[its] = operator.steer(asked[its], qpos[its, 1], yaw_of(qpos[its, 3:7]))
+            asked[its] = operator.steer(
+                asked[its], qpos[its, 1], yaw_of(qpos[its, 3:7])
+            )
         self.command = self.next_command
         inputs = (np.asarray(x, np.float32) for x in (self.command, qpos, qvel, asked))
         with jax.default_device(self._device):
             self._state, targets, self.reference, told = self._control(
-                self._weights, self._state, *(x[self._filled] for x in (*inputs, *drawn))
+                self._weights,
+                self._state,
+                *(x[self._filled] for x in (*inputs, *drawn)),
             )
         self.next_command = np.asarray(told)[self._each]
-        for issued, new in ((self.position, targets.position), (self.velocity, targets.velocity)):
+        for issued, new in (
+            (self.position, targets.position),
+            (self.velocity, targets.velocity),
+        ):
             issued[:, :-1] = issued[:, 1:]
             issued[:, -1] = np.asarray(new)[self._each]
         return [
-            (self.position[self._each, -1 - behind], self.velocity[self._each, -1 - behind])
+            (
+                self.position[self._each, -1 - behind],
+                self.velocity[self._each, -1 - behind],
+            )
             for behind in self._behind.T
         ]
 
 
 def control_steps_behind(latency: float) -> list[int]:
-    """Return how many control steps ago the target was issued that acts in each ms of a control step."""
+    """Return how many control steps ago the target was issued that acts in each ms of a
+    control step."""
     longest = math.ceil(latency / conventions.CONTROL_STEP - 1e-6) + 1
     return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
 
 
-def control_step(config: EnvConfig, noise: RandomizationConfig | None = None) -> Callable[..., Any]:
-    """Return a control step of one robot as a function of a policy and arrays, to be compiled.
+def control_step(
+    config: EnvConfig, noise: RandomizationConfig | None = None
+) -> Callable[..., Any]:
+    """Return a control step of one robot as a function of a policy and arrays, to be
+    compiled.
 
-    (policy, controller state, command, qpos, qvel, command asked for) -> (state, targets, reference, next command)
+    (policy, controller state, command, qpos, qvel, command asked for) -> (state,
+    targets, reference, next command)
 
-    With sensor noise of these deviations two more arguments come last: a random key, and how much of the noise, 0 to 1.
+    With sensor noise of these deviations two more arguments come last: a random key,
+    and how much of the noise, 0 to 1.
     """
     controller = Controller(config)
 
     def control(
-        policy: ActionFunction, state: ControllerState, command: Array, qpos: Array, qvel: Array, asked: Array,
+        policy: ActionFunction,
+        state: ControllerState,
+        command: Array,
+        qpos: Array,
+        qvel: Array,
+        asked: Array,
         *drawn: Array,
-    ) -> tuple[Any, ...]:  # fmt: skip
+    ) -> tuple[Any, ...]:
         measured = sense(qpos, qvel)
         if noise is not None:
             key, share = drawn
             noisy = add_noise(measured, noise, key)
-            measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
+            measured = jax.tree.map(
+                lambda clean, with_noise: clean + share * (with_noise - clean),
+                measured,
+                noisy,
+            )
         state, observation = controller.observe(state, command, measured)
         action = policy(observation)
-        # With the reference, though not everybody asks for it: without it XLA rounds the targets otherwise.
-        return *controller.act(state, command, action), eased(command, asked, config.control)
+        # With the reference, though not everybody asks for it: without it XLA rounds
+        # the targets otherwise.
+        return *controller.act(state, command, action), eased(
+            command, asked, config.control
+        )
 
     return control
 
 
 def _apart(policy: ActionFunction) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-    """Return a function and the weights that come before its observation; other functions have none."""
-    return (NETWORKS[policy.card.activation], policy.weights) if isinstance(policy, Policy) else (policy, ())
+    """Return a function and the weights that come before its observation; other
+    functions have none."""
+    return (
+        (NETWORKS[policy.card.activation], policy.weights)
+        if isinstance(policy, Policy)
+        else (policy, ())
+    )
 
 
-# One compilation serves all runs of all policies of a network's size: a training or a benchmark has many.
+# One compilation serves all runs of all policies of a network's size: a training or a
+# benchmark has many.
 @functools.lru_cache(maxsize=8)
 def _compiled_control_step(
     function: Callable[..., Any], config: EnvConfig, noise: RandomizationConfig | None
@@ -170,6 +224,8 @@ def _compiled_control_step(
     control = control_step(config, noise)
 
     def all_robots(weights: tuple[Any, ...], *rows: Any) -> tuple[Any, ...]:
-        return jax.vmap(functools.partial(control, functools.partial(function, *weights)))(*rows)
+        return jax.vmap(
+            functools.partial(control, functools.partial(function, *weights))
+        )(*rows)
 
     return jax.jit(all_robots)

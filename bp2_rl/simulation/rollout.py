@@ -1,7 +1,9 @@
-"""Runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s side by side.
+"""Runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s side by
+side.
 
-The default simulator, C MuJoCo, is an independent implementation in float64 with a converged solver, so that nothing
-that a policy has learnt about the approximations of its training helps it here.
+The default simulator, C MuJoCo, is an independent implementation in float64 with a
+converged solver, so that nothing that a policy has learnt about the approximations of
+its training helps it here.
 """
 
 import dataclasses
@@ -32,16 +34,25 @@ from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import Ramp, Schedule
-from bp2_rl.simulation.simulator import CONVERGED, DT, Numerics, RobotSetup, Simulator, settled
+from bp2_rl.simulation.simulator import (
+    CONVERGED,
+    DT,
+    Numerics,
+    RobotSetup,
+    Simulator,
+    settled,
+)
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose
 
 MOST = SIZES[-1]
-"""Robots side by side: more are hardly cheaper each, and all that they do is kept until the last is done."""
+"""Robots side by side: more are hardly cheaper each, and all that they do is kept until
+the last is done."""
 
 Watch = Callable[[Simulator, int, Float[np.ndarray, "12"]], bool]
-"""Is shown the simulator, the index of a robot in it, and the torque (Nm) that the robot applied in a millisecond;
-returns whether the run ends, and may change the robot's motors."""
+"""Is shown the simulator, the index of a robot in it, and the torque (Nm) that the
+robot applied in a millisecond; returns whether the run ends, and may change the robot's
+motors."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,20 +73,25 @@ class RunRequest(Bounded):
     gyro_bias: float = 0.0
     """rad/s, of the gyro from which the operator has the heading"""
     noise_seed: int | None = None
-    """of the sensors' noise, whose deviations are those of the policy's training; None: sensors without noise"""
+    """of the sensors' noise, whose deviations are those of the policy's training; None:
+    sensors without noise"""
     finish: Annotated[float, Within(0.0, infinite=True)] = math.inf
     """m, at which distance ahead the run ends"""
     numerics: Numerics = CONVERGED
-    """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
+    """how the physics is computed; samples are taken each ms, and the start is the
+    same, whatever the numerics"""
     watch: Watch | None = None
     name: str = "policy"
     drawn: Draw | None = None
     """what chance makes of the robot; None: it is as designed"""
 
     def robot(self, config: EnvConfig) -> RobotSetup:
-        """Return the robot of this run, under a policy that was trained in an environment."""
+        """Return the robot of this run, under a policy that was trained in an
+        environment."""
         robot = RobotSetup.of(config, self.hardware)
-        return dataclasses.replace(robot, world=self.world, numerics=self.numerics, drawn=self.drawn)
+        return dataclasses.replace(
+            robot, world=self.world, numerics=self.numerics, drawn=self.drawn
+        )
 
 
 def rollout(
@@ -105,7 +121,9 @@ def rollout(
     config = _config_of(policy, config)
     duration = getattr(schedule, "duration", None)
     if not isinstance(duration, float | int) or duration <= 0.0:
-        raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
+        raise UserError(
+            f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}"
+        )
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
     robot = find_robot(str(hardware)) if isinstance(hardware, str | Path) else hardware
     request = RunRequest(asked, robot, operator, world, noise_seed=noise_seed)
@@ -120,44 +138,74 @@ def simulate(
     *,
     backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand, many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, many runs side by side; return the
+    trajectories in order.
 
-    Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32. Drake is a second
-    opinion on C MuJoCo's dynamics and contact.
+    Physics at 1 kHz in float64 with the motors' envelope applied at every step; the
+    policy at 200 Hz in float32 on the CPU, as on the robot. In MJX, the reference
+    engine of training, the physics is in float32. Drake is a second opinion on C
+    MuJoCo's dynamics and contact.
 
     Args:
-        policy: a loaded policy, or a function from an observation to an action, for one robot.
+        policy: a loaded policy, or a function from an observation to an action, for one
+            robot.
         requests: the runs.
-        config: the environment that the policy was trained in; that of a loaded policy's card by default.
+        config: the environment that the policy was trained in; that of a loaded
+            policy's card by default.
         backend: the simulator.
 
     Raises:
-        UserError: a policy without a card and without `config`, a policy that reads other observations than `config`
-            gives, a request that MJX or Drake does not run, or Drake where it is not installed.
+        UserError: a policy without a card and without `config`, a policy that reads
+            other observations than `config` gives, a request that MJX or Drake does not
+            run, or Drake where it is not installed.
     """
     keep_compiled()
     config = _config_of(policy, config)
     require_one_of("backend", backend, TITLES)
-    require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")
+    require_kind(
+        "simulate",
+        requests,
+        Sequence,
+        "several requests, such as [RunRequest(Ramp(10.0))]",
+    )
     for each in requests:
-        require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
+        require_kind(
+            "each request",
+            each,
+            RunRequest,
+            "a RunRequest, such as RunRequest(Ramp(10.0))",
+        )
     return _in_parts(policy, requests, config, _engine(backend))
 
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
-    """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
-    require_kind("config", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
+    """Return the environment in which a policy runs, once it is clear that the policy
+    reads its observations."""
+    require_kind(
+        "config",
+        config,
+        (EnvConfig, NoneType),
+        'settings, such as preset("imitation", "cpu").env',
+    )
     if not callable(policy):
-        raise UserError(f"a policy is run, and {policy!r} is none: pass load_policy({policy!r})")
+        raise UserError(
+            f"a policy is run, and {policy!r} is none: pass load_policy({policy!r})"
+        )
     if not isinstance(policy, Policy):
         if config is None:
-            raise UserError("a policy without a card runs only with a config: pass config=EnvConfig(...)")
+            raise UserError(
+                "a policy without a card runs only with a config: pass config=EnvConfig(...)"
+            )
         return config
     config = config or policy.card.env
-    wanted, given = policy.card.observation_layout, tuple(map(tuple, layout_of(config.control)))
+    wanted, given = (
+        policy.card.observation_layout,
+        tuple(map(tuple, layout_of(config.control))),
+    )
     if wanted != given:
-        entry, other = next(pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1])
+        entry, other = next(
+            pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1]
+        )
         raise UserError(
             f"the policy observes {entry or 'nothing more'} where this config gives {other or 'nothing more'}; pass "
             "no config, or one with the control of policy.card.env"
@@ -166,7 +214,10 @@ def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> Env
 
 
 def _in_parts(
-    policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig, engine: type[Simulator]
+    policy: ActionFunction,
+    requests: Sequence[RunRequest],
+    config: EnvConfig,
+    engine: type[Simulator],
 ) -> Iterator[Trajectory]:
     """Yield the trajectories in order, of at most `MOST` runs at a time."""
     parts = math.ceil(len(requests) / MOST)
@@ -176,7 +227,8 @@ def _in_parts(
 
 def _engine(backend: Backend) -> type[Simulator]:
     if backend == "mjx":
-        from bp2_rl.simulation.mjx import MjxSimulator  # loads JAX's MuJoCo, which takes seconds
+        # loads JAX's MuJoCo, which takes seconds
+        from bp2_rl.simulation.mjx import MjxSimulator
 
         return MjxSimulator
     if backend == "drake":
@@ -187,7 +239,10 @@ def _engine(backend: Backend) -> type[Simulator]:
 
 
 def _simulate(
-    policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest], engine: type[Simulator]
+    policy: ActionFunction,
+    config: EnvConfig,
+    requests: Sequence[RunRequest],
+    engine: type[Simulator],
 ) -> list[Trajectory]:
     count = len(requests)
     robots = [request.robot(config) for request in requests]
@@ -195,7 +250,12 @@ def _simulate(
     schedules = [sampled_commands(request.schedule) for request in requests]
     ticks = np.array([len(commands) - 1 for commands in schedules])
     longest = int(np.max(ticks))
-    scheduled = np.stack([commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules])
+    scheduled = np.stack(
+        [
+            commands[np.minimum(np.arange(longest + 1), len(commands) - 1)]
+            for commands in schedules
+        ]
+    )
     noise = draw_sensor_noise(requests, longest)
     runner = PolicyRunner(
         policy,
@@ -205,28 +265,58 @@ def _simulate(
         commands=scheduled[:, 0],
         noise=config.randomization if noise else None,
     )
-    recording = Recording.empty(config.hardware.anatomy.nq, count, longest * conventions.SUBSTEPS)
+    recording = Recording.empty(
+        config.hardware.anatomy.nq, count, longest * conventions.SUBSTEPS
+    )
     finish = np.array([request.finish for request in requests])
     pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
-    watches = {robot: request.watch for robot, request in enumerate(requests) if request.watch is not None}
-    lasted, fell, ended = ticks * conventions.SUBSTEPS, np.zeros(count, bool), ticks == 0
+    watches = {
+        robot: request.watch
+        for robot, request in enumerate(requests)
+        if request.watch is not None
+    }
+    lasted, fell, ended = (
+        ticks * conventions.SUBSTEPS,
+        np.zeros(count, bool),
+        ticks == 0,
+    )
     for k in range(longest):
         poses = zip(requests, simulator.qpos, strict=True)
-        sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * conventions.CONTROL_STEP) for one, x in poses])
-        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1], *(drawn[:, k] for drawn in noise))
+        sensed = np.stack(
+            [
+                sensed_pose(x, one.world, one.gyro_bias, k * conventions.CONTROL_STEP)
+                for one, x in poses
+            ]
+        )
+        targets = runner.tick(
+            sensed,
+            simulator.qvel,
+            scheduled[:, k + 1],
+            *(drawn[:, k] for drawn in noise),
+        )
         for step, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
             for robot in pushed:
                 if not ended[robot]:
                     requests[robot].world.push(simulator.data[robot], step)
                     simulator.read(robot)
-            recording.qpos[:, step], recording.qvel[:, step] = simulator.qpos, simulator.qvel
-            recording.target[:, step], recording.command[:, step] = position, runner.command
+            recording.qpos[:, step], recording.qvel[:, step] = (
+                simulator.qpos,
+                simulator.qvel,
+            )
+            recording.target[:, step], recording.command[:, step] = (
+                position,
+                runner.command,
+            )
             enough = simulator.qpos[:, 0] >= finish
-            recording.torque[:, step] = simulator.millisecond(position, velocity, np.flatnonzero(~ended))
+            recording.torque[:, step] = simulator.millisecond(
+                position, velocity, np.flatnonzero(~ended)
+            )
             recording.foot_force[:, step] = simulator.foot_force
             down = fall(simulator.qpos, simulator.qvel, config.termination).happened
             for robot, watch in watches.items():
-                enough[robot] |= not ended[robot] and watch(simulator, robot, recording.torque[robot, step])
+                enough[robot] |= not ended[robot] and watch(
+                    simulator, robot, recording.torque[robot, step]
+                )
             over = ~ended & (down | enough)
             lasted[over], fell[over & down] = step + 1, True
             ended |= over
@@ -235,31 +325,46 @@ def _simulate(
             break
     return [
         recording.of(i).trajectory(
-            request, config, engine.backend, length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i)
+            request,
+            config,
+            engine.backend,
+            length=int(lasted[i]),
+            fell=bool(fell[i]),
+            mass=simulator.mass(i),
         )
         for i, request in enumerate(requests)
     ]
 
 
-def draw_sensor_noise(requests: Sequence[RunRequest], ticks: int) -> tuple[np.ndarray, ...]:
-    """Return what `control_step` draws the sensors' noise from: nothing where no robot has noisy sensors.
+def draw_sensor_noise(
+    requests: Sequence[RunRequest], ticks: int
+) -> tuple[np.ndarray, ...]:
+    """Return what `control_step` draws the sensors' noise from: nothing where no robot
+    has noisy sensors.
 
-    Otherwise a random key for every robot and control step (N, T, 2), and that robot's share of the noise (N, T): 1 or
-    0.
+    Otherwise a random key for every robot and control step (N, T, 2), and that robot's
+    share of the noise (N, T): 1 or 0.
     """
     seeds = [request.noise_seed for request in requests]
     if all(seed is None for seed in seeds):
         return ()
     of_steps = jax.vmap(jax.random.fold_in, (None, 0))
     with jax.default_device(jax.devices("cpu")[0]):
-        keys = [np.asarray(of_steps(jax.random.PRNGKey(seed or 0), np.arange(ticks))) for seed in seeds]
-    return np.stack(keys), np.array([[float(seed is not None)] * ticks for seed in seeds])
+        keys = [
+            np.asarray(of_steps(jax.random.PRNGKey(seed or 0), np.arange(ticks)))
+            for seed in seeds
+        ]
+    return np.stack(keys), np.array(
+        [[float(seed is not None)] * ticks for seed in seeds]
+    )
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
     """Return the scheduled command at every control step and at the end of the last."""
     steps = math.ceil(schedule.duration * conventions.POLICY_RATE - 1e-9)
-    return np.stack([schedule.command(k * conventions.CONTROL_STEP) for k in range(steps + 1)])
+    return np.stack(
+        [schedule.command(k * conventions.CONTROL_STEP) for k in range(steps + 1)]
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -275,7 +380,8 @@ class Recording:
 
     @classmethod
     def empty(cls, nq: int, *shape: int) -> "Recording":
-        """Make room for so many runs and milliseconds of robots with `nq` coordinates."""
+        """Make room for so many runs and milliseconds of robots with `nq`
+        coordinates."""
         motors = (conventions.NUM_MOTORS,)
         sizes = (nq,), (nq - 1,), motors, motors, (3,), (4, 3)
         return cls(*(np.zeros((*shape, *size)) for size in sizes))
@@ -285,7 +391,14 @@ class Recording:
         return Recording(*(array[run] for array in vars(self).values()))
 
     def trajectory(
-        self, request: RunRequest, config: EnvConfig, backend: Backend, *, length: int, fell: bool, mass: float
+        self,
+        request: RunRequest,
+        config: EnvConfig,
+        backend: Backend,
+        *,
+        length: int,
+        fell: bool,
+        mass: float,
     ) -> Trajectory:
         """Return the first `length` milliseconds of one run.
 
@@ -299,7 +412,8 @@ class Recording:
         """
         return Trajectory(
             time=np.arange(length) * DT,
-            **{name: array[:length].copy() for name, array in vars(self).items()},  # not the whole batch
+            # not the whole batch
+            **{name: array[:length].copy() for name, array in vars(self).items()},
             dt=DT,
             steady_from=request.schedule.steady_from,
             fell_at=round(length * DT, 6) if fell else None,

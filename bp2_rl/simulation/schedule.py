@@ -37,10 +37,12 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Ramp:
-    """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at `acceleration` (m/s2); `hold` (s).
+    """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at
+    `acceleration` (m/s2); `hold` (s).
 
-    Where a controller tells its policy less, `launching` and `launching_speed` as in `ControlConfig`, the speed v rises
-    as dv/dt = launching (1 - v / launching_speed), an exponential.
+    Where a controller tells its policy less, `launching` and `launching_speed` as in
+    `ControlConfig`, the speed v rises as dv/dt = launching (1 - v / launching_speed),
+    an exponential.
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
@@ -55,7 +57,9 @@ class Ramp:
             object.__setattr__(self, "to", tuple(map(float, self.to)))
         check_bounds(self, "ramp.")
         if isinstance(self.to, Sequence) and len(self.to) != 3:
-            raise UserError(f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}")
+            raise UserError(
+                f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}"
+            )
         if self._speed >= self.launching_speed:
             raise UserError(
                 f"{self._speed:g} m/s is never reached: the policy's control.launching_speed is "
@@ -64,12 +68,16 @@ class Ramp:
 
     def under(self, control: ControlConfig) -> "Ramp":
         """Return this ramp as the controller's policy is told it."""
-        return dataclasses.replace(self, launching=control.launching, launching_speed=control.launching_speed)
+        return dataclasses.replace(
+            self, launching=control.launching, launching_speed=control.launching_speed
+        )
 
     @property
     def target(self) -> Command:
         """The command that is held at last."""
-        forward, left, turn = self.to if isinstance(self.to, Sequence) else (self.to, 0.0, 0.0)
+        forward, left, turn = (
+            self.to if isinstance(self.to, Sequence) else (self.to, 0.0, 0.0)
+        )
         return forward, left, turn
 
     @property
@@ -77,7 +85,9 @@ class Ramp:
         """When the target is reached, s; a pure turn has no ramp."""
         if self._speed <= self._knee:
             return self._speed / self._rate
-        left = (self.launching_speed - self._speed) / (self.launching_speed - self._knee)
+        left = (self.launching_speed - self._speed) / (
+            self.launching_speed - self._knee
+        )
         return self._knee / self._rate - math.log(left) * self._time_constant
 
     @property
@@ -92,7 +102,9 @@ class Ramp:
         since = time - self._knee / self._rate
         if since <= 0.0:
             return time / (self._speed / self._rate) * np.array(self.target)
-        left = (self.launching_speed - self._knee) * math.exp(-since / self._time_constant)
+        left = (self.launching_speed - self._knee) * math.exp(
+            -since / self._time_constant
+        )
         return (self.launching_speed - left) / self._speed * np.array(self.target)
 
     @property
@@ -139,7 +151,9 @@ class Course(Bounded, path="course."):
     def to(self, command: Command, seconds: float) -> "Course":
         """Return this course with one more leg: to a command in so many seconds."""
         if np.shape(command) != (3,):
-            raise UserError(f"a course leads to three numbers (forward, left, yaw rate); got {command}")
+            raise UserError(
+                f"a course leads to three numbers (forward, left, yaw rate); got {command}"
+            )
         forward, left, turn = command
         return Course((*self.legs, CourseLeg((forward, left, turn), seconds)))
 
@@ -162,7 +176,12 @@ class Course(Bounded, path="course."):
 
     def command(self, time: float) -> Float[np.ndarray, "3"]:
         """The command at a time."""
-        return np.array([np.interp(time, self._times, part) for part in zip(*self._commands, strict=True)])
+        return np.array(
+            [
+                np.interp(time, self._times, part)
+                for part in zip(*self._commands, strict=True)
+            ]
+        )
 
     @property
     def _commands(self) -> tuple[Command, ...]:
@@ -170,4 +189,6 @@ class Course(Bounded, path="course."):
 
     @property
     def _times(self) -> tuple[float, ...]:
-        return tuple(sum(leg.seconds for leg in self.legs[:k]) for k in range(len(self.legs) + 1))
+        return tuple(
+            sum(leg.seconds for leg in self.legs[:k]) for k in range(len(self.legs) + 1)
+        )

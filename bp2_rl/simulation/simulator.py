@@ -1,7 +1,9 @@
-"""The simulator: robots in C MuJoCo side by side, millisecond by millisecond, with the laws of motors and losses.
+"""The simulator: robots in C MuJoCo side by side, millisecond by millisecond, with the
+laws of motors and losses.
 
-The physics is float64 with a converged solver. The laws are compiled once for all robots, and MuJoCo steps each robot
-by itself, so that robots may differ in hardware, ground and numerics. Compiled laws round otherwise than NumPy's.
+The physics is float64 with a converged solver. The laws are compiled once for all
+robots, and MuJoCo steps each robot by itself, so that robots may differ in hardware,
+ground and numerics. Compiled laws round otherwise than NumPy's.
 """
 
 import dataclasses
@@ -28,18 +30,24 @@ from bp2_rl.simulation.world import LEVEL, World
 
 DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
-SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
-OUTSIDE = 0.1  # Nm, beyond the envelope at a step's end, that is not worth another trial
+# 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die
+# away
+SETTLING_DAMPING = 10.0
+# Nm, beyond the envelope at a step's end, that is not worth another trial
+OUTSIDE = 0.1
 TRIALS = 12  # of a step, at most; two or three mostly do
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """How C MuJoCo computes a millisecond; the defaults are those of every benchmark."""
+    """How C MuJoCo computes a millisecond; the defaults are those of every
+    benchmark."""
 
-    steps: int = 1  # physics steps, at least; Drake takes more where its contact needs them
-    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
+    # physics steps, at least; Drake takes more where its contact needs them
+    steps: int = 1
+    # torques and their limits are computed anew at each of them, not held between
+    motors_each_step: bool = False
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most
     tolerance: float = 1e-10  # scaled residual at which the solver is done
@@ -59,7 +67,10 @@ class Numerics:
         """Set the model's options; the physics alone changes, not the robot."""
         model.opt.timestep = DT / self.steps
         let_converge(
-            model, iterations=self.iterations, line_search=self.line_search_iterations, tolerance=self.tolerance
+            model,
+            iterations=self.iterations,
+            line_search=self.line_search_iterations,
+            tolerance=self.tolerance,
         )
 
 
@@ -68,7 +79,8 @@ CONVERGED = Numerics()
 
 @dataclasses.dataclass(frozen=True)
 class RobotSetup:
-    """A robot to simulate: its hardware and gains, its ground, and how its physics is computed."""
+    """A robot to simulate: its hardware and gains, its ground, and how its physics is
+    computed."""
 
     config: EnvConfig
     world: World = LEVEL
@@ -77,12 +89,15 @@ class RobotSetup:
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
-        """Return the robot under a policy's environment, with other hardware where it is not that environment's."""
+        """Return the robot under a policy's environment, with other hardware where it
+        is not that environment's."""
         return cls(dataclasses.replace(config, hardware=hardware or config.hardware))
 
     def model(self) -> mujoco.MjModel:
         """Return the robot's MuJoCo model, which reports the forces on its feet."""
-        model = load_model(self.config.hardware, visual=False, weighed=True, scene=self.world.scene())
+        model = load_model(
+            self.config.hardware, visual=False, weighed=True, scene=self.world.scene()
+        )
         self.world.tilt(model)
         self.numerics.apply(model)
         if self.drawn:
@@ -97,21 +112,30 @@ class RobotSetup:
     def resistance(self) -> Resistance | None:
         """Return what resists the robot's motion; None where nothing does."""
         resistance = Resistance.from_hardware(self.config.hardware)
-        return self.drawn.resistance(resistance, self.config.hardware) if self.drawn and resistance else resistance
+        return (
+            self.drawn.resistance(resistance, self.config.hardware)
+            if self.drawn and resistance
+            else resistance
+        )
 
     @property
     def latency(self) -> float:
         """From an observation to the joint target it leads to, s."""
         hardware = self.config.hardware
-        return float(self.drawn.values(hardware).latency) if self.drawn else hardware.losses.latency
+        return (
+            float(self.drawn.values(hardware).latency)
+            if self.drawn
+            else hardware.losses.latency
+        )
 
 
 class Simulator:
     """N robots and their states, each of which stands at its keyframe `stand` at first.
 
-    A robot's torque keeps to the motors' envelope at the start of each step. Where the hardware says so (`envelope`),
-    it keeps to the envelope at the step's end as well, and so all the time: MuJoCo takes a step whose torque leaves the
-    envelope again with less.
+    A robot's torque keeps to the motors' envelope at the start of each step. Where the
+    hardware says so (`envelope`), it keeps to the envelope at the step's end as well,
+    and so all the time: MuJoCo takes a step whose torque leaves the envelope again with
+    less.
 
     Args:
         robots: what is simulated.
@@ -123,32 +147,52 @@ class Simulator:
         qpos: (N, nq), the robots' positions.
         qvel: (N, nv), the robots' velocities.
         torque: (N, 12), Nm, last applied.
-        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame; 0 before it.
+        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world
+            frame; 0 before it.
         motors: each robot's motors; `set_motors` changes them.
     """
 
     backend: ClassVar[Backend] = "mujoco"
 
-    def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
-        self.models = [robot.model() for robot in robots] if models is None else list(models)
+    def __init__(
+        self,
+        robots: Sequence[RobotSetup],
+        models: Sequence[mujoco.MjModel] | None = None,
+    ):
+        self.models = (
+            [robot.model() for robot in robots] if models is None else list(models)
+        )
         self.data = [mujoco.MjData(model) for model in self.models]
         self.motors = [robot.motors() for robot in robots]
         self._resistance = [robot.resistance() for robot in robots]
         self._periods = [robot.numerics.period for robot in robots]
         self._updates = np.array([robot.numerics.updates for robot in robots])
-        self._steps = [robot.numerics.steps // robot.numerics.updates for robot in robots]
-        self._throughout = np.array([robot.config.hardware.envelope == "throughout" for robot in robots])
-        self._most_updates, self._all_throughout = int(np.max(self._updates)), bool(np.all(self._throughout))
+        self._steps = [
+            robot.numerics.steps // robot.numerics.updates for robot in robots
+        ]
+        self._throughout = np.array(
+            [robot.config.hardware.envelope == "throughout" for robot in robots]
+        )
+        self._most_updates, self._all_throughout = (
+            int(np.max(self._updates)),
+            bool(np.all(self._throughout)),
+        )
         self._rows = None
         for model, data in zip(self.models, self.data, strict=True):
             mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
         # Looking an array up in MuJoCo's data takes longer than writing it.
         self._inputs = [(data.ctrl, data.qfrc_applied) for data in self.data]
-        self._outputs = [(data.qpos, data.qvel, foot_forces(data)) for data in self.data]
-        self._start = np.empty((len(robots), mujoco.mj_stateSize(self.models[0], STATE)))
+        self._outputs = [
+            (data.qpos, data.qvel, foot_forces(data)) for data in self.data
+        ]
+        self._start = np.empty(
+            (len(robots), mujoco.mj_stateSize(self.models[0], STATE))
+        )
         self._mobility = np.zeros((len(robots), conventions.NUM_MOTORS))
         self._everyone = np.arange(len(robots))
-        self.qpos, self.qvel, self.foot_force = (np.stack(values) for values in zip(*self._outputs, strict=True))
+        self.qpos, self.qvel, self.foot_force = (
+            np.stack(values) for values in zip(*self._outputs, strict=True)
+        )
         self.torque = np.zeros((len(robots), conventions.NUM_MOTORS))
 
     def __len__(self) -> int:
@@ -161,7 +205,9 @@ class Simulator:
 
     def read(self, robot: int) -> None:
         """Read a robot's state from `data` after a change from outside."""
-        self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[robot]
+        self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[
+            robot
+        ]
         self.torque = self.torque.copy()  # a millisecond has returned it
         self.torque[robot] = self.data[robot].ctrl
 
@@ -182,11 +228,15 @@ class Simulator:
         self.motors[robot], self._rows = motors, None
 
     def settle(self) -> None:
-        """Let all robots stand at the keyframe `stand` under the joint PD loop until still, then call that the origin.
+        """Let all robots stand at the keyframe `stand` under the joint PD loop until
+        still, then call that the origin.
 
         The robots' sway is damped meanwhile.
         """
-        stand, still = joint_positions(self.qpos).copy(), np.zeros((len(self), conventions.NUM_MOTORS))
+        stand, still = (
+            joint_positions(self.qpos).copy(),
+            np.zeros((len(self), conventions.NUM_MOTORS)),
+        )
         for _ in range(round(SETTLING_TIME / DT)):
             self.millisecond(stand, still)
             for robot, data in enumerate(self.data):
@@ -202,12 +252,14 @@ class Simulator:
         velocity: Float[np.ndarray, "N 12"],
         robots: Int[np.ndarray, " M"] | None = None,
     ) -> Float[np.ndarray, "N 12"]:
-        """Advance motors and physics by a millisecond; return the torques applied at its beginning, Nm.
+        """Advance motors and physics by a millisecond; return the torques applied at
+        its beginning, Nm.
 
         Args:
             position: the joints' targets, rad.
             velocity: the targets' rates, rad/s.
-            robots: indices of those that move, all by default; the others stay as they are.
+            robots: indices of those that move, all by default; the others stay as they
+                are.
         """
         robots = self._everyone if robots is None else robots
         self._update(position, velocity, robots)
@@ -217,9 +269,13 @@ class Simulator:
         return torque
 
     def _update(
-        self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], robots: Int[np.ndarray, " M"]
+        self,
+        position: Float[np.ndarray, "N 12"],
+        velocity: Float[np.ndarray, "N 12"],
+        robots: Int[np.ndarray, " M"],
     ) -> None:
-        """Compute the motors' torques once, and take the physics steps for which they are held."""
+        """Compute the motors' torques once, and take the physics steps for which they
+        are held."""
         if not len(robots):
             return
         if self._rows is None:
@@ -229,51 +285,83 @@ class Simulator:
         forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
         tried = robots if self._all_throughout else robots[self._throughout[robots]]
         for robot in tried.tolist():
-            mujoco.mj_getState(self.models[robot], self.data[robot], self._start[robot], STATE)
+            mujoco.mj_getState(
+                self.models[robot], self.data[robot], self._start[robot], STATE
+            )
         for trial in range(TRIALS if len(tried) else 0):
             self._step(tried, forces)
-            for robot in tried.tolist() if trial == 0 else ():  # of the step's start, which all trials share
+            # of the step's start, which all trials share
+            for robot in tried.tolist() if trial == 0 else ():
                 self._mobility[robot] = self._mobilities(robot)
-            again = laws.correct(self._rows, forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
+            again = laws.correct(
+                self._rows,
+                forces[:, :12],
+                before,
+                qpos,
+                qvel,
+                self.qvel,
+                self._mobility,
+            )
             tried = tried[again[tried, -1] > OUTSIDE]
             if not len(tried):
                 break
             forces = forces.copy()
             forces[tried] = again[tried, :-1]
             for robot in tried.tolist():
-                mujoco.mj_setState(self.models[robot], self.data[robot], self._start[robot], STATE)
+                mujoco.mj_setState(
+                    self.models[robot], self.data[robot], self._start[robot], STATE
+                )
         self._step(tried, forces)
         if not self._all_throughout:
             self._step(robots[~self._throughout[robots]], forces)
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
-    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]) -> None:
+    def _step(
+        self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]
+    ) -> None:
         for robot in robots.tolist():
-            (torque, force), (qpos, qvel, foot_force) = self._inputs[robot], self._outputs[robot]
+            (torque, force), (qpos, qvel, foot_force) = (
+                self._inputs[robot],
+                self._outputs[robot],
+            )
             torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
             self._advance(robot)
-            self.qpos[robot], self.qvel[robot], self.foot_force[robot] = qpos, qvel, foot_force
+            self.qpos[robot], self.qvel[robot], self.foot_force[robot] = (
+                qpos,
+                qvel,
+                foot_force,
+            )
 
     def _advance(self, robot: int) -> None:
-        """Take the physics steps of one update, and leave the state, and the forces on the feet, in `data`."""
+        """Take the physics steps of one update, and leave the state, and the forces on
+        the feet, in `data`."""
         mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
 
     def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
-        """Return each joint's acceleration per torque on it, rad/s2/Nm, in the state that the last step began with."""
+        """Return each joint's acceleration per torque on it, rad/s2/Nm, in the state
+        that the last step began with."""
         unit = _unit(self.models[robot].nv)
         answer = np.empty_like(unit)
         mujoco.mj_solveM(self.models[robot], self.data[robot], answer, unit)
         return answer[unit > 0.0]
 
 
-def settled(robots: Sequence[RobotSetup], engine: type[Simulator] = Simulator) -> Simulator:
+def settled(
+    robots: Sequence[RobotSetup], engine: type[Simulator] = Simulator
+) -> Simulator:
     """Return a simulator whose robots stand at rest on their feet at the origin.
 
-    Each kind of robot is settled once in a process, by C MuJoCo with the usual numerics, as it was designed; `engine`
-    then takes it over.
+    Each kind of robot is settled once in a process, by C MuJoCo with the usual
+    numerics, as it was designed; `engine` then takes it over.
     """
-    kinds = [(RobotSetup(one.config, dataclasses.replace(one.world, pushes=())), SETTLING_TIME) for one in robots]
+    kinds = [
+        (
+            RobotSetup(one.config, dataclasses.replace(one.world, pushes=())),
+            SETTLING_TIME,
+        )
+        for one in robots
+    ]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:
         settling = Simulator([robot for robot, _ in new])

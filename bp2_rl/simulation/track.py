@@ -1,4 +1,5 @@
-"""Where a run went along the straight line through its start, and how much of a lane it used."""
+"""Where a run went along the straight line through its start, and how much of a lane it
+used."""
 
 import dataclasses
 
@@ -13,22 +14,28 @@ LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4
 
 @dataclasses.dataclass(frozen=True)
 class Lane:
-    """How much of the track's width was used, from the line through the start along the first heading."""
+    """How much of the track's width was used, from the line through the start along the
+    first heading."""
 
     trunk_offset: float  # m, greatest, of the trunk's centre
-    trunk_reach: float  # m, greatest, of the trunk's sides: 0.44 m wide, 0.80 m long, at its heading
+    # m, greatest, of the trunk's sides: 0.44 m wide, 0.80 m long, at its heading
+    trunk_reach: float
     foot_reach: float  # m, greatest, of the feet's outer edges
     kept: bool  # all of it stayed within half a lane's width to either side
 
 
-def track_position(run: Trajectory) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """The trunk's centre along the line through its start along its first heading, and to the left of it, m."""
+def track_position(
+    run: Trajectory,
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """The trunk's centre along the line through its start along its first heading, and
+    to the left of it, m."""
     along, left = _on_track(run, run.qpos[:, None, :2])
     return along[:, 0], left[:, 0]
 
 
 def time_at(run: Trajectory, distance: float) -> float | None:
-    """When the trunk's centre first was so far ahead, s, interpolated between samples; None if it never was."""
+    """When the trunk's centre first was so far ahead, s, interpolated between samples;
+    None if it never was."""
     along = track_position(run)[0]
     there = int(np.argmax(along >= distance))
     if along[there] < distance:
@@ -39,13 +46,16 @@ def time_at(run: Trajectory, distance: float) -> float | None:
 
 def measure_lane(run: Trajectory) -> Lane:
     """How far trunk and feet came from the line."""
-    trunk, feet = (float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run)))
+    trunk, feet = (
+        float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run))
+    )
     offset = float(np.max(np.abs(track_position(run)[1])))
     return Lane(offset, trunk, feet, kept=max(trunk, feet) <= LANE_WIDTH / 2)
 
 
 def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Where the trunk's rightmost and leftmost corners are, m to the left of the line."""
+    """Where the trunk's rightmost and leftmost corners are, m to the left of the
+    line."""
     turned = run.heading - run.heading[0]
     half_length, half_width = run.hardware.anatomy.footprint
     half = half_width * np.abs(np.cos(turned)) + half_length * np.abs(np.sin(turned))
@@ -53,16 +63,24 @@ def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
 
 
 def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Where the rightmost and leftmost edges of the feet's spheres are, m to the left of the line."""
+    """Where the rightmost and leftmost edges of the feet's spheres are, m to the left
+    of the line."""
     left = _on_track(run, foot_centres(run)[:, :, :2])[1]
     radius = run.hardware.anatomy.geometry.foot_radius
-    return np.stack([np.min(left - radius, axis=1), np.max(left + radius, axis=1)], axis=-1)
+    return np.stack(
+        [np.min(left - radius, axis=1), np.max(left + radius, axis=1)], axis=-1
+    )
 
 
 def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
-    """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
+    """Centres of the feet's spheres in the world, m: a radius above the soles, up the
+    lower legs."""
     joints = run.joint_position.reshape(-1, 4, 3)
-    feet = foot_position(joints, run.spring_compression + run.hardware.anatomy.geometry.foot_radius, run.hardware)
+    feet = foot_position(
+        joints,
+        run.spring_compression + run.hardware.anatomy.geometry.foot_radius,
+        run.hardware,
+    )
     w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
     turn = 2.0 * np.cross(v, feet)
     return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
@@ -71,7 +89,8 @@ def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
 def _on_track(
     run: Trajectory, points: Float[np.ndarray, "N n 2"]
 ) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
-    """Points of the ground along the line through the start and to the left of it, m."""
+    """Points of the ground along the line through the start and to the left of it,
+    m."""
     x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
     cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
     return cos * x + sin * y, cos * y - sin * x

@@ -1,4 +1,5 @@
-"""What a run leaves to look at: every physics step of one robot, and the facts needed to measure it."""
+"""What a run leaves to look at: every physics step of one robot, and the facts needed
+to measure it."""
 
 import dataclasses
 import functools
@@ -12,7 +13,12 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
+from bp2_rl.robot.coordinates import (
+    compression_rates,
+    compressions,
+    joint_positions,
+    joint_velocities,
+)
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 
@@ -26,9 +32,14 @@ def _shapes(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
     """The shape of one sample of each array."""
     nq = hardware.anatomy.nq
     return {
-        "time": (), "qpos": (nq,), "qvel": (nq - 1,), "torque": (12,), "target": (12,), "command": (3,),
+        "time": (),
+        "qpos": (nq,),
+        "qvel": (nq - 1,),
+        "torque": (12,),
+        "target": (12,),
+        "command": (3,),
         "foot_force": (4, 3),
-    }  # fmt: skip
+    }
 
 
 class TrajectoryError(UserError):
@@ -39,20 +50,26 @@ class TrajectoryError(UserError):
 class Trajectory:
     """One run, sampled at every physics step.
 
-    Sample k is the state at `time[k]`, with the torque, the target and the command that acted from there to the
-    next sample and the ground's forces under that torque. A run ends with the last sample before a fall.
-    Legs are FR, FL, RR, RL; motors abad, hip, knee of each; a leg's four joints in `qpos` end with its spring.
+    Sample k is the state at `time[k]`, with the torque, the target and the command that
+    acted from there to the next sample and the ground's forces under that torque. A run
+    ends with the last sample before a fall. Legs are FR, FL, RR, RL; motors abad, hip,
+    knee of each; a leg's four joints in `qpos` end with its spring.
     """
 
     time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
-    qpos: Float[np.ndarray, "N nq"]  # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
-    qvel: Float[np.ndarray, "N nv"]  # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
+    # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
+    qpos: Float[np.ndarray, "N nq"]
+    # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
+    qvel: Float[np.ndarray, "N nv"]
     torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
     target: Float[np.ndarray, "N 12"]  # rad, the policy's joint targets
-    command: Float[np.ndarray, "N 3"]  # m/s forward, m/s to the left, rad/s yaw, as the policy was told
+    # m/s forward, m/s to the left, rad/s yaw, as the policy was told
+    command: Float[np.ndarray, "N 3"]
     foot_force: Float[np.ndarray, "N 4 3"]  # N, world, from the ground on the robot
     dt: float  # s
-    steady_from: float  # s, when the schedule holds its last command; may lie after the end of a run that fell
+    # s, when the schedule holds its last command; may lie after the end of a run that
+    # fell
+    steady_from: float
     fell_at: float | None  # s
     mass: float  # kg, of the robot that ran
     hardware: HardwareSpec
@@ -64,7 +81,9 @@ class Trajectory:
         for field, shape in _shapes(self.hardware).items():
             expected = (len(self.time), *shape)
             if getattr(self, field).shape != expected:
-                raise ValueError(f"trajectory.{field} has shape {getattr(self, field).shape}, expected {expected}")
+                raise ValueError(
+                    f"trajectory.{field} has shape {getattr(self, field).shape}, expected {expected}"
+                )
         if len(self.time) < 2:
             raise ValueError("a trajectory needs at least two samples")
 
@@ -80,7 +99,8 @@ class Trajectory:
     @functools.cached_property
     def metrics(self) -> "RunMetrics":
         """All figures of merit of the run, computed when they are first asked for."""
-        from bp2_rl.simulation.metrics import measure  # metrics are functions of trajectories
+        # metrics are functions of trajectories
+        from bp2_rl.simulation.metrics import measure
 
         return measure(self)
 
@@ -111,23 +131,45 @@ class Trajectory:
 
     @property
     def ground_velocity(self) -> Float[np.ndarray, "N 2"]:
-        """Trunk velocity forward and to the left of its heading, m/s: what the command commands."""
+        """Trunk velocity forward and to the left of its heading, m/s: what the command
+        commands."""
         cos, sin = np.cos(self.heading), np.sin(self.heading)
         vx, vy = self.qvel[:, 0], self.qvel[:, 1]
         return np.stack((cos * vx + sin * vy, cos * vy - sin * vx), axis=-1)
 
     def between(self, start: float, stop: float) -> "Trajectory":
-        """The samples with start <= time < stop (s); `fell_at` is kept only if it lies inside."""
-        inside = slice(*np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt)))
-        fell = self.fell_at if self.fell_at is not None and start <= self.fell_at <= stop else None
-        samples = {field: getattr(self, field)[inside] for field in _shapes(self.hardware)}
+        """The samples with start <= time < stop (s); `fell_at` is kept only if it lies
+        inside."""
+        inside = slice(
+            *np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt))
+        )
+        fell = (
+            self.fell_at
+            if self.fell_at is not None and start <= self.fell_at <= stop
+            else None
+        )
+        samples = {
+            field: getattr(self, field)[inside] for field in _shapes(self.hardware)
+        }
         return dataclasses.replace(self, fell_at=fell, **samples)
 
     def save(self, path: Path | str) -> None:
         """Write one .npz (never a pickle), whole or not at all."""
-        facts = _Facts(**{field.name: getattr(self, field.name) for field in dataclasses.fields(_Facts)})
+        facts = _Facts(
+            **{
+                field.name: getattr(self, field.name)
+                for field in dataclasses.fields(_Facts)
+            }
+        )
         arrays = {field: getattr(self, field) for field in _shapes(self.hardware)}
-        write_npz(path, {"format": np.array(FORMAT), "facts": np.array(json.dumps(to_json(facts))), **arrays})
+        write_npz(
+            path,
+            {
+                "format": np.array(FORMAT),
+                "facts": np.array(json.dumps(to_json(facts))),
+                **arrays,
+            },
+        )
 
     @classmethod
     def load(cls, path: Path | str) -> "Trajectory":
@@ -137,17 +179,37 @@ class Trajectory:
         try:
             content = read_bytes(path)
             text = ArraySpec(np.str_, ())
-            told = read_npz(path, {"format": text, "facts": text}, content=content, largest=len(content))
+            told = read_npz(
+                path,
+                {"format": text, "facts": text},
+                content=content,
+                largest=len(content),
+            )
             if str(told["format"]) != FORMAT:
-                raise TrajectoryError(f"{path} is of format {told['format']}, this version reads {FORMAT}")
+                raise TrajectoryError(
+                    f"{path} is of format {told['format']}, this version reads {FORMAT}"
+                )
             facts = from_json(_Facts, parse_json(str(told["facts"]), "facts"))
-            wanted = {field: ArraySpec(np.floating, ("N", *shape)) for field, shape in _shapes(facts.hardware).items()}
+            wanted = {
+                field: ArraySpec(np.floating, ("N", *shape))
+                for field, shape in _shapes(facts.hardware).items()
+            }
             arrays = read_npz(path, wanted, content=content, largest=len(content))
-            return cls(**arrays, **{field.name: getattr(facts, field.name) for field in dataclasses.fields(_Facts)})
+            return cls(
+                **arrays,
+                **{
+                    field.name: getattr(facts, field.name)
+                    for field in dataclasses.fields(_Facts)
+                },
+            )
         except TrajectoryError:
             raise
-        except ValueError as error:  # whatever is wrong with files, their arrays and their facts
-            raise TrajectoryError(f"{path} is no trajectory, or not a whole one ({error})") from None
+        except (
+            ValueError
+        ) as error:  # whatever is wrong with files, their arrays and their facts
+            raise TrajectoryError(
+                f"{path} is no trajectory, or not a whole one ({error})"
+            ) from None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""Parts of a run: its fastest stretch, its hold, and the part that stands for steady running."""
+"""Parts of a run: its fastest stretch, its hold, and the part that stands for steady
+running."""
 
 import math
 from typing import NamedTuple
@@ -16,14 +17,17 @@ class BestWindow(NamedTuple):
     speed: float  # m/s, its mean
 
 
-def window_means(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " M"]:
+def window_means(
+    values: Float[np.ndarray, " N"], samples: int
+) -> Float[np.ndarray, " M"]:
     """Means over every window of so many samples, by its first sample."""
     sums = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
     return (sums[samples:] - sums[:-samples]) / samples
 
 
 def best_window(run: Trajectory, length: float) -> BestWindow | None:
-    """The window of `length` seconds with the highest mean forward speed; None where the run is shorter."""
+    """The window of `length` seconds with the highest mean forward speed; None where
+    the run is shorter."""
     samples = round(length / run.dt)
     if len(run) < samples:
         return None
@@ -33,13 +37,17 @@ def best_window(run: Trajectory, length: float) -> BestWindow | None:
 
 
 def hold_phase(run: Trajectory) -> Trajectory | None:
-    """The part under the schedule's last command, if it was run for at least a second."""
+    """The part under the schedule's last command, if it was run for at least a
+    second."""
     held = len(run) * run.dt - run.steady_from
-    return run.between(run.steady_from, math.inf) if held >= 1.0 - 0.5 * run.dt else None
+    return (
+        run.between(run.steady_from, math.inf) if held >= 1.0 - 0.5 * run.dt else None
+    )
 
 
 def steady_window(run: Trajectory) -> Trajectory:
-    """The part that stands for steady running: the hold phase, or else the best second, or else all."""
+    """The part that stands for steady running: the hold phase, or else the best second,
+    or else all."""
     hold, best = hold_phase(run), best_window(run, 1.0)
     if hold is not None:
         return hold

@@ -1,4 +1,5 @@
-"""What a robot runs on, and what shoves it: slopes, rough ground, pushes, and what its sensors make of them."""
+"""What a robot runs on, and what shoves it: slopes, rough ground, pushes, and what its
+sensors make of them."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,15 +13,16 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot import conventions
 from bp2_rl.robot.kinematics import yaw_of
 
-LENGTH, BREADTH = 130.0, 12.0  # m, of the rough ground: from 5 m behind the start, to both sides of it
+# m, of the rough ground: from 5 m behind the start, to both sides of it
+LENGTH, BREADTH = 130.0, 12.0
 BEHIND = 5.0  # m
 EVEN = 1.0  # m, around the start: there it is even
 
 
 @dataclasses.dataclass(frozen=True)
 class Push(Bounded, path="push."):
-    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in the frame of its heading, and
-    its yaw rate by `turn` (rad/s)."""
+    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in
+    the frame of its heading, and its yaw rate by `turn` (rad/s)."""
 
     time: Annotated[float, Within(0.0, 3600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
@@ -30,18 +32,24 @@ class Push(Bounded, path="push."):
 
 @dataclasses.dataclass(frozen=True)
 class World(Bounded, path="world."):
-    """Ground and disturbances; the default is a level, even floor where nothing happens.
+    """Ground and disturbances; the default is a level, even floor where nothing
+    happens.
 
-    `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the lowest point to the highest.
+    `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the
+    lowest point to the highest.
 
-    On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and speeds are those over the slope,
-    and sensors are told where the true vertical is. Rough ground is a field of heights drawn evenly, at points `cell`
-    apart, and straight between them.
+    On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and
+    speeds are those over the slope, and sensors are told where the true vertical is.
+    Rough ground is a field of heights drawn evenly, at points `cell` apart, and
+    straight between them.
     """
 
-    slope: Annotated[float, Within(-0.5, 0.5)] = 0.0  # rad, by which the ground rises along x
-    roughness: Annotated[float, Within(0.0, 0.2)] = 0.0  # m, from the lowest point to the highest
-    cell: Annotated[float, Within(0.05, 1.0)] = 0.1  # m, between the points of rough ground whose heights are drawn
+    # rad, by which the ground rises along x
+    slope: Annotated[float, Within(-0.5, 0.5)] = 0.0
+    # m, from the lowest point to the highest
+    roughness: Annotated[float, Within(0.0, 0.2)] = 0.0
+    # m, between the points of rough ground whose heights are drawn
+    cell: Annotated[float, Within(0.05, 1.0)] = 0.1
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of the rough ground
     pushes: tuple[Push, ...] = ()
 
@@ -52,7 +60,9 @@ class World(Bounded, path="world."):
     def tilt(self, model: mujoco.MjModel) -> None:
         """Let gravity pull as on the slope."""
         if self.slope != 0.0:
-            model.opt.gravity[:] = conventions.GRAVITY * np.array([-np.sin(self.slope), 0.0, -np.cos(self.slope)])
+            model.opt.gravity[:] = conventions.GRAVITY * np.array(
+                [-np.sin(self.slope), 0.0, -np.cos(self.slope)]
+            )
 
     def push(self, data: mujoco.MjData, step: int) -> None:
         """Shove the robot if it is to be shoved at the beginning of this ms."""
@@ -61,11 +71,15 @@ class World(Bounded, path="world."):
                 shove(data, push.forward, push.left, push.turn)
 
     def heights(self) -> Float[np.ndarray, "rows columns"]:
-        """Heights of the rough ground, m: rows along y from the right, columns along x from behind."""
+        """Heights of the rough ground, m: rows along y from the right, columns along x
+        from behind."""
         rows, columns = (round(size / self.cell) + 1 for size in (BREADTH, LENGTH))
         drawn = np.random.default_rng(self.seed).uniform(size=(rows, columns))
         share = (drawn - drawn.min()) / (drawn.max() - drawn.min()) - 0.5
-        y, x = np.linspace(-BREADTH / 2, BREADTH / 2, rows), np.linspace(-BEHIND, LENGTH - BEHIND, columns)
+        y, x = (
+            np.linspace(-BREADTH / 2, BREADTH / 2, rows),
+            np.linspace(-BEHIND, LENGTH - BEHIND, columns),
+        )
         share[(np.abs(y)[:, None] <= EVEN) & (np.abs(x) <= EVEN)] = 0.0
         return self.roughness * share
 
@@ -88,7 +102,8 @@ LEVEL = World()
 
 
 def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:
-    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading, and its yaw rate by rad/s."""
+    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading,
+    and its yaw rate by rad/s."""
     yaw = yaw_of(data.qpos[3:7])
     cos, sin = np.cos(yaw), np.sin(yaw)
     data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
@@ -102,18 +117,23 @@ def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -
 def sensed_pose(
     qpos: Float[np.ndarray, " nq"], world: World, gyro_bias: float, time: float
 ) -> Float[np.ndarray, " nq"]:
-    """The state as the robot and its operator know it: upright is against gravity, and a heading strays.
+    """The state as the robot and its operator know it: upright is against gravity, and
+    a heading strays.
 
     Args:
         qpos: the true one, in the frame of the ground.
         world: what it runs on.
-        gyro_bias: rad/s, of the gyro that the heading is integrated from, since the start.
+        gyro_bias: rad/s, of the gyro that the heading is integrated from, since the
+            start.
         time: s, since then.
     """
     if world.slope == 0.0 and gyro_bias == 0.0:
         return qpos
     sensed = qpos.copy()
-    for axis, angle in (((0.0, 1.0, 0.0), -world.slope), ((0.0, 0.0, 1.0), gyro_bias * time)):
+    for axis, angle in (
+        ((0.0, 1.0, 0.0), -world.slope),
+        ((0.0, 0.0, 1.0), gyro_bias * time),
+    ):
         turn, before = np.zeros(4), sensed[3:7].copy()
         mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
         mujoco.mju_mulQuat(sensed[3:7], turn, before)

@@ -1,5 +1,5 @@
-"""Damaged files of every kind, given to every command that reads them: read all the same, or refused in one line with
-status 2; and what was there is there still."""
+"""Damaged files of every kind, given to every command that reads them: read all the
+same, or refused in one line with status 2; and what was there is there still."""
 
 import dataclasses
 import importlib
@@ -36,7 +36,11 @@ POLICY_FILES = ("run/policy/card.json", "run/policy/weights.npz")
 SOLUTION = ("family/speed-00.50.json", "family/speed-00.50.npz")
 SWEEP_FILES = ("sweep/sweep.json", "sweep/speed-00.50-start-0.attempt.json")
 SLOWEST = ["--slowest", "0.5", "--fastest", "0.5", "--starts", "1", "--intervals", "40"]
-RUN_FILES = ("run/config.json", "run/checkpoints/2/metadata.json", "run/checkpoints/2/state.npz")
+RUN_FILES = (
+    "run/config.json",
+    "run/checkpoints/2/metadata.json",
+    "run/checkpoints/2/state.npz",
+)
 
 
 class AcceptedError(Exception):
@@ -49,15 +53,28 @@ def begin(*_, **__):
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A folder with a run of two train steps, a report of its policy, a library of trots, a family and a sweep."""
+    """A folder with a run of two train steps, a report of its policy, a library of
+    trots, a family and a sweep."""
     folder = tmp_path_factory.mktemp("original")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo))
-        words = [*SMALL, "--out", str(folder / "run"), "--run.steps", "128", "--run.checkpoints", "1"]
+        patch.setattr(
+            run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo)
+        )
+        words = [
+            *SMALL,
+            "--out",
+            str(folder / "run"),
+            "--run.steps",
+            "128",
+            "--run.checkpoints",
+            "1",
+        ]
         assert importlib.import_module("bp2_rl.cli.train").main(words) == 0
     weights = load_policy(folder / "run").card.weights_sha256
     (folder / "report").mkdir()
-    report = Report("topspeed", {"weights_sha256": weights}, {"topspeed": {"best_speed": 9.5}}, {})
+    report = Report(
+        "topspeed", {"weights_sha256": weights}, {"topspeed": {"best_speed": 9.5}}, {}
+    )
     save_config(folder / "report/metrics.json", report)
     shutil.copy(CollocationConfig().file, folder / "library.npz")
     keep_solved(folder)
@@ -70,15 +87,23 @@ def keep_solved(folder: Path) -> None:
     save_solution(folder / "family/speed-00.50", slowest)
     save_config(folder / "family/family.json", FamilyConfig())
     problem = Problem(intervals=40)
-    save_solution(folder / "sweep/speed-00.50-start-0", dataclasses.replace(slowest, problem=problem.at(0.5)))
-    save_config(folder / "sweep/speed-00.50-start-0.attempt.json", Attempt(0.5, 0, True, 1.0, slowest.cost, 0.0))
+    save_solution(
+        folder / "sweep/speed-00.50-start-0",
+        dataclasses.replace(slowest, problem=problem.at(0.5)),
+    )
+    save_config(
+        folder / "sweep/speed-00.50-start-0.attempt.json",
+        Attempt(0.5, 0, True, 1.0, slowest.cost, 0.0),
+    )
     save_config(folder / "sweep/sweep.json", problem)
 
 
 @pytest.fixture
 def cut_off(monkeypatch):
     """Commands end where they have read everything."""
-    monkeypatch.setattr(run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo))
+    monkeypatch.setattr(
+        run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo)
+    )
     for place in (
         "bp2_rl.learning.loop.train",
         "bp2_rl.learning.run.Saver",
@@ -89,7 +114,9 @@ def cut_off(monkeypatch):
         "bp2_rl.paper.trajectories.sweep.spawned",
     ):
         monkeypatch.setattr(place, begin)
-    monkeypatch.setattr("bp2_rl.cli.trajopt.output.progress", lambda: Progress(disable=True))
+    monkeypatch.setattr(
+        "bp2_rl.cli.trajopt.output.progress", lambda: Progress(disable=True)
+    )
 
 
 def damages(content: bytes) -> Iterator[bytes | None]:
@@ -112,21 +139,43 @@ def damages(content: bytes) -> Iterator[bytes | None]:
 
 COMMANDS = {
     "resume": ("cli.train", ["--resume", "run"], RUN_FILES),
-    "relaxed": ("cli.train", ["--stage", "relaxed", "--preset", "smoke", "--from", "run", "--out", "new"], RUN_FILES),
+    "relaxed": (
+        "cli.train",
+        ["--stage", "relaxed", "--preset", "smoke", "--from", "run", "--out", "new"],
+        RUN_FILES,
+    ),
     "eval": ("cli.eval", ["run", "--no-video"], POLICY_FILES),
     "export": ("cli.export", ["run", "--to", "copy"], POLICY_FILES),
-    "export a report": ("cli.export", ["run", "--to", "copy", "--report", "report"], ("report/metrics.json",)),
-    "build": ("cli.trajopt", ["library", "build", "--out", "family"], ("family/family.json",)),
-    "sweep": ("paper.cli.trajectories", ["sweep", *SLOWEST, "--out", "sweep"], SWEEP_FILES),
+    "export a report": (
+        "cli.export",
+        ["run", "--to", "copy", "--report", "report"],
+        ("report/metrics.json",),
+    ),
+    "build": (
+        "cli.trajopt",
+        ["library", "build", "--out", "family"],
+        ("family/family.json",),
+    ),
+    "sweep": (
+        "paper.cli.trajectories",
+        ["sweep", *SLOWEST, "--out", "sweep"],
+        SWEEP_FILES,
+    ),
     "verify solutions": ("cli.trajopt", ["verify", "family"], SOLUTION),
     "verify a sweep": ("cli.trajopt", ["verify", "sweep"], SWEEP_FILES),
-    "figures": ("paper.cli.trajectories", ["figures", "family", "--speed", "0.5"], SOLUTION),
+    "figures": (
+        "paper.cli.trajectories",
+        ["figures", "family", "--speed", "0.5"],
+        SOLUTION,
+    ),
     "verify": ("cli.trajopt", ["verify", "library.npz"], ("library.npz",)),
 }
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_files_that_are_whole_are_taken(name, original, cut_off, tmp_path, monkeypatch, capsys):
+def test_files_that_are_whole_are_taken(
+    name, original, cut_off, tmp_path, monkeypatch, capsys
+):
     module, words, _ = COMMANDS[name]
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
@@ -134,7 +183,10 @@ def test_files_that_are_whole_are_taken(name, original, cut_off, tmp_path, monke
     assert status == 0 or "AcceptedError" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("name", "file"), [(name, file) for name, (*_, files) in COMMANDS.items() for file in files])
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [(name, file) for name, (*_, files) in COMMANDS.items() for file in files],
+)
 def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(
     name, file, original, cut_off, tmp_path, monkeypatch, capsys
 ):
@@ -143,7 +195,9 @@ def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     wrong = []
-    for case, damaged in zip(itertools.count(), damages((original / file).read_bytes())):
+    for case, damaged in zip(
+        itertools.count(), damages((original / file).read_bytes())
+    ):
         Path(file).unlink(missing_ok=True)
         if damaged is not None:
             Path(file).write_bytes(damaged)
@@ -171,7 +225,10 @@ NO_FILES = {
 }
 
 
-@pytest.mark.parametrize(("name", "file"), [(name, file) for name, (*_, files) in COMMANDS.items() for file in files])
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [(name, file) for name, (*_, files) in COMMANDS.items() for file in files],
+)
 def test_what_is_no_file_is_not_waited_for_and_refused_in_one_line(
     name, file, original, cut_off, tmp_path, monkeypatch, capsys
 ):

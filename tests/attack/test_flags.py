@@ -1,4 +1,5 @@
-"""Every flag of every command, given what no one should give: accepted, or refused in one line with status 2.
+"""Every flag of every command, given what no one should give: accepted, or refused in
+one line with status 2.
 
 Nothing is computed: the work that a command would begin is cut off where it begins.
 """
@@ -31,7 +32,8 @@ ENDLESS = (
     "highest-step",
     "hardest-landing",
 )
-"""How flags end of what may be infinite: then there is no limit, no widening, no decay."""
+"""How flags end of what may be infinite: then there is no limit, no widening, no
+decay."""
 
 
 class AcceptedError(Exception):
@@ -52,7 +54,16 @@ COMMANDS = {
     "trajopt solve": ("bp2_rl.cli.trajopt", ["solve"]),  # `trajopt verify` has no flags
     **{
         f"trajectories {what}": ("bp2_rl.paper.cli.trajectories", [what])
-        for what in ("sweep", "limits", "gaits", "limbs", "schemes", "codesign", "objective", "figures")
+        for what in (
+            "sweep",
+            "limits",
+            "gaits",
+            "limbs",
+            "schemes",
+            "codesign",
+            "objective",
+            "figures",
+        )
     },
     **{
         f"figures {figure}": ("bp2_rl.paper.cli.figures", [figure])
@@ -108,7 +119,9 @@ def flags(text: str) -> dict[str, str]:
     """The flags in a command's help, each with what it takes."""
     found = {}
     for line in text.splitlines():
-        if match := re.match(r"  (--[\w.-]+)(?: (.*?))?(?:  .*)?$", line.replace("[no-]", "")):
+        if match := re.match(
+            r"  (--[\w.-]+)(?: (.*?))?(?:  .*)?$", line.replace("[no-]", "")
+        ):
             found[match[1]] = match[2] or ""
     return found
 
@@ -118,12 +131,17 @@ def attacks(metavar: str) -> tuple[str, ...]:
 
 
 def fewer(flag: str, metavar: str, command: str) -> tuple[str, ...]:
-    """The attacks on a flag that is not the first of its kind: those that its own bounds must stop."""
+    """The attacks on a flag that is not the first of its kind: those that its own
+    bounds must stop."""
     if command != "train" and "hardware." in flag:  # the same settings, attacked there
         return ("nan",)
     if "INT" in metavar:
         return ("nan", "9" * 400)
-    return tuple(value for value in attacks(metavar) if value in ("nan", "inf", "1e308", "-1e308", "[/foo]bar", ""))
+    return tuple(
+        value
+        for value in attacks(metavar)
+        if value in ("nan", "inf", "1e308", "-1e308", "[/foo]bar", "")
+    )
 
 
 def run(capsys, module: str, words: list[str]) -> tuple[int, str, float]:
@@ -137,7 +155,11 @@ def run(capsys, module: str, words: list[str]) -> tuple[int, str, float]:
 
 
 def shown(case: list[str]) -> str:
-    return ascii(" ".join(word if len(word) < 40 else f"{word[:10]}...({len(word)})" for word in case))
+    return ascii(
+        " ".join(
+            word if len(word) < 40 else f"{word[:10]}...({len(word)})" for word in case
+        )
+    )
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -148,7 +170,11 @@ def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
     known = flags(capsys.readouterr().out)
     assert known
     if command == "bench":  # has train's settings, which are attacked there
-        known = {flag: takes for flag, takes in known.items() if not flag.startswith(("--env.", "--ppo."))}
+        known = {
+            flag: takes
+            for flag, takes in known.items()
+            if not flag.startswith(("--env.", "--ppo."))
+        }
     wrong = []
     kinds: set[str] = set()
     for flag, metavar in known.items():
@@ -156,16 +182,31 @@ def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
         kinds.add(metavar)
         for value in values:
             before = set(Path.cwd().iterdir())
-            case = [*words, flag, *[value] * max(1, len(metavar.split()) if "[" not in metavar else 1)]
+            case = [
+                *words,
+                flag,
+                *[value] * max(1, len(metavar.split()) if "[" not in metavar else 1),
+            ]
             status, error, seconds = run(capsys, module, case)
             accepted = "AcceptedError" in error or status == 0
             if seconds > LONGEST:
                 wrong.append(f"{shown(case)}: {seconds:.0f} s")
-            endless = flag.endswith(ENDLESS) and float(value) == math.inf if accepted else False
-            if accepted and value in REFUSED and attacks(metavar) is NUMBERS and not endless:
+            endless = (
+                flag.endswith(ENDLESS) and float(value) == math.inf
+                if accepted
+                else False
+            )
+            if (
+                accepted
+                and value in REFUSED
+                and attacks(metavar) is NUMBERS
+                and not endless
+            ):
                 wrong.append(f"{shown(case)}: accepted")
             if not accepted and set(Path.cwd().iterdir()) != before:
                 wrong.append(f"{shown(case)}: leaves something behind")
-            if not accepted and not (status == 2 and error.startswith("error: ") and error.count("\n") == 1):
+            if not accepted and not (
+                status == 2 and error.startswith("error: ") and error.count("\n") == 1
+            ):
                 wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
     assert not wrong, "\n".join(wrong)

@@ -1,4 +1,5 @@
-"""Bounds declared on fields: one line names the field, what it may be, and what it is."""
+"""Bounds declared on fields: one line names the field, what it may be, and what it
+is."""
 
 import dataclasses
 import math
@@ -9,7 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.base.bounds import Bounded, Count, Positive, Range, Share, Within, check_bounds
+from bp2_rl.base.bounds import (
+    Bounded,
+    Count,
+    Positive,
+    Range,
+    Share,
+    Within,
+    check_bounds,
+)
 from bp2_rl.base.errors import UserError
 
 
@@ -39,7 +48,11 @@ class Settings:
 def test_settings_within_bounds_pass():
     check_bounds(Settings())
     check_bounds(Settings(inner=Inner(cap=5.0), speed=2.0, count=10**6))
-    numpys: Any = {"anything": np.float64(-3.0), "share": np.float32(0.5), "count": np.int64(2)}
+    numpys: Any = {
+        "anything": np.float64(-3.0),
+        "share": np.float32(0.5),
+        "count": np.int64(2),
+    }
     check_bounds(Settings(**numpys))
 
 
@@ -48,9 +61,15 @@ def test_settings_within_bounds_pass():
     [
         ({"inner": Inner(rate=0.0)}, "env.inner.rate must be positive, got 0"),
         ({"inner": Inner(cap=-math.inf)}, "env.inner.cap must be positive, got -inf"),
-        ({"inner": Inner(rate=math.inf)}, "env.inner.rate must be positive and finite, got inf"),
+        (
+            {"inner": Inner(rate=math.inf)},
+            "env.inner.rate must be positive and finite, got inf",
+        ),
         ({"count": 0}, "env.count must be at least 1, got 0"),
-        ({"count": -(10**400)}, "env.count must be at least 1 and finite, got a huge integer"),
+        (
+            {"count": -(10**400)},
+            "env.count must be at least 1 and finite, got a huge integer",
+        ),
         ({"share": 1.1}, "env.share must be from 0 to 1, got 1.1"),
         ({"share": math.nan}, "env.share must be from 0 to 1, got nan"),
         ({"delay": (0.0, 0.02)}, "env.delay must be from 0 to 0.01, got 0.02"),
@@ -60,7 +79,10 @@ def test_settings_within_bounds_pass():
         ({"size": -1.0}, "env.size must be at least 0, got -1"),
         ({"below": 1.0}, "env.below must be at least 0 and below 1, got 1"),
         ({"several": 3}, "env.several takes a tuple of entries, each an Inner, got 3"),
-        ({"several": (3,)}, r"env.several takes a tuple of entries, each an Inner, got \(3,\)"),
+        (
+            {"several": (3,)},
+            r"env.several takes a tuple of entries, each an Inner, got \(3,\)",
+        ),
         ({"several": (Inner(), Inner(cap=-7.0))}, "env.several.cap must be "),
         ({"inner": 3}, "env.inner takes an Inner, got 3"),
         ({"count": 1.5}, "env.count takes a whole number, got 1.5"),
@@ -79,21 +101,41 @@ def ranges(draw):
     """Bounds of every kind, with room between them."""
     least = draw(st.none() | st.floats(-1e6, 1e6))
     most = draw(st.none() | st.floats(1.1e6, 1e9))
-    given = {name: value for name, value in (("least", least), ("most", most)) if value is not None}
-    return Within(**given, open_below=draw(st.booleans()), open_above=draw(st.booleans()))
+    given = {
+        name: value
+        for name, value in (("least", least), ("most", most))
+        if value is not None
+    }
+    return Within(
+        **given, open_below=draw(st.booleans()), open_above=draw(st.booleans())
+    )
 
 
 def one_number(bounds: Within, value: float):
     """A dataclass of one number within `bounds`."""
-    made = dataclasses.make_dataclass("Made", [("number", Annotated[float, bounds])], frozen=True)
+    made = dataclasses.make_dataclass(
+        "Made", [("number", Annotated[float, bounds])], frozen=True
+    )
     return made(value)
 
 
 @given(ranges(), st.data())
 def test_any_number_inside_is_accepted(bounds, data):
-    least, most = (None if math.isinf(end) else end for end in (bounds.least, bounds.most))
-    no_least, no_most = bounds.open_below and least is not None, bounds.open_above and most is not None
-    numbers = st.floats(least, most, allow_infinity=False, allow_nan=False, exclude_min=no_least, exclude_max=no_most)
+    least, most = (
+        None if math.isinf(end) else end for end in (bounds.least, bounds.most)
+    )
+    no_least, no_most = (
+        bounds.open_below and least is not None,
+        bounds.open_above and most is not None,
+    )
+    numbers = st.floats(
+        least,
+        most,
+        allow_infinity=False,
+        allow_nan=False,
+        exclude_min=no_least,
+        exclude_max=no_most,
+    )
     check_bounds(one_number(bounds, data.draw(numbers)))
 
 

@@ -1,4 +1,5 @@
-"""Compiled programs are kept where they are asked to be, for the commands and for Python alike."""
+"""Compiled programs are kept where they are asked to be, for the commands and for
+Python alike."""
 
 import os
 import subprocess
@@ -31,12 +32,19 @@ print(jax.config.values["jax_compilation_cache_dir"])
 
 def environment(**variables):
     ours = ("BP2_CACHE", "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME")
-    return {name: value for name, value in os.environ.items() if name not in ours} | variables
+    return {
+        name: value for name, value in os.environ.items() if name not in ours
+    } | variables
 
 
 def said(code, cwd, **variables):
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment(**variables), cwd=cwd, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        env=environment(**variables),
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return done.stdout.split()
 
@@ -44,13 +52,27 @@ def said(code, cwd, **variables):
 def test_the_cache_is_in_the_home_unless_the_environment_names_another(tmp_path):
     home, other = tmp_path / "home", tmp_path / "other"
     default = f"{home}/.cache/bp2_rl"
-    assert said(KEPT, tmp_path, HOME=str(home)) == [f"{default}/programs", f"{default}/jax"]
-    assert said(KEPT, tmp_path, BP2_CACHE=str(other)) == [f"{other}/programs", f"{other}/jax"]
-    assert said(KEPT, tmp_path, XDG_CACHE_HOME=str(other)) == [f"{other}/bp2_rl/programs", f"{other}/bp2_rl/jax"]
+    assert said(KEPT, tmp_path, HOME=str(home)) == [
+        f"{default}/programs",
+        f"{default}/jax",
+    ]
+    assert said(KEPT, tmp_path, BP2_CACHE=str(other)) == [
+        f"{other}/programs",
+        f"{other}/jax",
+    ]
+    assert said(KEPT, tmp_path, XDG_CACHE_HOME=str(other)) == [
+        f"{other}/bp2_rl/programs",
+        f"{other}/bp2_rl/jax",
+    ]
 
 
 def test_a_folder_that_jax_was_told_remains_jaxs(tmp_path):
-    told = said(KEPT, tmp_path, BP2_CACHE=str(tmp_path / "ours"), JAX_COMPILATION_CACHE_DIR="theirs")
+    told = said(
+        KEPT,
+        tmp_path,
+        BP2_CACHE=str(tmp_path / "ours"),
+        JAX_COMPILATION_CACHE_DIR="theirs",
+    )
     assert told == [f"{tmp_path}/ours/programs", "theirs"]
 
 
@@ -60,10 +82,18 @@ def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):
 
 
 def test_what_was_compiled_before_keeps_nothing_from_being_kept(tmp_path):
-    said(LATE, tmp_path, BP2_CACHE=str(tmp_path), JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0")
+    said(
+        LATE,
+        tmp_path,
+        BP2_CACHE=str(tmp_path),
+        JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0",
+    )
     assert list((tmp_path / "jax").glob("*prod*-cache"))
 
 
 def test_trainings_and_runs_in_python_use_the_cache_of_the_commands(tmp_path):
-    assert said(TRAINED, tmp_path, BP2_CACHE=str(tmp_path)) == [f"{tmp_path}/programs", f"{tmp_path}/jax"]
+    assert said(TRAINED, tmp_path, BP2_CACHE=str(tmp_path)) == [
+        f"{tmp_path}/programs",
+        f"{tmp_path}/jax",
+    ]
     assert said(RUN, tmp_path, BP2_CACHE=str(tmp_path)) == [f"{tmp_path}/jax"]

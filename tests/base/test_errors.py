@@ -11,7 +11,10 @@ from bp2_rl.base.errors import LONGEST_LINE, one_line
         ("two\nlines\r\nand  a\ttab", "two lines and a tab"),
         ("no UTF-8: \udcff", r"no UTF-8: \udcff"),
         ("red: \x1b[31m, title: \x1b]0;x\x07", r"red: \x1b[31m, title: \x1b]0;x\x07"),
-        ("NUL \0, DEL \x7f, C1 \x9b, right to left \u202e", r"NUL \x00, DEL \x7f, C1 \x9b, right to left \u202e"),
+        (
+            "NUL \0, DEL \x7f, C1 \x9b, right to left \u202e",
+            r"NUL \x00, DEL \x7f, C1 \x9b, right to left \u202e",
+        ),
         ("10 m/s², ä, 犬", "10 m/s², ä, 犬"),
     ],
 )

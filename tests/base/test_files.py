@@ -16,16 +16,30 @@ import pytest
 
 from bp2_rl.base import files
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import ArraySpec, BadFileError, read_json, read_npz, write_npz, write_text
+from bp2_rl.base.files import (
+    ArraySpec,
+    BadFileError,
+    read_json,
+    read_npz,
+    write_npz,
+    write_text,
+)
 
-WANTED = {"a": ArraySpec(np.floating, ("n", 3)), "b": ArraySpec(np.dtype(np.float32), ("n",))}
+WANTED = {
+    "a": ArraySpec(np.floating, ("n", 3)),
+    "b": ArraySpec(np.dtype(np.float32), ("n",)),
+}
 
 
 @pytest.fixture
 def archive(tmp_path):
     path = tmp_path / "arrays.npz"
     rng = np.random.default_rng(0)
-    arrays = {"a": rng.normal(size=(5, 3)), "b": rng.normal(size=5).astype(np.float32), "other": np.zeros(9)}
+    arrays = {
+        "a": rng.normal(size=(5, 3)),
+        "b": rng.normal(size=5).astype(np.float32),
+        "other": np.zeros(9),
+    }
     write_npz(path, arrays, compressed=True)
     return path, arrays
 
@@ -56,9 +70,18 @@ def test_arrays_come_back_as_they_were_and_only_those_wanted(archive):
     ("wanted", "complaint"),
     [
         ({"c": ArraySpec(np.floating, (5,))}, "lacks the array c"),
-        ({"a": ArraySpec(np.floating, (5, 4))}, r"holds a as float64\[5, 3\], expected floating\[5, 4\]"),
+        (
+            {"a": ArraySpec(np.floating, (5, 4))},
+            r"holds a as float64\[5, 3\], expected floating\[5, 4\]",
+        ),
         ({"b": ArraySpec(np.dtype(np.float64), (5,))}, "holds b as float32"),
-        ({"a": ArraySpec(np.floating, ("n", 3)), "other": ArraySpec(np.floating, ("n",))}, r"expected floating\[5\]"),
+        (
+            {
+                "a": ArraySpec(np.floating, ("n", 3)),
+                "other": ArraySpec(np.floating, ("n",)),
+            },
+            r"expected floating\[5\]",
+        ),
     ],
 )
 @pytest.mark.attack
@@ -80,8 +103,13 @@ def test_any_flipped_bit_ends_in_the_arrays_or_in_one_line(archive, tmp_path):
 
 def test_a_small_file_cannot_fill_the_memory(tmp_path):
     path = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
-        np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (1 << 24, 3)})
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as member,
+    ):
+        np.lib.format.write_array_header_1_0(
+            member, {"descr": "<f8", "fortran_order": False, "shape": (1 << 24, 3)}
+        )
         for _ in range(48):
             member.write(bytes(8 << 20))
     assert path.stat().st_size < 1 << 20
@@ -98,7 +126,10 @@ def test_a_small_file_cannot_fill_the_memory(tmp_path):
 def test_what_numpy_does_not_compress_so_is_not_unpacked(archive, tmp_path, method):
     """LZMA has errors of its own, and takes gigabytes for a few bytes that say so."""
     path = tmp_path / "other.npz"
-    with zipfile.ZipFile(archive[0]) as whole, zipfile.ZipFile(path, "w", method) as other:
+    with (
+        zipfile.ZipFile(archive[0]) as whole,
+        zipfile.ZipFile(path, "w", method) as other,
+    ):
         for name in whole.namelist():
             other.writestr(name, whole.read(name))
     with pytest.raises(BadFileError, match="lacks the array a"):
@@ -118,7 +149,9 @@ def test_no_pickle_is_opened(tmp_path):
         read_npz(path, {"a": ArraySpec(np.dtype(object), (1,))})
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 10_000])
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 10_000]
+)
 def test_what_is_not_json_ends_in_one_line(tmp_path, content):
     path = tmp_path / "file.json"
     path.write_bytes(content)
@@ -127,7 +160,9 @@ def test_what_is_not_json_ends_in_one_line(tmp_path, content):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(BadFileError, match=r"nowhere\.json cannot be read: No such file"):
+    with pytest.raises(
+        BadFileError, match=r"nowhere\.json cannot be read: No such file"
+    ):
         read_json(tmp_path / "nowhere.json")
 
 
@@ -137,10 +172,15 @@ def test_json_that_could_not_be_shown_or_walked_is_refused(text):
         files.parse_json(text, "here")
 
 
-@pytest.mark.parametrize("character", ["\0", "\x1b", "\r", "\x7f", "\x9b", "\u202e", "\u2066"])
+@pytest.mark.parametrize(
+    "character", ["\0", "\x1b", "\r", "\x7f", "\x9b", "\u202e", "\u2066"]
+)
 def test_json_whose_texts_would_steer_a_terminal_is_refused(character):
     for value in ([{"a": f"b{character}"}], {f"a{character}": 1}):
-        with pytest.raises(BadFileError, match=r"^here is damaged or not JSON: a text holds the control character '"):
+        with pytest.raises(
+            BadFileError,
+            match=r"^here is damaged or not JSON: a text holds the control character '",
+        ):
             files.parse_json(json.dumps(value), "here")
     files.parse_json(json.dumps("tab\tline\nbreak, 10 m/s² \u00a0 ä 犬"), "here")
 
@@ -153,9 +193,7 @@ def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
     path = tmp_path / "file"
     with files.new_file(path) as ours:
         ours.write(b"ours")
-        child = (
-            "import sys, pathlib; from bp2_rl.base import files; files.write_text(pathlib.Path(sys.argv[1]), 'theirs')"
-        )
+        child = "import sys, pathlib; from bp2_rl.base import files; files.write_text(pathlib.Path(sys.argv[1]), 'theirs')"
         subprocess.run([sys.executable, "-c", child, str(path)], check=True)
         assert path.read_bytes() == b"theirs"
     assert path.read_bytes() == b"ours"
@@ -164,7 +202,10 @@ def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
 
 def test_a_header_of_gigabytes_is_not_read(tmp_path):
     path = tmp_path / "header.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as member,
+    ):
         member.write(np.lib.format.magic(2, 0) + (1 << 28).to_bytes(4, "little"))
         for _ in range(32):
             member.write(b" " * (8 << 20))
@@ -193,7 +234,8 @@ def test_a_long_name_that_can_be_written_is_none_the_worse(tmp_path):
 
 
 def test_what_is_written_in_place_is_appended_and_stays_in_its_folder(tmp_path):
-    """A link, to a file that is there or not, a pipe with and without a reader, a device, a folder."""
+    """A link, to a file that is there or not, a pipe with and without a reader, a
+    device, a folder."""
     own, victim = tmp_path / "own.txt", tmp_path / "victim"
     for line in ("one\n", "two\n"):
         with files.open_in_place(own) as file:
@@ -203,7 +245,9 @@ def test_what_is_written_in_place_is_appended_and_stays_in_its_folder(tmp_path):
     for target in (victim, tmp_path / "not there", Path("/dev/null")):
         link = tmp_path / "link"
         link.symlink_to(target)
-        with pytest.raises(BadFileError, match=r"link is a link to elsewhere: remove it$"):
+        with pytest.raises(
+            BadFileError, match=r"link is a link to elsewhere: remove it$"
+        ):
             files.open_in_place(link)
         link.unlink()
     assert victim.read_text() == "theirs"
@@ -225,7 +269,11 @@ def test_a_file_that_takes_anothers_place_is_not_written_through_a_link(tmp_path
     victim.write_text("theirs")
     path.symlink_to(victim)
     write_text(path, "ours")
-    assert (path.read_text(), path.is_symlink(), victim.read_text()) == ("ours", False, "theirs")
+    assert (path.read_text(), path.is_symlink(), victim.read_text()) == (
+        "ours",
+        False,
+        "theirs",
+    )
     (tmp_path / f".file.{os.getpid()}.tmp").symlink_to(victim)
     with pytest.raises(BadFileError, match="is a link to elsewhere"):
         write_text(path, "ours")
@@ -243,7 +291,9 @@ def test_a_pipe_is_not_waited_for_and_a_file_without_an_end_is_not_read(tmp_path
         files.read_bytes(link)
     with (tmp_path / "long").open("wb") as file:
         file.truncate(1 << 40)  # a terabyte of which nothing is on disk
-    with pytest.raises(BadFileError, match=r"long has 1,099,511,627,776 bytes, 100 at most are read"):
+    with pytest.raises(
+        BadFileError, match=r"long has 1,099,511,627,776 bytes, 100 at most are read"
+    ):
         files.read_bytes(tmp_path / "long", 100)
     with pytest.raises(BadFileError, match="cannot be read: embedded null byte"):
         files.read_bytes(Path("a\0b"))

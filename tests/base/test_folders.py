@@ -1,4 +1,5 @@
-"""Folders that are replaced whole or not at all, and that one process holds at a time."""
+"""Folders that are replaced whole or not at all, and that one process holds at a
+time."""
 
 import contextlib
 import os
@@ -39,7 +40,10 @@ def test_a_lock_is_held_by_a_child_that_outlives_its_parent(tmp_path):
         with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
             pass
         child = subprocess.Popen(
-            [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=(descriptor,), env=dict(os.environ)
+            [sys.executable, "-c", "input()"],
+            stdin=subprocess.PIPE,
+            pass_fds=(descriptor,),
+            env=dict(os.environ),
         )
     try:
         with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
@@ -51,7 +55,13 @@ def test_a_lock_is_held_by_a_child_that_outlives_its_parent(tmp_path):
 
 
 def test_what_a_killed_replacement_or_removal_leaves_is_found_and_tidied_away(tmp_path):
-    for name, content in (("a", "old"), (".a.new", "new"), (".b.old", "old"), (".b.new", "new"), (".c.gone", "torn")):
+    for name, content in (
+        ("a", "old"),
+        (".a.new", "new"),
+        (".b.old", "old"),
+        (".b.new", "new"),
+        (".c.gone", "torn"),
+    ):
         (tmp_path / name).mkdir()
         (tmp_path / name / "file").write_text(content)
     assert folders.folder_names(tmp_path) == {"a", "b"}
@@ -76,7 +86,9 @@ def test_a_folder_is_removed_under_another_name(tmp_path, monkeypatch):
     assert folders.folder_names(tmp_path) == set()
 
 
-@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+@pytest.mark.parametrize(
+    "name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"]
+)
 def test_what_no_folder_can_be_called_is_refused_in_one_short_line(tmp_path, name):
     with pytest.raises(UserError, match="no file or folder can be called") as error:
         folders.make_folder(tmp_path / name)
@@ -99,7 +111,10 @@ def test_the_lock_is_not_a_link_to_elsewhere(tmp_path, there):
     if there:
         victim.write_text("theirs")
     (folder / ".lock").symlink_to(victim)
-    with pytest.raises(UserError, match=r"\.lock is a link to elsewhere: remove it"), lock_folder(folder, "busy"):
+    with (
+        pytest.raises(UserError, match=r"\.lock is a link to elsewhere: remove it"),
+        lock_folder(folder, "busy"),
+    ):
         pass
     assert victim.exists() is there
     assert not there or victim.read_text() == "theirs"
@@ -107,12 +122,17 @@ def test_the_lock_is_not_a_link_to_elsewhere(tmp_path, there):
 
 def test_a_lock_that_is_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / ".lock")
-    with pytest.raises(UserError, match="cannot write to"), lock_folder(tmp_path, "busy"):
+    with (
+        pytest.raises(UserError, match="cannot write to"),
+        lock_folder(tmp_path, "busy"),
+    ):
         pass
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_link_in_a_folders_place_is_replaced_and_its_target_left_alone(tmp_path, there):
+def test_a_link_in_a_folders_place_is_replaced_and_its_target_left_alone(
+    tmp_path, there
+):
     elsewhere, folder = tmp_path / "elsewhere", tmp_path / "in" / "folder"
     folder.parent.mkdir()
     if there:
@@ -137,5 +157,6 @@ def test_of_a_link_to_a_folder_only_the_link_is_removed(tmp_path):
         (parent / name).symlink_to(elsewhere)
     folders.remove_folder(parent / "1")
     folders.tidy(parent)
-    assert [path.name for path in parent.iterdir()] == ["2"]  # `.2.old` was brought back
+    # `.2.old` was brought back
+    assert [path.name for path in parent.iterdir()] == ["2"]
     assert (elsewhere / "file").read_text() == "theirs"

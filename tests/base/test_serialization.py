@@ -76,7 +76,9 @@ outers = st.builds(
     span=st.tuples(finite, finite),
     number=st.none() | finite,
     folder=st.none() | st.just(Path("runs/a")),
-    results=st.dictionaries(st.text(), st.integers() | st.text() | st.lists(st.booleans())),
+    results=st.dictionaries(
+        st.text(), st.integers() | st.text() | st.lists(st.booleans())
+    ),
     layout=st.lists(st.tuples(st.text(), st.integers())).map(tuple),
     sizes=st.none() | st.lists(st.integers()).map(tuple),
 )
@@ -91,12 +93,20 @@ def test_a_config_survives_json(config: Outer):
 
 
 def test_the_environments_config_survives_json():
-    config = dataclasses.replace(EnvConfig(), reward=dataclasses.replace(EnvConfig().reward, tracking=0.123))
-    assert from_json(EnvConfig, json.loads(json.dumps(to_json(config), allow_nan=False))) == config
+    config = dataclasses.replace(
+        EnvConfig(), reward=dataclasses.replace(EnvConfig().reward, tracking=0.123)
+    )
+    assert (
+        from_json(EnvConfig, json.loads(json.dumps(to_json(config), allow_nan=False)))
+        == config
+    )
 
 
 def test_the_standard_problem_survives_json():
-    assert from_json(Problem, json.loads(json.dumps(to_json(Problem()), allow_nan=False))) == Problem()
+    assert (
+        from_json(Problem, json.loads(json.dumps(to_json(Problem()), allow_nan=False)))
+        == Problem()
+    )
 
 
 def test_nan_survives_as_a_string():
@@ -128,8 +138,14 @@ def test_an_integer_is_a_fine_float():
         ({"steps": 1, "limit": "1"}, "limit: expected a number, got '1'"),
         ({"steps": 1, "limit": True}, "limit: expected a number, got True"),
         ({"steps": 1, "inner": 3}, "inner: expected an object (Inner), got 3"),
-        ({"steps": 1, "inner": {"sizes": [1, "a"]}}, "inner.sizes[1]: expected an integer, got 'a'"),
-        ({"steps": 1, "inner": {"mode": "wild"}}, "inner.mode: expected 'adaptive' or 'fixed', got 'wild'"),
+        (
+            {"steps": 1, "inner": {"sizes": [1, "a"]}},
+            "inner.sizes[1]: expected an integer, got 'a'",
+        ),
+        (
+            {"steps": 1, "inner": {"mode": "wild"}},
+            "inner.mode: expected 'adaptive' or 'fixed', got 'wild'",
+        ),
         ({"steps": 1, "inner": {"rate": -1}}, "inner: rate must be positive"),
         ({"steps": 1, "spare": {"rate": "x"}}, "spare.rate: expected a number"),
         ({"steps": 1, "spare": 1}, "spare: expected an object (Inner), got 1"),
@@ -149,8 +165,12 @@ def test_what_does_not_fit_is_refused_by_the_path_of_its_key(data: Any, message:
 
 
 def test_a_field_of_the_wrong_type_is_not_written():
-    with pytest.raises(ConfigError, match=r"inner\.rate: expected a number, got 'fast'"):
-        to_json(dataclasses.replace(Outer(steps=1), inner=_unchecked(Inner(), rate="fast")))
+    with pytest.raises(
+        ConfigError, match=r"inner\.rate: expected a number, got 'fast'"
+    ):
+        to_json(
+            dataclasses.replace(Outer(steps=1), inner=_unchecked(Inner(), rate="fast"))
+        )
 
 
 def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
@@ -171,11 +191,15 @@ def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
         thing: Inner | Typed = Inner()
 
     for config in (Undecidable(), Undecidable(Typed())):
-        with pytest.raises(TypeError, match="a config cannot hold Typed in a union: its field 'type'"):
+        with pytest.raises(
+            TypeError, match="a config cannot hold Typed in a union: its field 'type'"
+        ):
             to_json(config)
     with pytest.raises(TypeError, match="thing: a config cannot hold"):
         to_json(Strange())
-    with pytest.raises(TypeError, match=r"thing: a config cannot hold .* of unions, only X"):
+    with pytest.raises(
+        TypeError, match=r"thing: a config cannot hold .* of unions, only X"
+    ):
         to_json(Either())
 
 
@@ -193,8 +217,12 @@ def test_one_of_several_dataclasses_is_read_back_by_its_name():
         gait: Walk | Run = Walk()
 
     assert to_json(Motion(Run(8.0))) == {"gait": {"type": "Run", "speed": 8.0}}
-    assert from_json(Motion, {"gait": {"type": "Run", "speed": 8.0}}) == Motion(Run(8.0))
-    with pytest.raises(ConfigError, match=r"gait.type: expected one of Walk, Run, got 'Fly'"):
+    assert from_json(Motion, {"gait": {"type": "Run", "speed": 8.0}}) == Motion(
+        Run(8.0)
+    )
+    with pytest.raises(
+        ConfigError, match=r"gait.type: expected one of Walk, Run, got 'Fly'"
+    ):
         from_json(Motion, {"gait": {"type": "Fly"}})
 
 
@@ -208,14 +236,21 @@ def test_the_hash_is_the_same_in_another_process():
         "from bp2_rl.base.serialization import config_hash as h; "
         "from bp2_rl.settings.env import EnvConfig; print(h(EnvConfig()))"
     )
-    other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    other = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert other.stdout.split()[-1] == config_hash(EnvConfig())
 
 
 def test_a_merge_keeps_what_was_changed_and_takes_the_rest():
-    before, after = Outer(1, inner=Inner(rate=1.0)), Outer(2, fast=True, inner=Inner(rate=2.0, mode="adaptive"))
+    before, after = (
+        Outer(1, inner=Inner(rate=1.0)),
+        Outer(2, fast=True, inner=Inner(rate=2.0, mode="adaptive")),
+    )
     changed = Outer(1, name="mine", inner=Inner(rate=1.0, sizes=(8,)))
-    assert merge(before, changed, after) == Outer(2, "mine", True, inner=Inner(2.0, (8,), "adaptive"))
+    assert merge(before, changed, after) == Outer(
+        2, "mine", True, inner=Inner(2.0, (8,), "adaptive")
+    )
     assert merge(before, dataclasses.replace(before, steps=3), after).steps == 3
     assert merge(before, before, after) == after
 
@@ -248,7 +283,9 @@ def _unchecked(config: Any, **values: Any) -> Any:
 
 
 def test_an_integer_that_no_number_can_hold_is_refused_by_its_key():
-    with pytest.raises(ConfigError, match=r"env\.commands\.max_forward: expected a number, got 1000"):
+    with pytest.raises(
+        ConfigError, match=r"env\.commands\.max_forward: expected a number, got 1000"
+    ):
         from_json(TrainConfig, {"env": {"commands": {"max_forward": 10**400}}})
 
 
@@ -279,13 +316,19 @@ def test_what_was_sealed_comes_back_and_nothing_else_does(tmp_path: Path):
         assert load_sealed(Card, path, "sum", 3) == card
     for changed in ({**sealed, "a": 1.25}, {**sealed, "d": 0}, {**sealed, "sum": None}):
         path.write_text(json.dumps(changed))
-        with pytest.raises(ConfigError, match=r"card\.json \(written by bp2_rl 0\.1\): damaged or edited"):
+        with pytest.raises(
+            ConfigError,
+            match=r"card\.json \(written by bp2_rl 0\.1\): damaged or edited",
+        ):
             load_sealed(Card, path, "sum", 3)
     path.write_text(json.dumps(plain | {"a": "x"}))
     with pytest.raises(ConfigError, match="a: expected a number, got 'x'"):
         load_sealed(Card, path, "sum", 3)
     path.write_text(json.dumps(plain))
-    with pytest.raises(ConfigError, match=r"has format 3, of bp2_rl 0\.1; this one reads format 2: update bp2_rl"):
+    with pytest.raises(
+        ConfigError,
+        match=r"has format 3, of bp2_rl 0\.1; this one reads format 2: update bp2_rl",
+    ):
         load_sealed(Card, path, "sum", 2)
 
 
@@ -295,7 +338,10 @@ def test_a_folder_is_claimed_once_and_says_what_is_another(tmp_path):
     written = (folder / "card.json").stat().st_mtime_ns
     claim_folder(folder, "card.json", Inner(), "a walk")
     assert (folder / "card.json").stat().st_mtime_ns == written
-    with pytest.raises(UserError, match=r"holds a walk with another sizes \(see .*card.json\): choose another folder"):
+    with pytest.raises(
+        UserError,
+        match=r"holds a walk with another sizes \(see .*card.json\): choose another folder",
+    ):
         claim_folder(folder, "card.json", Inner(sizes=(1,)), "a walk")
 
 

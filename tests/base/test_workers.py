@@ -56,14 +56,20 @@ ROOT = Path(__file__).parents[2]
 
 def begin(*command, environment=None, **how):
     return subprocess.Popen(
-        [sys.executable, *map(str, command)], env={**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})},
-        stdout=subprocess.PIPE, text=True, **how,
-    )  # fmt: skip
+        [sys.executable, *map(str, command)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})},
+        stdout=subprocess.PIPE,
+        text=True,
+        **how,
+    )
 
 
 def is_running(process):
     try:
-        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        return (
+            Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+            != "Z"
+        )
     except OSError:
         return False
 
@@ -90,7 +96,8 @@ def test_workers_end_with_a_killed_parent_even_in_the_midst_of_a_solver(tmp_path
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 @pytest.mark.parametrize(
-    ("number", "line"), [(15, "stopped by SIGTERM\n"), (2, "interrupted\n"), (1, "stopped by SIGHUP\n")]
+    ("number", "line"),
+    [(15, "stopped by SIGTERM\n"), (2, "interrupted\n"), (1, "stopped by SIGHUP\n")],
 )
 def test_a_signal_to_the_whole_group_ends_it_at_once_in_one_line(number, line):
     """A terminal, `timeout` and schedulers send it to the workers as well."""

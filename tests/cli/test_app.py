@@ -30,7 +30,9 @@ def raising(error: BaseException):
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],
 )
-def test_what_is_expected_ends_with_its_own_status_and_line(error, status, line, capsys):
+def test_what_is_expected_ends_with_its_own_status_and_line(
+    error, status, line, capsys
+):
     assert app.run(raising(error)) == status
     assert capsys.readouterr().err == line
 
@@ -125,13 +127,18 @@ class Flags:
         (["--limit"], "--limit needs a value"),
         (["--kind", "c"], "--kind takes a or b; got c"),
         (["--spede", "3"], "unknown option --spede: did you mean --speed?"),
-        (["--spede=3", "--robots", "1.5"], "unknown option --spede: did you mean --speed?"),
+        (
+            ["--spede=3", "--robots", "1.5"],
+            "unknown option --spede: did you mean --speed?",
+        ),
         (["--zzz", "3"], "unknown option --zzz"),
         (["slow"], "unexpected argument slow"),
     ],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, monkeypatch):
+def test_a_mistaken_flag_is_told_in_a_users_words(
+    arguments, line, encoding, monkeypatch
+):
     monkeypatch.setenv("PYTHONIOENCODING", encoding)
     assert refusal(Flags, arguments) == f"{line} (see tool --help)"
 
@@ -139,13 +146,17 @@ def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, mon
 @dataclasses.dataclass(frozen=True)
 class Needs:
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """A folder, described at such length that the description of the argument goes on in a second line."""
+    """A folder, described at such length that the description of the argument goes on
+    in a second line."""
     action: Annotated[Literal["build"], tyro.conf.Positional]
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Another folder."""
 
 
-@pytest.mark.parametrize(("arguments", "missing"), [([], "RUN, build, --to DIR"), (["run", "build"], "--to DIR")])
+@pytest.mark.parametrize(
+    ("arguments", "missing"),
+    [([], "RUN, build, --to DIR"), (["run", "build"], "--to DIR")],
+)
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_what_is_missing_is_told_by_its_name(arguments, missing, encoding, monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", encoding)
@@ -153,7 +164,9 @@ def test_what_is_missing_is_told_by_its_name(arguments, missing, encoding, monke
 
 
 def test_no_message_installs_from_an_index_what_is_not_on_one():
-    sources = {path: path.read_text() for path in Path(bp2_rl.__file__).parent.rglob("*.py")}
+    sources = {
+        path: path.read_text() for path in Path(bp2_rl.__file__).parent.rglob("*.py")
+    }
     assert len(sources) > 50
     assert not [path for path, text in sources.items() if "bp2_rl[" in text]
 
@@ -161,7 +174,8 @@ def test_no_message_installs_from_an_index_what_is_not_on_one():
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 @pytest.mark.parametrize(
     ("number", "line"),
-    [(15, "stopped by SIGTERM"), (2, "interrupted"), (1, "stopped by SIGHUP")],  # as POSIX numbers them
+    # as POSIX numbers them
+    [(15, "stopped by SIGTERM"), (2, "interrupted"), (1, "stopped by SIGHUP")],
 )
 def test_a_signal_ends_a_command_that_computes_for_minutes_outside_python(number, line):
     program = """
@@ -181,7 +195,10 @@ def command():
 sys.exit(app.run(command))
 """
     process = subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "began\n"

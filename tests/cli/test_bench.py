@@ -19,9 +19,23 @@ from bp2_rl.tools.throughput.playground import PlaygroundRate
 from bp2_rl.tools.throughput.report import Bench
 
 SMALL = [
-    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-minibatches", "2",
-    "--ppo.episode-length", "20", "--ppo.policy-layers", "16", "--ppo.value-layers", "16", "--seconds", "0.02",
-]  # fmt: skip
+    "--preset",
+    "smoke",
+    "--ppo.num-envs",
+    "16",
+    "--ppo.unroll-length",
+    "5",
+    "--ppo.num-minibatches",
+    "2",
+    "--ppo.episode-length",
+    "20",
+    "--ppo.policy-layers",
+    "16",
+    "--ppo.value-layers",
+    "16",
+    "--seconds",
+    "0.02",
+]
 """Those of `aim.TINY`: what other tests compile of it is found in the cache."""
 
 
@@ -32,8 +46,15 @@ def aim(monkeypatch):
 
 @pytest.mark.parametrize("preset", ["smoke", "cpu"])
 def test_it_measures_what_train_runs(preset):
-    bench, training = command.parse(["--preset", preset]), train._parse(["--preset", preset])
-    assert (bench.impl, bench.env, bench.ppo) == (training.impl, training.env, training.ppo)
+    bench, training = (
+        command.parse(["--preset", preset]),
+        train._parse(["--preset", preset]),
+    )
+    assert (bench.impl, bench.env, bench.ppo) == (
+        training.impl,
+        training.env,
+        training.ppo,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +64,16 @@ def whole(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "make_env", lambda arguments, robots: Aim())
         patch.setattr(measuring, "FIRST_STEP", STARTS)
-        argv = [*SMALL, "--peer", "brax", "--startup", "--profile", str(folder / "trace"), "--out", str(folder / "out")]
+        argv = [
+            *SMALL,
+            "--peer",
+            "brax",
+            "--startup",
+            "--profile",
+            str(folder / "trace"),
+            "--out",
+            str(folder / "out"),
+        ]
         console = Console(record=True, width=80)
         patch.setattr(measuring, "Console", lambda: console)
         assert command.main(argv) == 0
@@ -67,7 +97,13 @@ print(json.dumps({"imported": now, "traced": now, "compiled": now + 1, "first_st
 def test_the_report_holds_every_number(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
     (case,) = report.cases
-    assert [m.part for m in case.measurements] == ["environment", "resets", "policy", "sgd", "training"]
+    assert [m.part for m in case.measurements] == [
+        "environment",
+        "resets",
+        "policy",
+        "sgd",
+        "training",
+    ]
     assert case.error is None
     assert sum(case.shares.values()) == pytest.approx(1.0)
     for m in case.measurements:
@@ -94,8 +130,10 @@ def test_the_peer_runs_beside_the_learner(whole):
 @pytest.mark.parametrize(
     ("argv", "measured"),
     [
-        (["--robots", "16", "32", "--parts", "training"], [16, 32]),  # of these the first is compared
-        (["--robots", "16", "--parts", "resets"], [16, 16]),  # training is measured, though not asked for
+        # of these the first is compared
+        (["--robots", "16", "32", "--parts", "training"], [16, 32]),
+        # training is measured, though not asked for
+        (["--robots", "16", "--parts", "resets"], [16, 16]),
         (["--parts", "resets"], [16, 16]),
     ],
 )
@@ -112,22 +150,52 @@ def test_playground_is_compared_with_a_training_of_as_many_robots_on_one_device(
         rows.append(size[0])
         robots, devices = size
         rate = 10.0 * robots
-        timed = PartTiming(parts[0], robots, devices, rate, rate, 1.0, 1.0, 0.0, 3, 0, 1.0, 1.0, False, None, None)
+        timed = PartTiming(
+            parts[0],
+            robots,
+            devices,
+            rate,
+            rate,
+            1.0,
+            1.0,
+            0.0,
+            3,
+            0,
+            1.0,
+            1.0,
+            False,
+            None,
+            None,
+        )
         return Case(robots, devices, (timed,))
 
-    monkeypatch.setattr(measuring, "playground_settings", lambda robots: {"num_envs": robots or 16})
+    monkeypatch.setattr(
+        measuring, "playground_settings", lambda robots: {"num_envs": robots or 16}
+    )
     monkeypatch.setattr(measuring, "measure_playground", theirs)
     monkeypatch.setattr(measuring, "_measure", ours)
-    assert command.main([*SMALL, "--peer", "playground", *argv, "--out", str(tmp_path)]) == 0
+    assert (
+        command.main([*SMALL, "--peer", "playground", *argv, "--out", str(tmp_path)])
+        == 0
+    )
     assert asked == [(16, 0.02)]
     assert rows == measured
     report = load_config(Bench, tmp_path / "bench.json")
     assert report.peer is not None
-    assert (report.peer.robots, report.peer.devices, report.peer.rate("training")) == (16, 1, 160.0)
-    assert "50 control steps/s of 20 ms; ours, 16 robots, make 3.20 times as many, of 5 ms" in capsys.readouterr().out
+    assert (report.peer.robots, report.peer.devices, report.peer.rate("training")) == (
+        16,
+        1,
+        160.0,
+    )
+    assert (
+        "50 control steps/s of 20 ms; ours, 16 robots, make 3.20 times as many, of 5 ms"
+        in capsys.readouterr().out
+    )
 
 
-def test_without_playground_a_bench_is_one_line_and_status_2(tmp_path, monkeypatch, capsys):
+def test_without_playground_a_bench_is_one_line_and_status_2(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.setitem(sys.modules, "mujoco_playground.config.locomotion_params", None)
     assert command.main([*SMALL, "--peer", "playground", "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
@@ -139,8 +207,11 @@ def test_the_second_start_finds_what_the_first_compiled(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
     assert report.cold_start is not None
     assert report.warm_start is not None
-    assert 0 < report.cold_start.imported < 5  # from before the process began: Python takes its time
-    assert report.cold_start.first_step == pytest.approx(report.cold_start.imported + 60)
+    # from before the process began: Python takes its time
+    assert 0 < report.cold_start.imported < 5
+    assert report.cold_start.first_step == pytest.approx(
+        report.cold_start.imported + 60
+    )
     assert report.warm_start.first_step == pytest.approx(report.warm_start.imported + 2)
 
 
@@ -163,13 +234,28 @@ def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
     assert "num_minibatches" in failed["error"]
     assert measured["error"] is None
     assert measured["measurements"][0]["robots"] == 16
-    assert "15 robots on 1 device: ppo.num_envs (15) must be a multiple" in capsys.readouterr().out
+    assert (
+        "15 robots on 1 device: ppo.num_envs (15) must be a multiple"
+        in capsys.readouterr().out
+    )
 
 
 def test_scaling_leaves_a_picture(tmp_path):
-    argv = [*SMALL, "--scaling", "--max-robots", "4", "--ppo.num-envs", "4", "--parts", "resets"]
+    argv = [
+        *SMALL,
+        "--scaling",
+        "--max-robots",
+        "4",
+        "--ppo.num-envs",
+        "4",
+        "--parts",
+        "resets",
+    ]
     assert command.main([*argv, "--out", str(tmp_path)]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json", "scaling.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "bench.json",
+        "scaling.png",
+    ]
     # A bench without a picture does not leave another's in its folder.
     assert command.main([*SMALL, "--robots", "15", "--out", str(tmp_path)]) == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json"]
@@ -179,9 +265,13 @@ def test_scaling_goes_over_robots_and_then_over_devices(monkeypatch):
     monkeypatch.setattr(jax, "device_count", lambda: 6)
     arguments = command.parse(["--preset", "gpu", "--scaling", "--max-robots", "40000"])
     assert list(measuring.choose_sizes(arguments)) == [
-        *((2**k, 1) for k in range(9, 16)),  # from a sixteenth of the preset's 8192 to the last power below 40000
-        (8192, 2), (16384, 2), (8192, 4), (32768, 4),
-    ]  # fmt: skip
+        # from a sixteenth of the preset's 8192 to the last power below 40000
+        *((2**k, 1) for k in range(9, 16)),
+        (8192, 2),
+        (16384, 2),
+        (8192, 4),
+        (32768, 4),
+    ]
     assert arguments.main_robots == 8192
     plain = command.parse(["--preset", "gpu", "--robots", "64", "128"])
     assert list(measuring.choose_sizes(plain)) == [(64, 6), (128, 6)]
@@ -193,7 +283,13 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
 
     def measure(arguments, size, parts, console):
         tried.append(size)
-        error = OUT_OF_MEMORY if size[0] / size[1] > 32 else "an odd number" if size[0] % 2 else None
+        error = (
+            OUT_OF_MEMORY
+            if size[0] / size[1] > 32
+            else "an odd number"
+            if size[0] % 2
+            else None
+        )
         return Case(*size, error=error)
 
     monkeypatch.setattr(measuring, "_measure", measure)
@@ -206,7 +302,10 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
 def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(measuring, "FIRST_STEP", "raise RuntimeError('no driver')")
     assert command.main([*SMALL, "--startup", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == "error: --startup: the cold start failed: RuntimeError: no driver\n"
+    assert (
+        capsys.readouterr().err
+        == "error: --startup: the cold start failed: RuntimeError: no driver\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -227,7 +326,9 @@ def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
         (["--speed"], ["--speed"]),
     ],
 )
-def test_wrong_flags_are_one_line_and_status_2(argv, words, tmp_path, monkeypatch, capsys):
+def test_wrong_flags_are_one_line_and_status_2(
+    argv, words, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert command.main(["--preset", "smoke", *argv]) == 2
     error = capsys.readouterr().err

@@ -29,7 +29,10 @@ def export(make_card):
     def export(folder, layout=LAYOUT, **results):
         size = sum(entry.size for entry in layout)
         layers = [(np.zeros((size, 4)), np.zeros(4)), (np.zeros((4, 12)), np.zeros(12))]
-        card = make_card(results=results, observation_layout=tuple((name, size) for name, size in layout))
+        card = make_card(
+            results=results,
+            observation_layout=tuple((name, size) for name, size in layout),
+        )
         normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
         save_policy(folder, make_policy(layers, normalizer, card))
 
@@ -38,7 +41,8 @@ def export(make_card):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty working directory, with the process's JAX and MuJoCo left as the tests have them."""
+    """An empty working directory, with the process's JAX and MuJoCo left as the tests
+    have them."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MUJOCO_GL", "")
     return tmp_path
@@ -69,7 +73,7 @@ def assert_refused(capsys, arguments, *words):
     assert sorted(Path.cwd().rglob("*")) == before
 
 
-# --- Done ------------------------------------------------------------------------------------------------------
+# --- Done -----------------------------------------------------------------------------
 
 
 def test_eval_leaves_a_table_and_a_report(policy, capsys):
@@ -88,21 +92,33 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert "heading" in data["conditions"]["operator"]
 
 
-def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(policy, capsys, monkeypatch):
+def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(
+    policy, capsys, monkeypatch
+):
     def again(*arguments):
-        return dataclasses.replace(topspeed(*arguments), benchmark="again", verdict="Once more.")
+        return dataclasses.replace(
+            topspeed(*arguments), benchmark="again", verdict="Once more."
+        )
 
     of_topspeed = BENCHMARKS["topspeed"]
-    benchmarks = {"topspeed": of_topspeed, "again": dataclasses.replace(of_topspeed, run=again)}
+    benchmarks = {
+        "topspeed": of_topspeed,
+        "again": dataclasses.replace(of_topspeed, run=again),
+    }
     monkeypatch.setattr("bp2_rl.evaluation.benchmarks.registry.BENCHMARKS", benchmarks)
-    monkeypatch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")  # drawing takes longest
+    # drawing takes longest
+    monkeypatch.setattr(
+        "bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b""
+    )
     flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]
     out = ""
     for _ in range(2):  # the second replaces the first
         status, out, err = run(capsys, policy, *flags)
         assert (status, err) == (0, "")
     assert out.count("Once more.") == 2  # below its table, and in the last one
-    assert [path.parent.name for path in sorted(Path("report").glob("*/index.html"))] == ["again", "topspeed"]
+    assert [
+        path.parent.name for path in sorted(Path("report").glob("*/index.html"))
+    ] == ["again", "topspeed"]
     data = json.loads(Path("report/metrics.json").read_text())
     assert data["benchmark"] == "all"
     assert data["results"]["again"] == data["results"]["topspeed"]
@@ -110,13 +126,23 @@ def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(policy, capsy
 
 
 def test_eval_script_runs_by_itself_from_anywhere(policy, here):
-    flags = [policy, "--speed", "0.3", "--hold", "0.5", "--out", "a/report", "--no-video"]
+    flags = [
+        policy,
+        "--speed",
+        "0.3",
+        "--hold",
+        "0.5",
+        "--out",
+        "a/report",
+        "--no-video",
+    ]
     done = subprocess.run(
         [sys.executable, REPOSITORY / "eval.py", *flags],
         capture_output=True,
         text=True,
         cwd=here,
-        env=os.environ | {"MUJOCO_GL": "none-such"},  # a broken choice of renderer is no reason not to measure
+        # a broken choice of renderer is no reason not to measure
+        env=os.environ | {"MUJOCO_GL": "none-such"},
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "Best speed" in done.stdout
@@ -130,29 +156,57 @@ def test_help_explains_every_flag(capsys):
     assert end.value.code == 0
     out = capsys.readouterr().out
     for field in dataclasses.fields(command.EvalConfig):
-        flag = f"--{field.name.replace('_', '-')}" if field.name != "run" else "POLICY_OR_RUN"
+        flag = (
+            f"--{field.name.replace('_', '-')}"
+            if field.name != "run"
+            else "POLICY_OR_RUN"
+        )
         assert flag in out.replace("[no-]", "")
 
 
-# --- Wrong input -----------------------------------------------------------------------------------------------
+# --- Wrong input ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--benchmark", "dash"], ("--benchmark takes all, ", "or topspeed; got dash")),
-        (["--benchmark", "sprint", "--hold", "3"], ("--hold is not of --benchmark sprint", "--acceleration")),
-        (["--benchmark", "sprint", "--speed", "3", "--acceleration", "0.06"], ("--acceleration 0.06", "30 s")),
-        (["--benchmark", "convergence", "--backend", "mjx"], ("--backend is not of --benchmark convergence",)),
+        (
+            ["--benchmark", "sprint", "--hold", "3"],
+            ("--hold is not of --benchmark sprint", "--acceleration"),
+        ),
+        (
+            ["--benchmark", "sprint", "--speed", "3", "--acceleration", "0.06"],
+            ("--acceleration 0.06", "30 s"),
+        ),
+        (
+            ["--benchmark", "convergence", "--backend", "mjx"],
+            ("--backend is not of --benchmark convergence",),
+        ),
         (["--robots", "3"], ("--robots is not of --benchmark topspeed",)),
         (["--benchmark", "robustness", "--robots", "0"], ("--robots", "0")),
         (["--acceleration", "0"], ("--acceleration", "0")),
         (["--operator.limit", "-1"], ("--operator.limit", "-1")),
-        (["--backend", "bullet"], ("--backend takes drake, mjx or mujoco; got bullet",)),
-        (["--drake.stiffness", "1e5"], ("--drake.* is of --backend drake; got --backend mujoco",)),
-        (["--benchmark", "robustness", "--backend", "mjx"], ("--backend mjx runs topspeed and sprint",)),
-        (["--backend", "drake", "--drake.solver", "newton"], ("--drake.solver", "newton")),
-        (["--backend", "drake", "--drake.dissipation", "-1"], ("--drake.dissipation", "-1")),
+        (
+            ["--backend", "bullet"],
+            ("--backend takes drake, mjx or mujoco; got bullet",),
+        ),
+        (
+            ["--drake.stiffness", "1e5"],
+            ("--drake.* is of --backend drake; got --backend mujoco",),
+        ),
+        (
+            ["--benchmark", "robustness", "--backend", "mjx"],
+            ("--backend mjx runs topspeed and sprint",),
+        ),
+        (
+            ["--backend", "drake", "--drake.solver", "newton"],
+            ("--drake.solver", "newton"),
+        ),
+        (
+            ["--backend", "drake", "--drake.dissipation", "-1"],
+            ("--drake.dissipation", "-1"),
+        ),
         (["--speed", "-3"], ("--speed", "-3")),
         (["--speed", "0"], ("--speed", "0")),
         (["--speed", "nan"], ("--speed", "nan")),
@@ -174,7 +228,11 @@ def test_where_drake_is_missing_its_installation_is_named(policy, capsys, monkey
     monkeypatch.setitem(sys.modules, "pydrake", None)
     for name in [name for name in sys.modules if name.startswith("pydrake.")]:
         monkeypatch.delitem(sys.modules, name)
-    assert_refused(capsys, [policy, "--backend", "drake"], 'pip install -c constraints.txt -e ".[drake]"')
+    assert_refused(
+        capsys,
+        [policy, "--backend", "drake"],
+        'pip install -c constraints.txt -e ".[drake]"',
+    )
 
 
 @pytest.mark.parametrize("name", ["gone", "gone/deeper"])
@@ -200,17 +258,21 @@ def test_a_policy_with_another_observation(here, export, capsys):
 
 def test_an_unwritable_folder(policy, here, capsys):
     (here / "file").touch()
-    assert_refused(capsys, [policy, "--out", "file/report"], "cannot write to file/report")
+    assert_refused(
+        capsys, [policy, "--out", "file/report"], "cannot write to file/report"
+    )
 
 
 def test_a_folder_that_holds_other_things(policy, here, capsys):
     assert_refused(capsys, [policy, "--out", policy], "holds other files")
 
 
-# --- Failure ---------------------------------------------------------------------------------------------------
+# --- Failure --------------------------------------------------------------------------
 
 
-def test_a_failure_names_its_log_and_shows_no_traceback(policy, capsys, monkeypatch, tmp_path):
+def test_a_failure_names_its_log_and_shows_no_traceback(
+    policy, capsys, monkeypatch, tmp_path
+):
     def fail(*_, **__):
         raise RuntimeError("the solver\nexploded")
 
@@ -245,7 +307,9 @@ class _Nested:
     def __post_init__(self):
         if self.depth < 0:
             raise UserError(
-                f"nested.depth must not be negative, got {self.depth}; " + "and so on, " * 20 + "to the end"
+                f"nested.depth must not be negative, got {self.depth}; "
+                + "and so on, " * 20
+                + "to the end"
             )
 
 
@@ -257,9 +321,13 @@ class _Config:
 
 def test_parse_gives_defaults_and_flags():
     assert app.parse(_Config, [], "test.py") == _Config()
-    assert app.parse(_Config, ["--count", "4"], "test.py", _Config(nested=_Nested(7))) == _Config(4, _Nested(7))
+    assert app.parse(
+        _Config, ["--count", "4"], "test.py", _Config(nested=_Nested(7))
+    ) == _Config(4, _Nested(7))
 
 
 def test_parse_tells_a_configs_own_complaint_to_its_end():
-    with pytest.raises(UserError, match=r"nested\.depth must not be negative, got -1; .* to the end"):
+    with pytest.raises(
+        UserError, match=r"nested\.depth must not be negative, got -1; .* to the end"
+    ):
         app.parse(_Config, ["--nested.depth", "-1"], "test.py")

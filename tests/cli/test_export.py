@@ -20,7 +20,8 @@ SIZE = sum(entry.size for entry in LAYOUT)
 
 
 def standing_policy(seed: int = 0) -> Policy:
-    """A policy that keeps to the standing pose, with weights of its own that have no say."""
+    """A policy that keeps to the standing pose, with weights of its own that have no
+    say."""
     kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
     card = PolicyCard(
         stage="imitation",
@@ -39,7 +40,9 @@ def standing_policy(seed: int = 0) -> Policy:
     )
     zeros = np.zeros((4, 12), np.float32), np.zeros(12, np.float32)
     mean, std = np.zeros(SIZE, np.float32), np.ones(SIZE, np.float32)
-    return Policy(card=card, mean=mean, std=std, layers=((kernel, np.zeros(4, np.float32)), zeros))
+    return Policy(
+        card=card, mean=mean, std=std, layers=((kernel, np.zeros(4, np.float32)), zeros)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +52,20 @@ def measured(tmp_path_factory):
     save_policy(folder / "run" / "policy", standing_policy())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MUJOCO_GL", "")
-        patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
-        patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")  # drawing takes longest
+        # s: it stands anyway
+        patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)
+        # drawing takes longest
+        patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")
         for flags in (
             ["--hold", "1.2", "--out", str(folder / "report")],
             ["--benchmark", "sprint", "--out", str(folder / "race")],
         ):
-            assert eval_command.main([str(folder / "run"), "--speed", "0.3", "--no-video", *flags]) == 0
+            assert (
+                eval_command.main(
+                    [str(folder / "run"), "--speed", "0.3", "--no-video", *flags]
+                )
+                == 0
+            )
     return folder
 
 
@@ -69,18 +79,21 @@ def here(measured, tmp_path, monkeypatch):
 
 
 def refused(capsys, *arguments):
-    """The one line that refuses the arguments with exit status 2; nothing is left behind."""
+    """The one line that refuses the arguments with exit status 2; nothing is left
+    behind."""
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     assert command.main([str(argument) for argument in arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("error: ")
     assert err.count("\n") == 1
-    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    assert {
+        path: path.read_bytes() for path in Path().rglob("*") if path.is_file()
+    } == before
     return err
 
 
-# --- Done ------------------------------------------------------------------------------------------------------
+# --- Done -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("source", ["run", "run/policy"])
@@ -88,7 +101,10 @@ def test_the_copy_is_the_runs_policy(capsys, source):
     assert command.main([source, "--to", "kept/policy"]) == 0
     assert capsys.readouterr().out == f"exported {source} to kept/policy\n"
     for name in ("card.json", "weights.npz"):
-        assert Path("kept/policy", name).read_bytes() == Path("run/policy", name).read_bytes()
+        assert (
+            Path("kept/policy", name).read_bytes()
+            == Path("run/policy", name).read_bytes()
+        )
 
 
 def test_the_card_says_what_the_report_says():
@@ -103,16 +119,26 @@ def test_the_card_says_what_the_report_says():
     assert said["fell_at"] is None
     assert said["outside_envelope"] == 0
     for name in set(RESULTS) & set(found):
-        # The card rounds to four digits. A robot that stands has no cost of transport: None is None.
-        assert said[name] == (None if found[name] is None else pytest.approx(found[name], rel=1e-3)), name
-    assert {"best_speed", "hold_time", "peak_spring_travel"} <= set(RESULTS) & set(found)
-    assert said["peak_motor_power"] == pytest.approx(max(m["peak_power"] for m in found["motors"]), rel=1e-3)
+        # The card rounds to four digits. A robot that stands has no cost of transport:
+        # None is None.
+        assert said[name] == (
+            None if found[name] is None else pytest.approx(found[name], rel=1e-3)
+        ), name
+    assert {"best_speed", "hold_time", "peak_spring_travel"} <= set(RESULTS) & set(
+        found
+    )
+    assert said["peak_motor_power"] == pytest.approx(
+        max(m["peak_power"] for m in found["motors"]), rel=1e-3
+    )
     flat = (str, int, float, type(None))
     assert all(isinstance(value, flat) for value in said.values())
 
 
 def test_the_card_says_what_several_reports_say():
-    assert command.main(["run", "--to", "kept", "--report", "report", "--report", "race"]) == 0
+    assert (
+        command.main(["run", "--to", "kept", "--report", "report", "--report", "race"])
+        == 0
+    )
     results = load_policy("kept").card.results
     assert set(results) == {"curriculum_level", "top_speed", "topspeed", "sprint"}
     assert results["topspeed"]["commanded_speed"] == 0.3
@@ -134,20 +160,31 @@ def test_a_policy_may_get_its_results_where_it_lies():
 
 
 def test_an_exported_policy_can_be_measured_as_it_was():
-    """By default eval.py commands what was commanded when the card's figures were measured."""
+    """By default eval.py commands what was commanded when the card's figures were
+    measured."""
     assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
     assert speed_to_command(load_policy("kept")) == 0.3
 
 
-# --- Wrong input -----------------------------------------------------------------------------------------------
+# --- Wrong input ----------------------------------------------------------------------
 
 
 def test_the_copys_launches_and_stops_can_be_eased(capsys):
     launch = ["--launching", "6", "--launching-speed", "18"]
-    assert command.main(["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9", *launch]) == 0
+    assert (
+        command.main(
+            ["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9", *launch]
+        )
+        == 0
+    )
     assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
     ours, copy = load_policy(Path("run")), load_policy(Path("copy"))
-    law = {"braking": 4.0, "stopping_time": 0.9, "launching": 6.0, "launching_speed": 18.0}
+    law = {
+        "braking": 4.0,
+        "stopping_time": 0.9,
+        "launching": 6.0,
+        "launching_speed": 18.0,
+    }
     control = dataclasses.replace(ours.card.env.control, **law)
     assert copy.card.env == dataclasses.replace(ours.card.env, control=control)
     assert copy.card.weights_sha256 == ours.card.weights_sha256
@@ -166,12 +203,18 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
         (["gone", "--to", "kept"], "no policy at gone"),
         (["report", "--to", "kept"], "no policy in report"),
         (["run/policy/card.json", "--to", "kept"], "is a file"),
-        (["run", "--to", "kept", "--report", "gone"], "no report in gone: expected metrics.json"),
+        (
+            ["run", "--to", "kept", "--report", "gone"],
+            "no report in gone: expected metrics.json",
+        ),
         (["run", "--to", "kept", "--report", "run"], "no report in run"),
         (["run", "--to", "report"], "holds files that are no policy's"),
         (["run", "--to", "run"], "holds files that are no policy's"),
         (["run", "--to", "report/speed.png"], "cannot write policy report/speed.png"),
-        (["run", "--to", "report/speed.png/kept"], "cannot write policy report/speed.png/kept"),
+        (
+            ["run", "--to", "report/speed.png/kept"],
+            "cannot write policy report/speed.png/kept",
+        ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -185,7 +228,10 @@ def test_a_mistake_is_one_line(capsys, arguments, words):
         ("", "damaged or not JSON"),
         ("[1, 2]", "expected an object"),
         ('{"loss": 3}', "loss: unknown key"),
-        ('{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}', "results: missing"),
+        (
+            '{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}',
+            "results: missing",
+        ),
     ],
 )
 def test_a_report_of_another_shape_is_refused(capsys, content, words):
@@ -208,7 +254,9 @@ def test_a_report_that_does_not_say_of_which_policy_is_refused(capsys):
     report = json.loads(path.read_text())
     del report["conditions"]["weights_sha256"]
     path.write_text(json.dumps(report))
-    assert "weights unknown" in refused(capsys, "run", "--to", "kept", "--report", "report")
+    assert "weights unknown" in refused(
+        capsys, "run", "--to", "kept", "--report", "report"
+    )
 
 
 def test_a_damaged_policy_is_not_passed_on(capsys):

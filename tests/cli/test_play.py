@@ -23,12 +23,17 @@ def nowhere(monkeypatch):
         (["--seconds", "-1"], "--seconds must be"),
         (["--speed", "inf"], "--speed must be from -100 to 100"),
         (["nowhere"], "no policy"),
-        (["--speed", "16"], "--speed must be from 0 to 15.5, what this policy was trained for, got 16"),
+        (
+            ["--speed", "16"],
+            "--speed must be from 0 to 15.5, what this policy was trained for, got 16",
+        ),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(flags, said, capsys):
     if importlib.util.find_spec("viser") is None:
-        pytest.skip('needs the package viser: pip install -c constraints.txt -e ".[play]"')
+        pytest.skip(
+            'needs the package viser: pip install -c constraints.txt -e ".[play]"'
+        )
     assert command.main(flags) == 2
     out, err = capsys.readouterr()
     assert err.startswith(f"error: {said}")
@@ -39,7 +44,9 @@ def test_a_mistake_is_one_line_and_status_2(flags, said, capsys):
 def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, capsys):
     found = importlib.util.find_spec
     monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *rest: None if name == "viser" else found(name, *rest)
+        importlib.util,
+        "find_spec",
+        lambda name, *rest: None if name == "viser" else found(name, *rest),
     )
     assert command.main([]) == 2
     assert capsys.readouterr().err == (
@@ -47,19 +54,47 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, ca
     )
 
 
-@pytest.mark.parametrize(("host", "open_to_all"), [("0.0.0.0", True), ("localhost", False)])
-def test_a_page_for_other_machines_says_who_can_steer_the_robot(host, open_to_all, monkeypatch, capsys):
-    pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
-    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.1)  # s: it need not stand
+@pytest.mark.parametrize(
+    ("host", "open_to_all"), [("0.0.0.0", True), ("localhost", False)]
+)
+def test_a_page_for_other_machines_says_who_can_steer_the_robot(
+    host, open_to_all, monkeypatch, capsys
+):
+    pytest.importorskip(
+        "viser",
+        reason='needs the package viser: pip install -c constraints.txt -e ".[play]"',
+    )
+    # s: it need not stand
+    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.1)
     monkeypatch.setattr("bp2_rl.simulation.parallel.compute_here", lambda: None)
-    assert command.main(["--web", "--robot", "ideal", "--host", host, "--port", "18080", "--seconds", "0.1"]) == 0
+    assert (
+        command.main(
+            [
+                "--web",
+                "--robot",
+                "ideal",
+                "--host",
+                host,
+                "--port",
+                "18080",
+                "--seconds",
+                "0.1",
+            ]
+        )
+        == 0
+    )
     line = f"--host {host}: anyone on the network who can reach this machine can steer the robot\n"
     assert (line in capsys.readouterr().out) is open_to_all
 
 
 @pytest.mark.parametrize(
     ("platform", "display", "there"),
-    [("linux", "", False), ("linux", ":0", True), ("win32", "", True), ("darwin", ":0", False)],
+    [
+        ("linux", "", False),
+        ("linux", ":0", True),
+        ("win32", "", True),
+        ("darwin", ":0", False),
+    ],
 )
 def test_a_window_needs_a_display(monkeypatch, platform, display, there):
     monkeypatch.setattr("sys.platform", platform)

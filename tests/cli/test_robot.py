@@ -16,7 +16,9 @@ def model(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("flags", [[], ["--numbers"]])
-def test_from_a_model_to_a_picture(flags: list[str], model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_from_a_model_to_a_picture(
+    flags: list[str], model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     picture = tmp_path / "dog.png"
     assert main(["new", str(model), *flags]) == 0
     assert "CONFIRM" in (tmp_path / "dog.toml").read_text()
@@ -27,25 +29,38 @@ def test_from_a_model_to_a_picture(flags: list[str], model: Path, tmp_path: Path
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_robot_that_ships_is_found_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_robot_that_ships_is_found_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     assert main(["check", "mini_cheetah", "--out", str(tmp_path / "picture.svg")]) == 0
     assert "stands 5 s" in capsys.readouterr().out
 
 
-def test_mistakes_are_one_line(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_mistakes_are_one_line(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     (tmp_path / "there.toml").write_text("")
     (binary := tmp_path / "binary.toml").write_bytes(bytes([255, 0, 254]))
     (tmp_path / "fused.xml").write_text(without_a_base())
     for words, complaint in (
-        (["new", str(model), "--out", str(tmp_path / "there.toml")], "is there already"),
-        (["new", str(model), "--out", str(tmp_path / "no" / "x.toml")], "in a folder that is there"),
+        (
+            ["new", str(model), "--out", str(tmp_path / "there.toml")],
+            "is there already",
+        ),
+        (
+            ["new", str(model), "--out", str(tmp_path / "no" / "x.toml")],
+            "in a folder that is there",
+        ),
         (["new", str(tmp_path / "gone.xml")], "cannot be read"),
         (["new", str(tmp_path / "fused.xml")], "base is fixed"),
         (["new", str(model), "--foot-radius", "-1"], "--foot-radius must be"),
         (["new", str(model), "--feet", "a"], "four names"),
         (["check", "nobody"], "built, b2, go1"),
         (["check", "go1", "--out", str(tmp_path)], "must be a name that ends in"),
-        (["check", str(tmp_path / "there.toml")], "it has no name, [motors], [trunk], [fore], [hind], [stand]: `bp2"),
+        (
+            ["check", str(tmp_path / "there.toml")],
+            "it has no name, [motors], [trunk], [fore], [hind], [stand]: `bp2",
+        ),
         (["check", str(model)], "is no robot file"),
         (["check", str(binary)], "is damaged or not TOML"),
     ):

@@ -17,24 +17,40 @@ sys.exit(train.main(["--preset", "smoke", *sys.argv[1:]]))
 
 
 def launch(*arguments):
-    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    environment = {
+        **os.environ,
+        "XLA_FLAGS": "--xla_force_host_platform_device_count=2",
+    }
     command = [sys.executable, "-c", WATCHED, *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_deterministic_reaches_xla_before_it_starts_and_leaves_other_flags_alone():
     ours = "False --xla_force_host_platform_device_count=2"
     assert f"{ours}\n" in launch()
-    assert f"{ours} --xla_gpu_deterministic_ops=true\n" in launch("--deterministic")  # and XLA knows the flag
+    # and XLA knows the flag
+    assert f"{ours} --xla_gpu_deterministic_ops=true\n" in launch("--deterministic")
 
 
 def test_a_platform_that_is_not_there_is_one_line_and_status_2(tmp_path):
     environment = {**os.environ, "JAX_PLATFORMS": "nowhere"}
-    for command in (["train", "--preset", "smoke"], ["bench", "--preset", "smoke"], ["eval", "--backend", "mjx"]):
+    for command in (
+        ["train", "--preset", "smoke"],
+        ["bench", "--preset", "smoke"],
+        ["eval", "--backend", "mjx"],
+    ):
         ended = subprocess.run(
-            [sys.executable, "-m", "bp2_rl", *command], env=environment, cwd=tmp_path, capture_output=True, text=True
+            [sys.executable, "-m", "bp2_rl", *command],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
         )
         assert ended.returncode == 2, ended.stderr
-        assert ended.stderr.startswith("error: JAX finds no device of JAX_PLATFORMS=nowhere: ")
+        assert ended.stderr.startswith(
+            "error: JAX finds no device of JAX_PLATFORMS=nowhere: "
+        )
         assert ended.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,9 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import bench, study, train, tune
 from bp2_rl.settings import presets
 
-needs_optuna = pytest.mark.skipif(importlib.util.find_spec("optuna") is None, reason="an extra")
+needs_optuna = pytest.mark.skipif(
+    importlib.util.find_spec("optuna") is None, reason="an extra"
+)
 
 
 @pytest.mark.parametrize(
@@ -25,7 +27,9 @@ needs_optuna = pytest.mark.skipif(importlib.util.find_spec("optuna") is None, re
         (["--resume", "nowhere"], "1"),
     ],
 )
-def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monkeypatch):
+def test_xla_has_all_processors_where_mjx_does_not_simulate(
+    words, threads, monkeypatch
+):
     """With MJX its thread pool may wait for ever."""
     monkeypatch.setenv("NPROC", "1")
     monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
@@ -46,24 +50,40 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monk
             "from bp2_rl.learning.monitor import Monitor; Monitor(Path(sys.argv[1]), 1)",
             {"warp", "matplotlib", "casadi", "torch", "networkx"},
         ),
-        ("import bp2_rl.evaluation.judge", {"warp", "matplotlib", "tensorboardX", "brax", "trimesh", "mujoco.mjx"}),
+        (
+            "import bp2_rl.evaluation.judge",
+            {"warp", "matplotlib", "tensorboardX", "brax", "trimesh", "mujoco.mjx"},
+        ),
     ],
 )
 def test_a_training_and_its_judge_import_what_they_use(code, unused, tmp_path):
-    """Each of these takes a second or more of a start, where it is installed: here all are."""
+    """Each of these takes a second or more of a start, where it is installed: here all
+    are."""
     for name in ("warp", "torch", "networkx"):
         (tmp_path / f"{name}.py").touch()
     program = f"import sys; from pathlib import Path\n{code}\nprint(*sys.modules)"
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    env = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(
+            [str(tmp_path), os.environ.get("PYTHONPATH", "")]
+        ),
+    }
     ended = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], env=env, capture_output=True, text=True, check=True
+        [sys.executable, "-c", program, str(tmp_path)],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     loaded = ended.stdout.split()
     assert "mujoco" in loaded
     assert not unused & set(loaded)
 
 
-@pytest.mark.parametrize(("words", "left_out"), [([], True), (["--impl", "jax"], True), (["--impl=warp"], False)])
+@pytest.mark.parametrize(
+    ("words", "left_out"),
+    [([], True), (["--impl", "jax"], True), (["--impl=warp"], False)],
+)
 def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monkeypatch):
     monkeypatch.delitem(sys.modules, "warp", raising=False)
     with train.unused_left_out(train.read_named(words)):
@@ -71,12 +91,18 @@ def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monke
     assert "warp" not in sys.modules
 
 
-def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(monkeypatch):
+def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(
+    monkeypatch,
+):
     monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
     monkeypatch.setattr(workers, "processors", lambda: 3)
     for words, before, after in (
         (["--preset", "cpu"], "", "--xla_force_host_platform_device_count=3"),
-        (["--preset", "cpu"], "--a=1", "--a=1 --xla_force_host_platform_device_count=3"),
+        (
+            ["--preset", "cpu"],
+            "--a=1",
+            "--a=1 --xla_force_host_platform_device_count=3",
+        ),
         (["--preset", "cpu", "--impl", "warp"], "", ""),
         (["--impl", "kernel"], *2 * ("--xla_force_host_platform_device_count=1",)),
     ):
@@ -95,7 +121,9 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
         pytest.param(tune, ["--out", "tune"], marks=needs_optuna),
     ],
 )
-def test_the_preset_for_an_accelerator_is_refused_without_one(command, words, tmp_path, capsys, monkeypatch):
+def test_the_preset_for_an_accelerator_is_refused_without_one(
+    command, words, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bp2_rl.cli.runtime.find_backend", lambda: "cpu")
     monkeypatch.setattr("bp2_rl.cli.train.use_all_processors", lambda: None)
@@ -114,15 +142,32 @@ def test_a_users_number_of_threads_stands(monkeypatch):
 
 
 @pytest.mark.parametrize("preset", ["gpu", "cpu"])
-def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation_stage(preset, tmp_path):
+def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation_stage(
+    preset, tmp_path
+):
     """So what the preset asks of robots that run already is asked of them."""
     parent = presets.preset("imitation", preset, robot="ideal")
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
     save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
-    child = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]).env
+    child = train._parse(
+        ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
+    ).env
     preset_env = presets.preset("relaxed", preset, robot="ideal").env
-    assert child == dataclasses.replace(preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3))
+    assert child == dataclasses.replace(
+        preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3)
+    )
     assert child != dataclasses.replace(mine, reward=preset_env.reward)
-    moved = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path), "--robot", "built"]).env
+    moved = train._parse(
+        [
+            "--stage",
+            "relaxed",
+            "--preset",
+            preset,
+            "--from",
+            str(tmp_path),
+            "--robot",
+            "built",
+        ]
+    ).env
     assert moved.hardware == presets.preset("relaxed", preset).env.hardware

@@ -26,30 +26,59 @@ def test_the_commands_are_listed(capsys):
     [
         (["leap"], "no command 'leap'; bp2 trajopt has: solve, verify"),
         (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
-        (["solve", "--speed", "23"], "speed must be at most 22.5 m/s, as fast as hip and knee move a foot, got 23"),
+        (
+            ["solve", "--speed", "23"],
+            "speed must be at most 22.5 m/s, as fast as hip and knee move a foot, got 23",
+        ),
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "amble"], "amble"),
-        (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
+        (
+            ["solve", "--hardware.spring-stiffness", "-6000"],
+            "spring_stiffness must be from 100 to",
+        ),
         (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["solve", "--refine", "1"], "refine must be 0 or at least 2"),
         (["solve", "--refine", "-3"], "refine must be from 0 to 500, got -3"),
-        (["solve", "--intervals", "9" * 400], "intervals must be from 2 to 500, got a huge integer"),
+        (
+            ["solve", "--intervals", "9" * 400],
+            "intervals must be from 2 to 500, got a huge integer",
+        ),
         (["solve", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
-        (["library", "build", "--workers", "0"], "workers must be from 1 to 256, got 0"),
+        (
+            ["library", "build", "--workers", "0"],
+            "workers must be from 1 to 256, got 0",
+        ),
         (["library", "build", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
-        (["library", "build", "--starts", "-1"], "starts must be from 1 to 1000, got -1"),
-        (["library", "build", "--coarse", "-5"], "coarse must be from 2 to 500, got -5"),
-        (["library", "build", "--proximity", "nan"], "proximity must be from 0 to 1e+06, got nan"),
+        (
+            ["library", "build", "--starts", "-1"],
+            "starts must be from 1 to 1000, got -1",
+        ),
+        (
+            ["library", "build", "--coarse", "-5"],
+            "coarse must be from 2 to 500, got -5",
+        ),
+        (
+            ["library", "build", "--proximity", "nan"],
+            "proximity must be from 0 to 1e+06, got nan",
+        ),
         (["library", "build", "--step", "1e-9"], "makes more than 1000 speeds"),
-        (["solve", "--robot", "built", "--hardware.losses.bus-sag", "2"], "losses.bus_sag must be from 0 to 1, got 2"),
-        (["solve", "--rotor-coupling", "--hardware.rotor-inertia", "0.05"], "must be below the inertia of the thigh"),
+        (
+            ["solve", "--robot", "built", "--hardware.losses.bus-sag", "2"],
+            "losses.bus_sag must be from 0 to 1, got 2",
+        ),
+        (
+            ["solve", "--rotor-coupling", "--hardware.rotor-inertia", "0.05"],
+            "must be below the inertia of the thigh",
+        ),
         (["verify", "x" * 5000], "cannot be read: File name too long"),
         (["library", "build", "--to", "library.json"], "a library is an .npz file"),
         (["library", "burn"], "burn"),
         (["verify", "nowhere.npz"], "nowhere.npz cannot be read"),
     ],
 )
-def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, monkeypatch):
+def test_a_mistake_is_one_line_and_status_2(
+    argv, message, capsys, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     assert trajopt.main(argv) == 2
     error = capsys.readouterr().err
@@ -59,15 +88,29 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
     assert not list(tmp_path.rglob("*.npz"))
 
 
-def test_a_speed_without_a_trajectory_is_one_line_and_status_2(capsys, tmp_path, monkeypatch):
-    """IPOPT is given up on at once: that it finds none itself is tested where trajectories are."""
+def test_a_speed_without_a_trajectory_is_one_line_and_status_2(
+    capsys, tmp_path, monkeypatch
+):
+    """IPOPT is given up on at once: that it finds none itself is tested where
+    trajectories are."""
     monkeypatch.chdir(tmp_path)
     found = Program.solve
     monkeypatch.setattr(
-        Program, "solve", lambda self, time_limit, perhaps_infeasible: found(self, 0.1, perhaps_infeasible)
+        Program,
+        "solve",
+        lambda self, time_limit, perhaps_infeasible: found(
+            self, 0.1, perhaps_infeasible
+        ),
     )
-    assert trajopt.main(["solve", "--speed", "21", "--intervals", "2", "--starts", "1"]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
+    assert (
+        trajopt.main(["solve", "--speed", "21", "--intervals", "2", "--starts", "1"])
+        == 2
+    )
+    lines = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("error:")
+    ]
     assert len(lines) == 1
     assert "no trajectory at 21 m/s" in lines[0]
     assert not list(tmp_path.rglob("*.npz"))
@@ -78,7 +121,10 @@ def test_the_second_of_two_on_one_folder_is_refused(capsys, tmp_path, monkeypatc
     with lock_folder(tmp_path, "busy"):
         assert trajopt.main(["library", "build", "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert f"error: another process works in {tmp_path}: wait for it, or choose another --out" in error
+    assert (
+        f"error: another process works in {tmp_path}: wait for it, or choose another --out"
+        in error
+    )
     assert not list(tmp_path.glob("*.json"))
 
 
@@ -89,14 +135,31 @@ def test_help_and_mistakes_wait_for_no_import(what):
         f"import sys; from bp2_rl.cli.__main__ import main; assert main(['trajopt', '{what}', '--fly']) == 2; "
         "assert not {'casadi', 'mujoco', 'jax', 'scipy', 'matplotlib'} & set(sys.modules), sys.modules.keys()"
     )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.startswith("error: ")
 
 
 def test_solve_and_verify(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert trajopt.main(["solve", "--intervals", "6", "--starts", "1", "--refine", "0", "--out", "here"]) == 0
+    assert (
+        trajopt.main(
+            [
+                "solve",
+                "--intervals",
+                "6",
+                "--starts",
+                "1",
+                "--refine",
+                "0",
+                "--out",
+                "here",
+            ]
+        )
+        == 0
+    )
     card = json.loads((tmp_path / "here/speed-10.00.json").read_text())
     assert card["problem"]["speed"] == 10.0
     assert card["checks"]["dynamics_residual"] < 1e-3
@@ -109,7 +172,8 @@ def test_solve_and_verify(tmp_path, monkeypatch, capsys):
 
 
 def test_a_library_says_which_trots_it_leaves_out(tmp_path, monkeypatch, capsys):
-    """A file of a speed that the family does not return is a trot that the verifier refused."""
+    """A file of a speed that the family does not return is a trot that the verifier
+    refused."""
     family = load_family(asset_path("reference_motions/bp2_trot_slow.npz"))[-2:]
 
     def build(settings, folder, **_):
@@ -119,7 +183,16 @@ def test_a_library_says_which_trots_it_leaves_out(tmp_path, monkeypatch, capsys)
 
     monkeypatch.setattr(trajopt, "build_family", build)
     trajopt.main(
-        ["library", "build", "--robot", "go1", "--out", str(tmp_path / "go1"), "--to", str(tmp_path / "go1.npz")]
+        [
+            "library",
+            "build",
+            "--robot",
+            "go1",
+            "--out",
+            str(tmp_path / "go1"),
+            "--to",
+            str(tmp_path / "go1.npz"),
+        ]
     )
     left = capsys.readouterr().out.replace("\n", " ").split("left out")[1:]
     assert len(left) == 1

@@ -15,10 +15,24 @@ from bp2_rl.settings.presets import preset
 
 ROOT = Path(__file__).parents[2]
 LEAVES = (
-    "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
-    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper figures exchange",
-    "paper trajectories limits", "paper trajectories codesign", "paper scaling",
-)  # fmt: skip
+    "train",
+    "eval",
+    "play",
+    "study",
+    "tune",
+    "bench",
+    "export",
+    "trajopt solve",
+    "trajopt verify",
+    "trajopt library build",
+    "paper eval",
+    "paper figures race",
+    "paper figures --all",
+    "paper figures exchange",
+    "paper trajectories limits",
+    "paper trajectories codesign",
+    "paper scaling",
+)
 GROUPS = ("trajopt", "paper", "paper figures", "paper trajectories")
 WATCHED = """
 import sys
@@ -51,8 +65,10 @@ def test_help_is_one_screen_and_comes_at_once(command):
     assert (ended.returncode, ended.stderr) == (0, "")
     lines = ended.stdout.splitlines()
     assert 3 < len(lines) <= 60
-    assert max(map(len, lines)) <= 90  # a name of many choices is longer than the terminal is wide
-    # Half a second on an idle machine; importing JAX and MuJoCo takes three. The tests share the processors.
+    # a name of many choices is longer than the terminal is wide
+    assert max(map(len, lines)) <= 90
+    # Half a second on an idle machine; importing JAX and MuJoCo takes three. The tests
+    # share the processors.
     assert time.monotonic() - began < 10
 
 
@@ -62,7 +78,8 @@ def test_every_everyday_flag_of_train_is_shown_and_none_of_its_own_is_left_out(c
         assert f"--{flag}" in text.replace("[no-]", "")
     assert "--env.hardware.gear-ratio" not in text
     assert "--env.hardware.*" in text
-    assert "--*" not in text  # flags that are not nested are all in EVERYDAY, or this would count the others
+    # flags that are not nested are all in EVERYDAY, or this would count the others
+    assert "--*" not in text
 
 
 def test_all_settings_are_listed_with_their_defaults(capsys):
@@ -98,23 +115,44 @@ def test_a_command_that_is_short_shows_everything(capsys):
         ("trajopt library", "usage: bp2 trajopt library build [FLAGS]"),
     ],
 )
-def test_the_usage_is_what_one_types_with_what_may_be_left_out_in_brackets(words, line, capsys):
+def test_the_usage_is_what_one_types_with_what_may_be_left_out_in_brackets(
+    words, line, capsys
+):
     assert shown(capsys, *words.split(), "--help").splitlines()[0] == line
 
 
 @pytest.mark.parametrize(
-    "command", ["train", "eval", "play", "robot new", "robot check", "study", "tune", "bench", "export"]
+    "command",
+    [
+        "train",
+        "eval",
+        "play",
+        "robot new",
+        "robot check",
+        "study",
+        "tune",
+        "bench",
+        "export",
+    ],
 )
 def test_help_ends_with_examples_that_name_the_command(command, capsys):
     *_, last = shown(capsys, *command.split(), "--help").split("\n\n")
     title, *lines = last.splitlines()
     assert title == "examples:"
-    assert all(line.startswith((f"  bp2 {command}", f"  python {command}.py")) for line in lines)
+    assert all(
+        line.startswith((f"  bp2 {command}", f"  python {command}.py"))
+        for line in lines
+    )
 
 
 @pytest.mark.parametrize("script", ["train.py", "eval.py"])
 def test_a_script_is_called_as_it_was_typed(script):
-    said = subprocess.run([sys.executable, ROOT / script, "--help"], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, ROOT / script, "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     assert said.startswith(f"usage: python {script} [")
 
 

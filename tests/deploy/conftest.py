@@ -1,4 +1,5 @@
-"""The shipped policy as a bundle, once for all tests, and the code in it as a robot's computer has it."""
+"""The shipped policy as a bundle, once for all tests, and the code in it as a robot's
+computer has it."""
 
 import functools
 import importlib
@@ -29,10 +30,23 @@ def bundle(shipped, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def onboard(bundle):
-    """The modules in the bundle: not those of bp2_rl, whose every call is checked here and takes ten times as long."""
+    """The modules in the bundle: not those of bp2_rl, whose every call is checked here
+    and takes ten times as long."""
     sys.path.insert(0, str(bundle))
-    names = ("controller", "motion", "complex_step", "link", "robot", "world", "rehearse", "contents", "seal")
-    yield SimpleNamespace(**{name: importlib.import_module(f"onboard.{name}") for name in names})
+    names = (
+        "controller",
+        "motion",
+        "complex_step",
+        "link",
+        "robot",
+        "world",
+        "rehearse",
+        "contents",
+        "seal",
+    )
+    yield SimpleNamespace(
+        **{name: importlib.import_module(f"onboard.{name}") for name in names}
+    )
     sys.path.remove(str(bundle))
     for name in [name for name in sys.modules if name.split(".")[0] == "onboard"]:
         del sys.modules[name]
@@ -40,14 +54,22 @@ def onboard(bundle):
 
 @pytest.fixture(scope="session")
 def another(tmp_path_factory):
-    """A robot's policy that nobody trained, which follows the kinematic trot and heeds all that it sees; its bundle."""
+    """A robot's policy that nobody trained, which follows the kinematic trot and heeds
+    all that it sees; its bundle."""
 
     @functools.cache
     def make(name):
-        card, draws = make_card(env=preset("imitation", "smoke", robot=name).env), np.random.default_rng(0)
+        card, draws = (
+            make_card(env=preset("imitation", "smoke", robot=name).env),
+            np.random.default_rng(0),
+        )
         shapes = (card.observation_size, 16), (16, 12)
         layers = tuple(
-            (draws.normal(0.0, 0.03, shape).astype(np.float32), np.zeros(shape[1], np.float32)) for shape in shapes
+            (
+                draws.normal(0.0, 0.03, shape).astype(np.float32),
+                np.zeros(shape[1], np.float32),
+            )
+            for shape in shapes
         )
         scale = np.ones(card.observation_size, np.float32)
         policy = Policy(card, 0.0 * scale, scale, layers)

@@ -45,10 +45,19 @@ def tiny(make_card, **changes) -> Policy:
 
 def test_friction_by_joint_is_written_by_joint():
     env = preset("imitation", "smoke", robot="go1").env
-    losses = dataclasses.replace(env.hardware.losses, joint_friction=(1.0, 1.0, 3.0), joint_viscosity=(0.2, 0.2, 1.0))
+    losses = dataclasses.replace(
+        env.hardware.losses,
+        joint_friction=(1.0, 1.0, 3.0),
+        joint_viscosity=(0.2, 0.2, 1.0),
+    )
     hardware = dataclasses.replace(env.hardware, losses=losses)
-    described = _describe_robots(dataclasses.replace(env, hardware=hardware))["own"]["losses"]
-    ours, theirs = Resistance.from_hardware(hardware), Resistance(**numbers(json.loads(json.dumps(described))))
+    described = _describe_robots(dataclasses.replace(env, hardware=hardware))["own"][
+        "losses"
+    ]
+    ours, theirs = (
+        Resistance.from_hardware(hardware),
+        Resistance(**numbers(json.loads(json.dumps(described)))),
+    )
     assert described["joint_friction"] == [1.0, 1.0, 3.0] * 4
     for name, value in vars(ours).items():
         np.testing.assert_array_equal(getattr(theirs, name), value)
@@ -62,43 +71,78 @@ def here(tmp_path, monkeypatch):
 
 
 def test_it_runs_without_jax_and_without_bp2_rl(bundle):
-    done = subprocess.run([sys.executable, "-c", ALONE], cwd=bundle, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE],
+        cwd=bundle,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.stdout.split(), done.stderr) == (["True", "True"], "")
 
 
 def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
-    (script,) = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(), re.S)
-    done = subprocess.run([sys.executable, "-c", script], cwd=bundle, capture_output=True, text=True, check=False)
+    (script,) = re.findall(
+        r"```python\n(.*?)```",
+        (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(),
+        re.S,
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=bundle,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.stdout, done.stderr) == ("1.8 m run\n", "")
 
 
 def test_its_settings_say_what_a_robot_needs(bundle, shipped):
     settings = json.loads((bundle / "deploy.json").read_text())
     env = shipped.card.env
-    assert settings["observation"] == [list(entry) for entry in shipped.card.observation_layout]
+    assert settings["observation"] == [
+        list(entry) for entry in shipped.card.observation_layout
+    ]
     assert settings["joints"] == list(conventions.MOTOR_NAMES)
     assert settings["rates"] == {"policy": 200.0, "drives": 1000.0}
-    assert settings["gains"] == {"stiffness": env.control.stiffness, "damping": env.control.damping}
+    assert settings["gains"] == {
+        "stiffness": env.control.stiffness,
+        "damping": env.control.damping,
+    }
     assert settings["command"]["most"][0] == env.commands.max_forward
     assert settings["policy"]["weights_sha256"] == shipped.card.weights_sha256
     assert settings["joint_range"][2] == list(bp2.KNEE_RANGE)
     assert set(settings["robots"]) >= {"built", "ideal"}
     assert settings["rehearsal"] == {"speed": 10.74}
     limits = settings["watchdog"]
-    assert [limits[name] for name in ("stand_time", "joint_speed", "turning")] == [0.1, 100.0, 50.0]
+    assert [limits[name] for name in ("stand_time", "joint_speed", "turning")] == [
+        0.1,
+        100.0,
+        50.0,
+    ]
 
 
 def test_another_robots_settings_are_its_own(another):
     policy, folder = another("go1")
-    robot, settings = policy.card.env.hardware, json.loads((folder / "deploy.json").read_text())
+    robot, settings = (
+        policy.card.env.hardware,
+        json.loads((folder / "deploy.json").read_text()),
+    )
     assert settings["control"]["stand"] == [0.0, 0.9, -1.8] * 4
-    assert settings["joint_range"][:3] == [[-0.863, 0.863], [-0.686, 4.501], [-2.818, -0.888]]
+    assert settings["joint_range"][:3] == [
+        [-0.863, 0.863],
+        [-0.686, 4.501],
+        [-2.818, -0.888],
+    ]
     assert settings["robots"]["own"]["motors"]["peak_torque"] == [23.7, 23.7, 35.55] * 4
     assert settings["robots"]["own"]["motors"]["braking_speed"] is None
     assert settings["gains"]["stiffness"] == policy.card.env.control.stiffness
     assert list(settings["robots"]) == ["own"]
-    assert settings["rehearsal"]["speed"] == pytest.approx(0.6 * policy.card.env.commands.max_forward, abs=0.005)
-    # By similarity: a leg's size is 0.64 of BP2's; the motors' no-load speed is 30 rad/s in place of 21.4.
+    assert settings["rehearsal"]["speed"] == pytest.approx(
+        0.6 * policy.card.env.commands.max_forward, abs=0.005
+    )
+    # By similarity: a leg's size is 0.64 of BP2's; the motors' no-load speed is 30
+    # rad/s in place of 21.4.
     size = robot.anatomy.leg_length / 0.35
     assert settings["watchdog"]["stand_time"] == pytest.approx(0.1 * size**0.5)
     assert settings["watchdog"]["turning"] == pytest.approx(50.0 / size**0.5)
@@ -115,8 +159,14 @@ def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
         "try it: cd robot && pip install -r requirements.txt && python -m onboard.rehearse",
     ]
     assert {path.name for path in Path("robot").iterdir()} == {
-        "deploy.json", "manifest.json", "onboard", "policy.onnx", "reference.npz", "requirements.txt", "robots",
-    }  # fmt: skip
+        "deploy.json",
+        "manifest.json",
+        "onboard",
+        "policy.onnx",
+        "reference.npz",
+        "requirements.txt",
+        "robots",
+    }
 
 
 @pytest.mark.parametrize(
@@ -143,7 +193,10 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_ca
     line = [sys.executable, "-c", code, "run", "--to", "robot", "--format", "onnx"]
     done = subprocess.run(line, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"' in done.stderr
+    assert (
+        '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"'
+        in done.stderr
+    )
     assert done.stderr.count("\n") == 1
 
 

@@ -1,4 +1,5 @@
-"""Damaged bundles: refused in one line of one class of error, or run with targets that are finite and in range."""
+"""Damaged bundles: refused in one line of one class of error, or run with targets that
+are finite and in range."""
 
 import collections
 import dataclasses
@@ -19,11 +20,14 @@ DT = 0.005
 @pytest.fixture
 def copy(bundle, tmp_path):
     """A bundle to be damaged, without what Python keeps of its code."""
-    return shutil.copytree(bundle, tmp_path / "bundle", ignore=shutil.ignore_patterns("__pycache__"))
+    return shutil.copytree(
+        bundle, tmp_path / "bundle", ignore=shutil.ignore_patterns("__pycache__")
+    )
 
 
 def outcome(onboard, folder, sealed):
-    """Load a bundle, sealed again or not, and run it from several phases at several speeds."""
+    """Load a bundle, sealed again or not, and run it from several phases at several
+    speeds."""
     try:
         if sealed:
             onboard.contents.seal(folder)
@@ -40,20 +44,26 @@ def outcome(onboard, folder, sealed):
             level = np.array([1e-9 * k, 0.0, 1.0])
             position = controller._stand + 1e-9 * k
             position, velocity = controller.step(
-                (position, np.zeros(12), level, np.full(3, 1e-9 * k), k * DT), (speed, 0.0, 0.0), k * DT
+                (position, np.zeros(12), level, np.full(3, 1e-9 * k), k * DT),
+                (speed, 0.0, 0.0),
+                k * DT,
             )
             assert np.isfinite([*position, *velocity]).all()
             assert (low <= position).all()
             assert (position <= high).all()
             assert np.abs(velocity).max() <= limits.joint_speed
-            assert controller.fault or np.abs(position - before).max() <= limits.target_step
+            assert (
+                controller.fault
+                or np.abs(position - before).max() <= limits.target_step
+            )
             before = position
         faults.add(controller.fault.partition(":")[0])
     return ", ".join(sorted(faults - {""})) or "ran"
 
 
 def outcomes(onboard, folder, count, seed):
-    """The number of bundles that came to each outcome, by whether they were sealed again."""
+    """The number of bundles that came to each outcome, by whether they were sealed
+    again."""
     found = collections.Counter()
     for what, sealed in damaged_bundles(folder, count, seed):
         try:
@@ -81,7 +91,7 @@ def test_two_thousand_damaged_bundles(onboard, copy, seed):
     assert found[False, "refused"] == 125
 
 
-# --- What each kind of damage is told ----------------------------------------------------------------------------
+# --- What each kind of damage is told -------------------------------------------------
 
 
 def refusal(onboard, folder):
@@ -103,12 +113,18 @@ def edited(folder, name, value):
 
 
 def test_no_flipped_bit_passes(onboard, copy):
-    for name in ("policy.onnx", "reference.npz", "onboard/motion.py", "robots/built.xml"):
+    for name in (
+        "policy.onnx",
+        "reference.npz",
+        "onboard/motion.py",
+        "robots/built.xml",
+    ):
         content = (copy / name).read_bytes()
         for flipped in flipped_bits(content, 10):
             (copy / name).write_bytes(flipped)
-            assert f"{name} is not as it was sealed: if you edited it, run `python -m onboard.seal`" in refusal(
-                onboard, copy
+            assert (
+                f"{name} is not as it was sealed: if you edited it, run `python -m onboard.seal`"
+                in refusal(onboard, copy)
             )
         (copy / name).write_bytes(content)
 
@@ -116,8 +132,18 @@ def test_no_flipped_bit_passes(onboard, copy):
 def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
     edited(copy, "watchdog.tilt", 0.9)
     assert "deploy.json is not as it was sealed" in refusal(onboard, copy)
-    done = subprocess.run([sys.executable, "-m", "onboard.seal"], cwd=copy, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"sealed {copy}; changed: deploy.json\n", "")
+    done = subprocess.run(
+        [sys.executable, "-m", "onboard.seal"],
+        cwd=copy,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        f"sealed {copy}; changed: deploy.json\n",
+        "",
+    )
     assert onboard.controller.OnboardController(copy).watchdog.limits.tilt == 0.9
 
 
@@ -126,8 +152,16 @@ def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
     [
         ("joint_range", [[-100.0, 100.0]] * 12, "joint_range must be from -10 to 10"),
         ("joint_range", [[-1.0, 1.0]] * 11, "joint_range must be from -10 to 10"),
-        ("control.action_limit", 1e9, "control.action_limit must be from 0.001 to 100, got 1000000000.0"),
-        ("control.action_scale", "0.5", "control.action_scale must be from 0.001 to 10, got '0.5'"),
+        (
+            "control.action_limit",
+            1e9,
+            "control.action_limit must be from 0.001 to 100, got 1000000000.0",
+        ),
+        (
+            "control.action_scale",
+            "0.5",
+            "control.action_scale must be from 0.001 to 10, got '0.5'",
+        ),
         ("gains.stiffness", 0.0, "gains.stiffness must be from 0.1 to 100000, got 0.0"),
         ("watchdog.tilt", None, "watchdog.tilt must be from 0.1 to 3.14159, got None"),
         ("watchdog.silence", 10**400, "watchdog.silence must be from 0.01 to 1"),
@@ -139,7 +173,11 @@ def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
         ("model_joints.3.sign", 0, "a sign is neither 1 nor -1"),
         ("watchdog.bite", 1.0, "unexpected keyword argument 'bite'"),
         ("reference.legs", [], "zip() argument 2 is longer"),
-        ("reference.kind", "walk", "reference motion 'walk': this controller plays collocation, kinematic, none"),
+        (
+            "reference.kind",
+            "walk",
+            "reference motion 'walk': this controller plays collocation, kinematic, none",
+        ),
         ("observation", [["smell", 3]], "smell"),
         ("observation", [["command", 3]], "dimension"),
         ("format", 4, "has format 4, this controller reads 5: export it anew"),
@@ -157,15 +195,21 @@ def test_a_number_out_of_its_bounds_is_named_by_the_seal_and_by_the_controller(
     assert error == f"error: {refusal(onboard, copy)}\n"
 
 
-@pytest.mark.parametrize("name", ["strides", "cubics", "stand_feet", "leg_origins", "stand_torque"])
+@pytest.mark.parametrize(
+    "name", ["strides", "cubics", "stand_feet", "leg_origins", "stand_torque"]
+)
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])
-def test_an_array_with_a_number_that_no_motion_has_is_refused(onboard, copy, name, value):
+def test_an_array_with_a_number_that_no_motion_has_is_refused(
+    onboard, copy, name, value
+):
     with np.load(copy / "reference.npz") as file:
         arrays = dict(file)
     arrays[name].flat[-1] = value
     np.savez(copy / "reference.npz", **arrays)
     onboard.contents.seal(copy)
-    assert f"{name} holds numbers that are not finite, or beyond 100000" in refusal(onboard, copy)
+    assert f"{name} holds numbers that are not finite, or beyond 100000" in refusal(
+        onboard, copy
+    )
 
 
 def test_a_motion_whose_targets_cannot_be_is_refused(onboard, copy):
@@ -182,7 +226,9 @@ def test_a_file_is_read_up_to_a_bound_and_no_device_is(onboard, copy):
         content = (copy / name).read_bytes()
         with (copy / name).open("r+b") as file:
             file.truncate(1 << 40)  # a hole, which takes no room on the disk
-        assert "has 1,099,511,627,776 bytes, 67,108,864 at most are read" in refusal(onboard, copy)
+        assert "has 1,099,511,627,776 bytes, 67,108,864 at most are read" in refusal(
+            onboard, copy
+        )
         (copy / name).unlink()
         (copy / name).symlink_to("/dev/zero")
         assert name in refusal(onboard, copy)
@@ -193,12 +239,15 @@ def test_a_file_is_read_up_to_a_bound_and_no_device_is(onboard, copy):
 
 def test_every_limit_has_bounds(onboard):
     limits = {f"watchdog.{field.name}" for field in dataclasses.fields(WatchdogLimits)}
-    assert limits == {name for name in onboard.contents.NUMBERS if name.startswith("watchdog.")}
+    assert limits == {
+        name for name in onboard.contents.NUMBERS if name.startswith("watchdog.")
+    }
 
 
 @pytest.mark.parametrize("name", ["go1", "mini_cheetah", "spot", "b2"])
 def test_the_bundle_of_another_robot_is_within_all_bounds(onboard, another, name):
-    """With room to spare: the reference motion asks for less than half of the speed that is a fault."""
+    """With room to spare: the reference motion asks for less than half of the speed
+    that is a fault."""
     _, folder = another(name)
     controller = onboard.controller.OnboardController(folder)
     assert 0.0 < controller.watchdog.used["targets"] < 0.6

@@ -1,4 +1,5 @@
-"""The controller without JAX does what the one of training does, and what its watchdog is for."""
+"""The controller without JAX does what the one of training does, and what its watchdog
+is for."""
 
 import dataclasses
 import time
@@ -32,7 +33,8 @@ def fresh(controller):
 
 
 def standing(now: float, **changes) -> SensorReading:
-    """What is measured of a robot that stands, with a little noise, as of all sensors that are alive."""
+    """What is measured of a robot that stands, with a little noise, as of all sensors
+    that are alive."""
     noise = 1e-9 * (round(now / DT) % 7)
     fields = {
         "joint_position": STAND + noise,
@@ -45,7 +47,8 @@ def standing(now: float, **changes) -> SensorReading:
 
 
 def following(controller):
-    """Measure a robot that hangs in the air: in each tick its joints go a fifth of the way to their targets."""
+    """Measure a robot that hangs in the air: in each tick its joints go a fifth of the
+    way to their targets."""
     position = STAND.copy()
 
     def measure(now):
@@ -57,21 +60,28 @@ def following(controller):
 
 
 def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
-    """Targets of so many seconds of ticks; `measure` makes a measurement, or none, of a time."""
+    """Targets of so many seconds of ticks; `measure` makes a measurement, or none, of a
+    time."""
     times = start + DT * np.arange(round(seconds / DT))
-    return [controller.step(measure(now), command, now) for now in times], times[-1] + DT
+    return [controller.step(measure(now), command, now) for now in times], times[
+        -1
+    ] + DT
 
 
-# --- The same as in training ---------------------------------------------------------------------------------------
+# --- The same as in training ----------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def loop(onboard, bundle, shipped, controller):
-    """What a robot's 2,000 ticks from a stand to 10.74 m/s were: (measurements, commands, targets), and how it ran.
+    """What a robot's 2,000 ticks from a stand to 10.74 m/s were: (measurements,
+    commands, targets), and how it ran.
 
-    Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is shown afterwards.
+    Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is
+    shown afterwards.
     """
-    plan = onboard.world.RehearsalPlan(10.74, hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0)
+    plan = onboard.world.RehearsalPlan(
+        10.74, hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0
+    )
     world = onboard.world.RehearsalWorld(bundle, "built", plan)
     found = rehearsed(onboard, world, controller, TICKS)
     assert world.fell_at is None
@@ -80,7 +90,8 @@ def loop(onboard, bundle, shipped, controller):
 
 
 def rehearsed(onboard, world, controller, count):
-    """Run so many ticks of a robot's loop without loss; return measurements, commands and targets."""
+    """Run so many ticks of a robot's loop without loss; return measurements, commands
+    and targets."""
     inbox, ticks = onboard.rehearse.Inbox(), []
     controller.reset()
     for k in range(5 * count):
@@ -90,7 +101,13 @@ def rehearsed(onboard, world, controller, count):
                 inbox.take(kind, values, now)
             targets = inbox.tick(controller, now)
             world.hears(targets, now)
-            ticks.append((np.concatenate(inbox.measurement[:4]), inbox.command, np.stack(targets)))
+            ticks.append(
+                (
+                    np.concatenate(inbox.measurement[:4]),
+                    inbox.command,
+                    np.stack(targets),
+                )
+            )
         world.millisecond(k, now)
     assert controller.fault == ""
     return [np.stack(part) for part in zip(*ticks, strict=True)]
@@ -99,17 +116,24 @@ def rehearsed(onboard, world, controller, count):
 @pytest.mark.parametrize(
     ("double", "position_error", "velocity_error"),
     [
-        (True, 1e-5, 1e-4),  # its law to the letter: what is left is the network's float32
-        (False, 2e-5, 1e-2),  # as it trains: float32 takes that much of JAX's own, where a knee is all but straight
+        # its law to the letter: what is left is the network's float32
+        (True, 1e-5, 1e-4),
+        # as it trains: float32 takes that much of JAX's own, where a knee is all but
+        # straight
+        (False, 2e-5, 1e-2),
     ],
     ids=["float64", "float32"],
 )
-def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, double, position_error, velocity_error):
-    """Each keeps its own phase and last action for all 10 s, so what differs would add up.
+def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(
+    loop, shipped, double, position_error, velocity_error
+):
+    """Each keeps its own phase and last action for all 10 s, so what differs would add
+    up.
 
     On board targets are kept within the joints' range.
 
-    Physics of its own for each would not do: contacts drive runs apart that begin a last bit apart.
+    Physics of its own for each would not do: contacts drive runs apart that begin a
+    last bit apart.
     """
     position, velocity = apart(loop, shipped, double)
     assert len(loop[0]) == TICKS
@@ -119,11 +143,14 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
 
 @pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
 def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, name):
-    """On the kinematic trot, from a stand to 0.8 m/s, as far as a robot comes whose policy nobody trained."""
+    """On the kinematic trot, from a stand to 0.8 m/s, as far as a robot comes whose
+    policy nobody trained."""
     policy, folder = another(name)
     ticks, controller = 300, onboard.controller.OnboardController(folder)
     plan = onboard.world.RehearsalPlan(0.8, loss=0.0, late=0.0)
-    loop = rehearsed(onboard, onboard.world.RehearsalWorld(folder, "own", plan), controller, ticks)
+    loop = rehearsed(
+        onboard, onboard.world.RehearsalWorld(folder, "own", plan), controller, ticks
+    )
     assert np.ptp(loop[2][:, 0], axis=0).max() > 0.2  # it trots
     position, velocity = apart(loop, policy, double=True)
     assert position <= 1e-5  # rad: the network's float32
@@ -131,14 +158,17 @@ def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, name):
 
 
 def apart(loop, policy, double):
-    """How far the targets of a loop are from those of training's controller, which is shown the same: rad, rad/s."""
+    """How far the targets of a loop are from those of training's controller, which is
+    shown the same: rad, rad/s."""
     env = policy.card.env
     trained = Trained(env)
 
     def tick(carry, seen):
         (state, told), (measured, asked) = carry, seen
         told = eased(told, asked, env.control)
-        state, observation = trained.observe(state, told, Seen(*jnp.split(measured, [12, 24, 27])))
+        state, observation = trained.observe(
+            state, told, Seen(*jnp.split(measured, [12, 24, 27]))
+        )
         state, targets, _ = trained.act(state, told, policy(observation))
         return (state, told), jnp.stack([targets.position, targets.velocity])
 
@@ -148,23 +178,40 @@ def apart(loop, policy, double):
         # The controller hears the command in float32, as every policy does.
         command = jnp.asarray(command.astype(np.float32), dtype)
         start = trained.init()
-        start = start.replace(phase=start.phase.astype(dtype), last_action=start.last_action.astype(jnp.float32))
+        start = start.replace(
+            phase=start.phase.astype(dtype),
+            last_action=start.last_action.astype(jnp.float32),
+        )
         first = start, jnp.zeros(3, dtype)
-        _, targets = jax.jit(lambda *seen: jax.lax.scan(tick, first, seen))(jnp.asarray(measured, dtype), command)
+        _, targets = jax.jit(lambda *seen: jax.lax.scan(tick, first, seen))(
+            jnp.asarray(measured, dtype), command
+        )
     expected = np.array(targets)
-    ranges = np.array([ends for leg in env.hardware.anatomy.legs for ends in leg.ranges])
+    ranges = np.array(
+        [ends for leg in env.hardware.anatomy.legs for ends in leg.ranges]
+    )
     expected[:, 0] = np.clip(expected[:, 0], *ranges.T)
     return np.abs(found - expected).max(axis=(0, 2))
 
 
 def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp_path):
     at_once = {"launching": np.inf, "launching_speed": np.inf}
-    control = dataclasses.replace(shipped.card.env.control, clock_at_rest=False, **at_once)
+    control = dataclasses.replace(
+        shipped.card.env.control, clock_at_rest=False, **at_once
+    )
     env = dataclasses.replace(shipped.card.env, control=control)
-    policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
+    policy = dataclasses.replace(
+        shipped, card=dataclasses.replace(shipped.card, env=env)
+    )
     write_bundle(tmp_path / "bundle", policy)
-    controller, trained = onboard.controller.OnboardController(tmp_path / "bundle"), Trained(env)
-    start, measured = trained.init(0.2), Seen(*(jnp.asarray(x) for x in standing(0.0)[:4]))
+    controller, trained = (
+        onboard.controller.OnboardController(tmp_path / "bundle"),
+        Trained(env),
+    )
+    start, measured = (
+        trained.init(0.2),
+        Seen(*(jnp.asarray(x) for x in standing(0.0)[:4])),
+    )
     for speed in (0.0, 0.2, 6.0):
         controller.reset(0.2)
         found = controller.step(standing(0.0), (speed, 0.0, 0.0), 0.0)
@@ -175,8 +222,13 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
 
 
 def told_alike(controller, control, speeds):
-    """The forward commands that a policy is told, tick by tick, where these are asked for: here as by JAX."""
-    ease, told, forward = jax.jit(lambda told, asked: eased(told, asked, control)), jnp.zeros(3), []
+    """The forward commands that a policy is told, tick by tick, where these are asked
+    for: here as by JAX."""
+    ease, told, forward = (
+        jax.jit(lambda told, asked: eased(told, asked, control)),
+        jnp.zeros(3),
+        [],
+    )
     measure = following(controller)
     for k, speed in enumerate(speeds):
         asked = (speed, 0.1, 0.2)
@@ -197,9 +249,13 @@ def test_a_stop_is_as_gentle_here(fresh, shipped):
 
 
 def test_a_launch_is_as_gentle_here(onboard, shipped, tmp_path):
-    control = dataclasses.replace(shipped.card.env.control, launching=6.0, launching_speed=18.0)
+    control = dataclasses.replace(
+        shipped.card.env.control, launching=6.0, launching_speed=18.0
+    )
     env = dataclasses.replace(shipped.card.env, control=control)
-    policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
+    policy = dataclasses.replace(
+        shipped, card=dataclasses.replace(shipped.card, env=env)
+    )
     write_bundle(tmp_path / "bundle", policy)
     controller = onboard.controller.OnboardController(tmp_path / "bundle")
     forward = told_alike(controller, control, [13.0] * 600 + [6.0] * 200 + [8.0] * 100)
@@ -208,7 +264,8 @@ def test_a_launch_is_as_gentle_here(onboard, shipped, tmp_path):
 
 
 def test_a_tick_takes_less_than_a_millisecond(fresh):
-    """Of the processor; of five batches the best, as others may share its core's caches."""
+    """Of the processor; of five batches the best, as others may share its core's
+    caches."""
     batches = np.zeros((5, 200))
     for k in range(batches.size):
         measurement, before = standing(k * DT), time.thread_time()
@@ -217,7 +274,7 @@ def test_a_tick_takes_less_than_a_millisecond(fresh):
     assert np.percentile(batches, 99, axis=1).min() <= 1e-3
 
 
-# --- The watchdog ---------------------------------------------------------------------------------------------------
+# --- The watchdog ---------------------------------------------------------------------
 
 
 def spoilt(name, value):
@@ -239,23 +296,65 @@ def spoilt(name, value):
         (spoilt("up", np.nan), "not finite: up; a sensor"),
         (spoilt("angular_velocity", -np.inf), "not finite: angular_velocity; a sensor"),
         (spoilt("time", np.nan), "not finite: time; a sensor"),
-        (spoilt("joint_position", 3.0), "range: FR_hip is at 3.00 rad, beyond -1.4 to 2.4; is it in degrees"),
+        (
+            spoilt("joint_position", 3.0),
+            "range: FR_hip is at 3.00 rad, beyond -1.4 to 2.4; is it in degrees",
+        ),
         (spoilt("joint_position", 1e308), "range: FR_hip is at 1"),
-        (spoilt("joint_velocity", 300.0), "joint speed: FR_hip has 300 rad/s, more than 100; is it in deg/s"),
-        (spoilt("angular_velocity", 80.0), "turning: angular_velocity has 80 rad/s, more than 50; is it in deg/s"),
+        (
+            spoilt("joint_velocity", 300.0),
+            "joint speed: FR_hip has 300 rad/s, more than 100; is it in deg/s",
+        ),
+        (
+            spoilt("angular_velocity", 80.0),
+            "turning: angular_velocity has 80 rad/s, more than 50; is it in deg/s",
+        ),
         (spoilt("up", 1.0), "up: its length is 1.41, not 1; is it an acceleration"),
         (spoilt("up", -1e308), "up: its length is "),
-        (lambda now: standing(now, up=-standing(now).up), "tilt: up is (-0.00, -0.00, -1.00), 180 deg off; "),
-        (lambda now: standing(now, up=np.array([0.0, 0.94, -0.34])), "tilt: up is (0.00, 0.94, -0.34), 110 deg off; "),
-        (lambda now: standing(now, time=now + 0.2), "clock: a measurement's time is 0.2 s ahead of the controller's; "),
-        (lambda now: standing(now, time=1e3 * now), "clock: a measurement's time is 500 s ahead of the controller's; "),
-        (lambda now: standing(now, time=time.time()), "clock: a measurement's time is 1."),
-        (lambda now: standing(now, joint_position=STAND[:11]), "form: joint_position has the shape (11,), not (12,)"),
-        (lambda now: standing(now, up=[[0.0, 0.0, 1.0]]), "form: up has the shape (1, 3), not (3,)"),
-        (lambda now: standing(now, up=None), "form: up holds object, not 3 real numbers"),
-        (lambda now: standing(now, up=["0", "0", "1"]), "form: up holds <U1, not 3 real numbers"),
-        (lambda now: standing(now, up=np.array([0j, 0j, 1.0])), "form: up holds complex128, not 3 real numbers"),
-        (lambda now: standing(now, joint_velocity=[[0.0], [0.0, 0.0]]), "form: the measurement is no SensorReading"),
+        (
+            lambda now: standing(now, up=-standing(now).up),
+            "tilt: up is (-0.00, -0.00, -1.00), 180 deg off; ",
+        ),
+        (
+            lambda now: standing(now, up=np.array([0.0, 0.94, -0.34])),
+            "tilt: up is (0.00, 0.94, -0.34), 110 deg off; ",
+        ),
+        (
+            lambda now: standing(now, time=now + 0.2),
+            "clock: a measurement's time is 0.2 s ahead of the controller's; ",
+        ),
+        (
+            lambda now: standing(now, time=1e3 * now),
+            "clock: a measurement's time is 500 s ahead of the controller's; ",
+        ),
+        (
+            lambda now: standing(now, time=time.time()),
+            "clock: a measurement's time is 1.",
+        ),
+        (
+            lambda now: standing(now, joint_position=STAND[:11]),
+            "form: joint_position has the shape (11,), not (12,)",
+        ),
+        (
+            lambda now: standing(now, up=[[0.0, 0.0, 1.0]]),
+            "form: up has the shape (1, 3), not (3,)",
+        ),
+        (
+            lambda now: standing(now, up=None),
+            "form: up holds object, not 3 real numbers",
+        ),
+        (
+            lambda now: standing(now, up=["0", "0", "1"]),
+            "form: up holds <U1, not 3 real numbers",
+        ),
+        (
+            lambda now: standing(now, up=np.array([0j, 0j, 1.0])),
+            "form: up holds complex128, not 3 real numbers",
+        ),
+        (
+            lambda now: standing(now, joint_velocity=[[0.0], [0.0, 0.0]]),
+            "form: the measurement is no SensorReading",
+        ),
         (lambda now: standing(now)[:3], "form: the measurement is no SensorReading"),
         (lambda now: 7, "form: the measurement is no SensorReading"),
         (lambda now: standing(now, time=None), "not finite: time; "),
@@ -269,9 +368,12 @@ def test_one_impossible_measurement_ends_in_a_commanded_stand(fresh, measure, fa
     fresh.step(measure(now), (2.0, 0.0, 0.0), now)
     assert fresh.fault.startswith(fault)
     assert "\n" not in fresh.fault
-    led, _ = run(fresh, now, 1.5, standing)  # all is well again; that is nothing to rely on
+    # all is well again; that is nothing to rely on
+    led, _ = run(fresh, now, 1.5, standing)
     assert fresh.fault.startswith(fault)
-    assert np.stack([targets.position for targets in led[-50:]]) == pytest.approx(np.tile(STAND, (50, 1)), abs=1e-12)
+    assert np.stack([targets.position for targets in led[-50:]]) == pytest.approx(
+        np.tile(STAND, (50, 1)), abs=1e-12
+    )
     assert not np.any(led[-1].velocity)
     assert np.isfinite([*led[0].position, *led[0].velocity]).all()
 
@@ -282,11 +384,15 @@ def test_the_way_to_the_stand_is_smooth(fresh):
     position = np.stack([ran[-1].position, *(targets.position for targets in led)])
     largest = np.abs(ran[-1].position - STAND).max()
     time = fresh.watchdog.limits.stand_time
-    assert np.abs(np.diff(position, axis=0)).max() <= 1.5 * largest * DT / time + 1e-12  # a cubic's greatest slope
+    # a cubic's greatest slope
+    assert np.abs(np.diff(position, axis=0)).max() <= 1.5 * largest * DT / time + 1e-12
     velocity = np.stack([targets.velocity for targets in led])
     moving = slice(1, round(time / DT) - 1)
     slope = np.gradient(position[1:], DT, axis=0)[moving]
-    assert velocity[moving] == pytest.approx(slope, abs=2.0 * largest * DT**2 / time**3 + 1e-9)  # -2 h^2 of a cubic
+    # -2 h^2 of a cubic
+    assert velocity[moving] == pytest.approx(
+        slope, abs=2.0 * largest * DT**2 / time**3 + 1e-9
+    )
 
 
 def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
@@ -305,12 +411,15 @@ def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
 @pytest.mark.parametrize("older", [0.0, 0.03], ids=["the_same", "an_older_one"])
 def test_a_measurement_that_is_not_newer_is_silence(fresh, older):
     run(fresh, 0.0, 0.1, standing)
-    run(fresh, 0.1, 0.2, lambda now: standing(0.095 - older, joint_position=STAND + now))
+    run(
+        fresh, 0.1, 0.2, lambda now: standing(0.095 - older, joint_position=STAND + now)
+    )
     assert fresh.fault.startswith("silence: no new measurement for 5")
 
 
 def test_a_first_measurement_by_another_clock_is_refused(fresh):
-    """As by `time.monotonic` where `now` is since the epoch; and a clock that is asked itself must go on."""
+    """As by `time.monotonic` where `now` is since the epoch; and a clock that is asked
+    itself must go on."""
     fresh.step(standing(100.0), None, 1e9)
     assert fresh.fault.startswith("clock: a new measurement's time is 1e+09 s old; ")
     for wrong in (0.4, np.nan, "noon"):
@@ -325,7 +434,11 @@ class Wild:
     """A reference motion as it was, with other targets."""
 
     def __init__(self, sound, play):
-        self.stepping, self.phase_rate, self.play = sound.stepping, sound.phase_rate, play
+        self.stepping, self.phase_rate, self.play = (
+            sound.stepping,
+            sound.phase_rate,
+            play,
+        )
 
     def __call__(self, command, phase):
         return self.play(command, phase)
@@ -344,15 +457,28 @@ def broken(command, phase):
 @pytest.mark.parametrize(
     ("motion", "fault"),
     [
-        (targets_of(position=np.nan), "targets: FR_abad is told nan of the largest step or speed; is reference.npz"),
-        (targets_of(velocity=np.inf), "targets: FR_abad is told inf of the largest step or speed; is reference.npz"),
-        (targets_of(velocity=-101.0), "targets: FR_abad is told 1.01 of the largest step or speed; "),
-        (broken, "targets: they cannot be computed (ZeroDivisionError('float division by zero')); is the bundle"),
+        (
+            targets_of(position=np.nan),
+            "targets: FR_abad is told nan of the largest step or speed; is reference.npz",
+        ),
+        (
+            targets_of(velocity=np.inf),
+            "targets: FR_abad is told inf of the largest step or speed; is reference.npz",
+        ),
+        (
+            targets_of(velocity=-101.0),
+            "targets: FR_abad is told 1.01 of the largest step or speed; ",
+        ),
+        (
+            broken,
+            "targets: they cannot be computed (ZeroDivisionError('float division by zero')); is the bundle",
+        ),
     ],
     ids=["not_finite", "endless", "fast", "no_number"],
 )
 def test_no_wild_target_leaves(fresh, monkeypatch, motion, fault):
-    """Whatever the reference motion says in mid-run, the joints are led to the stand."""
+    """Whatever the reference motion says in mid-run, the joints are led to the
+    stand."""
     _, now = run(fresh, 0.0, 0.3, standing)
     monkeypatch.setattr(fresh, "motion", Wild(fresh.motion, motion))
     led, _ = run(fresh, now, 0.3, standing)
@@ -363,25 +489,34 @@ def test_no_wild_target_leaves(fresh, monkeypatch, motion, fault):
 
 
 def test_a_target_that_steps_too_far_does_not_leave(fresh):
-    """An action swings by 3 rad at most, and a motion that may be moves half a radian in a tick."""
+    """An action swings by 3 rad at most, and a motion that may be moves half a radian
+    in a tick."""
     limit = fresh.watchdog.limits.target_step
     assert limit == pytest.approx(2.0 * 0.5 * 3.0 + 100.0 * DT)
     fresh.watchdog.check_targets(STAND + limit - 1e-9, np.zeros(12), STAND)
-    with pytest.raises(Exception, match=r"targets: FR_abad is told 1\.\d* of the largest step"):
+    with pytest.raises(
+        Exception, match=r"targets: FR_abad is told 1\.\d* of the largest step"
+    ):
         fresh.watchdog.check_targets(STAND + 1.01 * limit, np.zeros(12), STAND)
 
 
 @pytest.mark.parametrize("answer", [np.nan, np.inf])
 def test_a_network_without_an_answer_is_a_fault(fresh, monkeypatch, answer):
     _, now = run(fresh, 0.0, 0.3, standing)
-    monkeypatch.setattr(fresh, "_network", SimpleNamespace(run=lambda *_: [np.full((1, 12), answer)]))
+    monkeypatch.setattr(
+        fresh, "_network", SimpleNamespace(run=lambda *_: [np.full((1, 12), answer)])
+    )
     led, _ = run(fresh, now, 0.3, standing)
-    assert fresh.fault == "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
+    assert (
+        fresh.fault
+        == "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
+    )
     assert led[-1].position == pytest.approx(STAND, abs=1e-12)
 
 
 def test_a_clock_that_stands_still_is_silence(fresh):
-    """Twenty calls without a new measurement: twice as many as 50 ms have at 200 Hz, and as many as they may have."""
+    """Twenty calls without a new measurement: twice as many as 50 ms have at 200 Hz,
+    and as many as they may have."""
     run(fresh, 0.0, 0.3, standing)
     for calls in range(1, 22):
         assert fresh.fault == "", calls
@@ -398,7 +533,8 @@ def test_calls_twice_as_often_are_no_silence(fresh):
 
 
 def test_stamps_that_creep_are_seen_by_the_calls(fresh):
-    """A clock that all but stands still: each stamp is new, and the windows of the watchdog would never end."""
+    """A clock that all but stands still: each stamp is new, and the windows of the
+    watchdog would never end."""
     run(fresh, 0.0, 0.3, standing)
     for k in range(260):
         now = 0.3 + 1e-6 * k
@@ -407,12 +543,15 @@ def test_stamps_that_creep_are_seen_by_the_calls(fresh):
 
 
 def test_a_clock_that_jumps_an_hour_is_a_fault(fresh):
-    """With the stamps, too; before the first measurement the controller may wait for as long as it likes."""
+    """With the stamps, too; before the first measurement the controller may wait for as
+    long as it likes."""
     fresh.step(None, None, 0.0)
     _, now = run(fresh, 3600.0, 0.3, standing)
     assert fresh.fault == ""
     targets = fresh.step(standing(now + 3600.0), None, now + 3600.0)
-    assert fresh.fault.startswith("clock: `now` went from 3600.3 to 7200.3 s between two calls; use a clock that")
+    assert fresh.fault.startswith(
+        "clock: `now` went from 3600.3 to 7200.3 s between two calls; use a clock that"
+    )
     assert np.isfinite(targets).all()
 
 
@@ -433,7 +572,8 @@ def test_another_rate_of_calls_is_a_fault(fresh, every, says):
 
 @pytest.mark.parametrize(("pause", "times"), [(0.06, 8), (0.2, 6), (0.45, 2)])
 def test_a_pause_of_the_computer_is_no_fault(fresh, pause, times):
-    """What is measured after a pause is new, and there are more than half of the calls: the loop goes on."""
+    """What is measured after a pause is new, and there are more than half of the calls:
+    the loop goes on."""
     now = 0.0
     for _ in range(times):
         _, now = run(fresh, now + pause, 0.3, standing)
@@ -441,10 +581,17 @@ def test_a_pause_of_the_computer_is_no_fault(fresh, pause, times):
 
 
 def test_lists_and_other_dtypes_are_read_as_arrays(fresh):
-    expected = [targets.position.tolist() for targets in run(fresh, 0.0, 0.1, standing)[0]]
+    expected = [
+        targets.position.tolist() for targets in run(fresh, 0.0, 0.1, standing)[0]
+    ]
     for kind in (list, tuple, lambda array: array.astype(np.longdouble).astype(float)):
         fresh.reset()
-        found, _ = run(fresh, 0.0, 0.1, lambda now, kind=kind: [*map(kind, standing(now)[:4]), np.float64(now)])
+        found, _ = run(
+            fresh,
+            0.0,
+            0.1,
+            lambda now, kind=kind: [*map(kind, standing(now)[:4]), np.float64(now)],
+        )
         assert [targets.position.tolist() for targets in found] == expected
     fresh.reset()
     run(fresh, 0.0, 0.1, lambda now: standing(now, up=[0, 0, 1]))  # integers
@@ -473,7 +620,9 @@ def test_reset_is_the_way_on(fresh):
     again, _ = run(fresh, 0.2, 0.5, standing)
     fresh.reset()
     assert fresh.fault == ""
-    assert [t.position.tolist() for t in run(fresh, 5.1, 0.5, standing)[0]] == [t.position.tolist() for t in again]
+    assert [t.position.tolist() for t in run(fresh, 5.1, 0.5, standing)[0]] == [
+        t.position.tolist() for t in again
+    ]
 
 
 @pytest.mark.parametrize(
@@ -494,7 +643,8 @@ def test_a_silent_operator_brakes_the_robot_to_a_stand(fresh, silence):
 
 def test_a_command_is_kept_within_what_was_trained(fresh, shipped):
     commands = shipped.card.env.commands
-    run(fresh, 0.0, 6.5, following(fresh), (99.0, -99.0, 99.0))  # a launch takes its time
+    # a launch takes its time
+    run(fresh, 0.0, 6.5, following(fresh), (99.0, -99.0, 99.0))
     most = commands.max_forward, -commands.max_lateral, commands.max_yaw_rate
     assert fresh.command == pytest.approx(most)
 

@@ -35,21 +35,51 @@ class Shapes(Aim):
 
 
 @pytest.mark.parametrize(
-    ("activation", "symmetric"), [("swish", False), ("elu", False), ("tanh", False), ("relu", False), ("swish", True)]
+    ("activation", "symmetric"),
+    [
+        ("swish", False),
+        ("elu", False),
+        ("tanh", False),
+        ("relu", False),
+        ("swish", True),
+    ],
 )
 def test_onnxruntime_answers_as_the_trained_network(make_card, activation, symmetric):
-    config = PPOConfig(policy_layers=(32, 16), value_layers=(8,), activation=activation, symmetric=symmetric)
-    networks, keys = make_networks(Shapes(), config), jax.random.split(jax.random.PRNGKey(0), 3)
+    config = PPOConfig(
+        policy_layers=(32, 16),
+        value_layers=(8,),
+        activation=activation,
+        symmetric=symmetric,
+    )
+    networks, keys = (
+        make_networks(Shapes(), config),
+        jax.random.split(jax.random.PRNGKey(0), 3),
+    )
     observation = {"state": 1.0 + 3.0 * jax.random.normal(keys[0], (20, SIZE))}
-    statistics = running_statistics.init_state({"state": specs.Array((SIZE,), jnp.float32)})
+    statistics = running_statistics.init_state(
+        {"state": specs.Array((SIZE,), jnp.float32)}
+    )
     statistics = running_statistics.update(statistics, observation)
     started = jax.jit(networks.policy_network.init)(keys[2])
-    params = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(keys[1], x.shape), started)
-    expected, _ = jax.jit(networks.policy_network.apply)(statistics, params, observation)
+    params = jax.tree.map(
+        lambda x: x + 0.3 * jax.random.normal(keys[1], x.shape), started
+    )
+    expected, _ = jax.jit(networks.policy_network.apply)(
+        statistics, params, observation
+    )
     card = make_card(activation=activation, hidden_layer_sizes=config.policy_layers)
-    policy = make_policy(dense_layers(params, mirrors_of(Shapes(), config)), statistics, card)
-    session = onnxruntime.InferenceSession(to_onnx(policy, {"observation": json.dumps(LAYOUT)}))
-    (found,) = session.run(["action"], {"observation": np.asarray(observation["state"])})
+    policy = make_policy(
+        dense_layers(params, mirrors_of(Shapes(), config)), statistics, card
+    )
+    session = onnxruntime.InferenceSession(
+        to_onnx(policy, {"observation": json.dumps(LAYOUT)})
+    )
+    (found,) = session.run(
+        ["action"], {"observation": np.asarray(observation["state"])}
+    )
     assert np.abs(expected).max() > 0.5
-    np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=2e-5)  # float32 sums in another order
-    assert json.loads(session.get_modelmeta().custom_metadata_map["observation"]) == [list(entry) for entry in LAYOUT]
+    # float32 sums in another order
+    np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=2e-5)
+    assert json.loads(session.get_modelmeta().custom_metadata_map["observation"]) == [
+        list(entry) for entry in LAYOUT
+    ]

@@ -1,4 +1,5 @@
-"""The robot that stands in for the real one, the link to it, and rehearsals over both."""
+"""The robot that stands in for the real one, the link to it, and rehearsals over
+both."""
 
 import dataclasses
 
@@ -17,25 +18,39 @@ STAND = np.array([0.0, 0.62, -1.24] * 4)
 
 @pytest.fixture(scope="module")
 def robots(onboard, bundle):
-    return {name: onboard.robot.SimulatedRobot(bundle, name) for name in ("built", "ideal")}
+    return {
+        name: onboard.robot.SimulatedRobot(bundle, name) for name in ("built", "ideal")
+    }
 
 
 @pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
-def test_the_robot_of_a_bundle_moves_as_the_benchmarks_does(robots, onboard, shipped, name, hardware):
-    """Under kicks whose torques reach the envelope and the bus's power, from the same stand."""
+def test_the_robot_of_a_bundle_moves_as_the_benchmarks_does(
+    robots, onboard, shipped, name, hardware
+):
+    """Under kicks whose torques reach the envelope and the bus's power, from the same
+    stand."""
     robot, rng, hardest = robots[name], np.random.default_rng(0), 0.0
     start_only = dataclasses.replace(hardware, envelope="start")
-    plain = PlainRobot(RobotSetup(dataclasses.replace(shipped.card.env, hardware=start_only)))
+    plain = PlainRobot(
+        RobotSetup(dataclasses.replace(shipped.card.env, hardware=start_only))
+    )
     plain.data[0].qpos[:], plain.data[0].ctrl[:] = robot.data.qpos, robot.data.ctrl
     for data in (robot.data, plain.data[0]):
         data.qvel[:] = np.random.default_rng(1).normal(0.0, 3.0, 22)
         data.qvel[MOTOR_QVEL] *= 4.0
     powers = []
     for kick in range(18):
-        position, velocity = STAND + rng.uniform(-0.6, 0.6, 12), rng.uniform(-3.0, 3.0, 12)
-        if kick % 3 < 2:  # drive with some 90 Nm, then brake with 54 Nm, so that power flows out and back
+        position, velocity = (
+            STAND + rng.uniform(-0.6, 0.6, 12),
+            rng.uniform(-3.0, 3.0, 12),
+        )
+        # drive with some 90 Nm, then brake with 54 Nm, so that power flows out and back
+        if kick % 3 < 2:
             qd = robot.data.qvel[MOTOR_QVEL]
-            position, velocity = robot.data.qpos[MOTOR_QPOS].copy(), qd + (30.0, -18.0)[kick % 3] * np.sign(qd)
+            position, velocity = (
+                robot.data.qpos[MOTOR_QPOS].copy(),
+                qd + (30.0, -18.0)[kick % 3] * np.sign(qd),
+            )
         for _ in range(5):
             qd = robot.data.qvel[MOTOR_QVEL].copy()
             torque = plain.millisecond(position, velocity)
@@ -55,33 +70,66 @@ def test_another_robot_of_a_bundle_moves_as_the_benchmarks_does(onboard, another
     policy, folder = another(name)
     robot, rng = onboard.robot.SimulatedRobot(folder, "own"), np.random.default_rng(0)
     env = policy.card.env
-    start_only = dataclasses.replace(env, hardware=dataclasses.replace(env.hardware, envelope="start"))
+    start_only = dataclasses.replace(
+        env, hardware=dataclasses.replace(env.hardware, envelope="start")
+    )
     simulator = settled([RobotSetup(start_only)])
     assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-12)
     ours, judges = robot.model, simulator.models[0]
-    for what in ("body_mass", "body_pos", "body_inertia", "body_iquat", "dof_armature", "jnt_range", "dof_damping"):
-        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=2e-5, abs=1e-6), what  # XML: six digits
-    robot.model, robot.data = judges, mujoco.MjData(judges)  # so that the laws alone are compared
-    robot.data.qpos[:], robot.data.ctrl[:] = simulator.data[0].qpos, simulator.data[0].ctrl
+    for what in (
+        "body_mass",
+        "body_pos",
+        "body_inertia",
+        "body_iquat",
+        "dof_armature",
+        "jnt_range",
+        "dof_damping",
+    ):
+        # XML: six digits
+        assert getattr(ours, what) == pytest.approx(
+            getattr(judges, what), rel=2e-5, abs=1e-6
+        ), what
+    # so that the laws alone are compared
+    robot.model, robot.data = judges, mujoco.MjData(judges)
+    robot.data.qpos[:], robot.data.ctrl[:] = (
+        simulator.data[0].qpos,
+        simulator.data[0].ctrl,
+    )
     stand, hardest = np.array(env.hardware.anatomy.stand), np.zeros(12)
     for _ in range(40):
-        position, velocity = stand + rng.uniform(-1.0, 1.0, 12), rng.uniform(-3.0, 3.0, 12)
+        position, velocity = (
+            stand + rng.uniform(-1.0, 1.0, 12),
+            rng.uniform(-3.0, 3.0, 12),
+        )
         for _ in range(5):
             torque = simulator.millisecond(position[None], velocity[None])[0]
             robot.millisecond(onboard.controller.DriveTargets(position, velocity))
             assert robot.data.ctrl == pytest.approx(torque, abs=1e-8)
             hardest = np.maximum(hardest, np.abs(torque))
-    assert np.sum(hardest > 0.99 * np.broadcast_to(env.hardware.joint_peak_torque, 12)) >= 3  # the envelope was reached
+    # the envelope was reached
+    assert (
+        np.sum(hardest > 0.99 * np.broadcast_to(env.hardware.joint_peak_torque, 12))
+        >= 3
+    )
     assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
-def test_another_robot_whose_sensors_fall_silent_ends_in_its_own_stand(onboard, another, name):
+def test_another_robot_whose_sensors_fall_silent_ends_in_its_own_stand(
+    onboard, another, name
+):
     policy, folder = another(name)
-    plan = onboard.world.RehearsalPlan(0.02, acceleration=3.0, fault="silence", fault_at=0.6, after=0.9)
+    plan = onboard.world.RehearsalPlan(
+        0.02, acceleration=3.0, fault="silence", fault_at=0.6, after=0.9
+    )
     world, controller = rehearse_in_steps(onboard, folder, plan, "own")
     assert controller.fault.startswith("silence: ")
-    assert np.abs(world.targets[-500:] - np.array(policy.card.env.hardware.anatomy.stand)).max() < 1e-9
+    assert (
+        np.abs(
+            world.targets[-500:] - np.array(policy.card.env.hardware.anatomy.stand)
+        ).max()
+        < 1e-9
+    )
     assert world.fell_at is None
 
 
@@ -96,10 +144,26 @@ def test_the_robot_of_a_bundle_stands_still_at_first(bundle, onboard, name):
 
 @pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
 def test_the_stand_in_is_the_judges_robot(bundle, name, hardware):
-    ours, judges = mujoco.MjModel.from_xml_path(str(bundle / "robots" / f"{name}.xml")), load_model(hardware)
-    for what in ("body_mass", "body_inertia", "dof_armature", "jnt_stiffness", "geom_friction", "geom_solref"):
-        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=1e-5), what
-    names = [ours.joint(i).qposadr[0] for i in range(1, ours.njnt) if "spring" not in ours.joint(i).name]
+    ours, judges = (
+        mujoco.MjModel.from_xml_path(str(bundle / "robots" / f"{name}.xml")),
+        load_model(hardware),
+    )
+    for what in (
+        "body_mass",
+        "body_inertia",
+        "dof_armature",
+        "jnt_stiffness",
+        "geom_friction",
+        "geom_solref",
+    ):
+        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=1e-5), (
+            what
+        )
+    names = [
+        ours.joint(i).qposadr[0]
+        for i in range(1, ours.njnt)
+        if "spring" not in ours.joint(i).name
+    ]
     assert names == list(MOTOR_QPOS)
     assert len(MOTOR_QVEL) == 12
 
@@ -113,7 +177,8 @@ def test_a_bad_link_loses_its_share_and_keeps_the_order(onboard):
     rest = link.take(1e3)
     assert rest == sorted(rest)
     assert 4000 - link.lost == pytest.approx(len(rest), abs=1)
-    assert link.lost / 4000 == pytest.approx(0.05, abs=0.014)  # four standard deviations
+    # four standard deviations
+    assert link.lost / 4000 == pytest.approx(0.05, abs=0.014)
 
 
 def test_a_radio_hears_its_peer_alone_and_the_newest(onboard):
@@ -141,8 +206,12 @@ def test_a_radio_hears_its_peer_alone_and_the_newest(onboard):
 
 
 def rehearse_in_steps(onboard, folder, plan, robot="built"):
-    """Run the rehearsal without sockets and clocks: as fast as possible, with the same result each time."""
-    world, inbox = onboard.world.RehearsalWorld(folder, robot, plan), onboard.rehearse.Inbox()
+    """Run the rehearsal without sockets and clocks: as fast as possible, with the same
+    result each time."""
+    world, inbox = (
+        onboard.world.RehearsalWorld(folder, robot, plan),
+        onboard.rehearse.Inbox(),
+    )
     controller = onboard.controller.OnboardController(folder)
     for k in range(world.milliseconds):
         now = k * onboard.robot.DT
@@ -166,28 +235,37 @@ def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
 
 @pytest.mark.parametrize("fault", ["nan", "silence"])
 def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, fault):
-    """From a stand it stays up; from a run no stand can be had, but it is commanded all the same."""
+    """From a stand it stays up; from a run no stand can be had, but it is commanded all
+    the same."""
     for speed, stays_up in ((0.02, True), (3.0, False)):
-        plan = onboard.world.RehearsalPlan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
+        plan = onboard.world.RehearsalPlan(
+            speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9
+        )
         world, controller = rehearse_in_steps(onboard, bundle, plan)
-        assert controller.fault.startswith("not finite: joint_position" if fault == "nan" else "silence: ")
+        assert controller.fault.startswith(
+            "not finite: joint_position" if fault == "nan" else "silence: "
+        )
         assert (
             np.ptp(world.targets[900:1100], axis=0).max() > 1e-3
         )  # the policy was at work: a commanded stand is still
         assert np.abs(world.targets[-500:] - STAND).max() < 1e-9
         if stays_up:
             assert world.fell_at is None
-            assert world.robot.data.qpos[2] == pytest.approx(0.55, abs=0.03)  # m: on its feet, swaying on its springs
+            # m: on its feet, swaying on its springs
+            assert world.robot.data.qpos[2] == pytest.approx(0.55, abs=0.03)
 
 
 def test_in_real_time_it_talks_over_udp(onboard, bundle):
-    """A second of it: whether the machine has time for it decides how it runs, but not that datagrams get through."""
+    """A second of it: whether the machine has time for it decides how it runs, but not
+    that datagrams get through."""
     plan = onboard.world.RehearsalPlan(speed=0.2, acceleration=2.0, hold=1.0)
     result = onboard.rehearse.in_real_time(bundle, "ideal", plan, None)
     assert result["ticks"] > 50
     assert result["lost"] > 0
     assert result["sent"] > 300
-    assert result["too_slow"] == (result["real_time"] < 0.95 or result["behind_ms"] > 50.0)
+    assert result["too_slow"] == (
+        result["real_time"] < 0.95 or result["behind_ms"] > 50.0
+    )
     assert len(result["wall_ms"]) == len(result["cpu_ms"]) == 3
     shown = onboard.rehearse.show(result, plan)
     assert "p50 / p99 / max" in shown
@@ -197,13 +275,30 @@ def test_in_real_time_it_talks_over_udp(onboard, bundle):
 @pytest.mark.parametrize("too_slow", [True, False])
 def test_a_machine_that_is_too_slow_is_told_before_any_sensor(onboard, too_slow):
     result = {
-        **{"real_time": 0.69, "behind_ms": 410.0, "lost": 3.0, "sent": 60.0, "ticks": 700, "fell_at": 2.1},
-        **{"wall_ms": (1.0, 2.0, 3.0), "cpu_ms": (1.0, 2.0, 3.0), "distance": 1.0, "beside_line": 0.1},
+        **{
+            "real_time": 0.69,
+            "behind_ms": 410.0,
+            "lost": 3.0,
+            "sent": 60.0,
+            "ticks": 700,
+            "fell_at": 2.1,
+        },
+        **{
+            "wall_ms": (1.0, 2.0, 3.0),
+            "cpu_ms": (1.0, 2.0, 3.0),
+            "distance": 1.0,
+            "beside_line": 0.1,
+        },
         **{"mean_speed": None, "final_speed": 0.0, "used": {}, "too_slow": too_slow},
         "fault": "opposed: RL_knee moves against its targets; is its sign wrong, or are two joints exchanged?",
     }
     shown = onboard.rehearse.show(result, onboard.world.RehearsalPlan(3.0))
-    assert shown.startswith("TOO SLOW    is this machine: nothing below is the robot's fault; ") == too_slow
+    assert (
+        shown.startswith(
+            "TOO SLOW    is this machine: nothing below is the robot's fault; "
+        )
+        == too_slow
+    )
     assert ("sign" in shown) != too_slow
     assert "watchdog    opposed" in shown
 
@@ -216,5 +311,10 @@ def test_a_machine_that_is_too_slow_is_told_before_any_sensor(onboard, too_slow)
     ],
 )
 def test_a_mistake_is_one_line(onboard, bundle, capsys, arguments, words):
-    assert onboard.rehearse.main([str(bundle), *arguments] if arguments[0] == "--robot" else arguments) == 2
+    assert (
+        onboard.rehearse.main(
+            [str(bundle), *arguments] if arguments[0] == "--robot" else arguments
+        )
+        == 2
+    )
     assert capsys.readouterr().err == f"error: {words.format(bundle=bundle)}\n"

@@ -1,8 +1,11 @@
-"""A thousand streams of wrong sensors: no crash, no target outside a joint's range, a fault within its time.
+"""A thousand streams of wrong sensors: no crash, no target outside a joint's range, a
+fault within its time.
 
-Three runs are recorded in simulation, with lost measurements and the noise of training, and a robot that hangs and is
-swung by hand. A stream is what the controller was given in one of these, made wrong from a random tick on; the whole
-controller of the bundle runs, its network as well. Faults and their times are read from the table of docs/deploy.md.
+Three runs are recorded in simulation, with lost measurements and the noise of training,
+and a robot that hangs and is swung by hand. A stream is what the controller was given
+in one of these, made wrong from a random tick on; the whole controller of the bundle
+runs, its network as well. Faults and their times are read from the table of
+docs/deploy.md.
 """
 
 import re
@@ -23,11 +26,12 @@ NOISE = np.repeat((0.01, 0.3, 0.01, 0.1), (12, 12, 3, 3))  # of training
 PAGE = Path(__file__).parents[2] / "docs" / "deploy.md"
 ROW = re.compile(r"^\| `([a-z ]+)` \|.*\| (at once|[\d.]+ s) \| [^|]*\|$", re.MULTILINE)
 TIMES = {
-    name: 0.0 if text == "at once" else float(text.removesuffix(" s")) for name, text in ROW.findall(PAGE.read_text())
+    name: 0.0 if text == "at once" else float(text.removesuffix(" s"))
+    for name, text in ROW.findall(PAGE.read_text())
 }
 
 
-# --- What goes wrong: (random, values, stamp, time since it began, values when it began) -> (values, stamp) -----------
+# --- What goes wrong: (random, values, stamp, time since it began, values when it began
 
 
 def times(place, factor):
@@ -50,7 +54,10 @@ def joint_times(joints, factor, both=False):
 
 
 def stamped(make):
-    return lambda rng, values, stamp, since, then: (values, make(rng, stamp, round(since, 6)))
+    return lambda rng, values, stamp, since, then: (
+        values,
+        make(rng, stamp, round(since, 6)),
+    )
 
 
 def repeated(place):
@@ -112,9 +119,20 @@ def formless(rng, values, stamp, since, then):
     parts = [values[Q], values[QD], values[UP], values[GYRO], stamp]
     which = int(rng.integers(4))
     wrongs = (
-        None, [], 3.0, "up", parts[which][:-1], [*parts[which], 0.0], parts[which][None], parts[which].astype(str),
-        parts[which].astype(complex), [[1.0], [2.0, 3.0]], [None] * len(parts[which]), {"value": 1}, object(),
-    )  # fmt: skip
+        None,
+        [],
+        3.0,
+        "up",
+        parts[which][:-1],
+        [*parts[which], 0.0],
+        parts[which][None],
+        parts[which].astype(str),
+        parts[which].astype(complex),
+        [[1.0], [2.0, 3.0]],
+        [None] * len(parts[which]),
+        {"value": 1},
+        object(),
+    )
     choice = int(rng.integers(len(wrongs) + 3))
     if choice >= len(wrongs):
         return ("a string", {"time": stamp}, parts[:3])[choice - len(wrongs)], None
@@ -132,7 +150,12 @@ def silent(rng, values, stamp, since, then):
 
 SWINGING = [1, 2, 4, 5, 7, 8, 10, 11]  # hips and knees
 HIPS, KNEES = [1, 4, 7, 10], [2, 5, 8, 11]
-CLOCK, FORM, FINITE, GAIT = {"clock"}, {"form"}, {"not finite"}, {"joint velocity", "joint speed"}
+CLOCK, FORM, FINITE, GAIT = (
+    {"clock"},
+    {"form"},
+    {"not finite"},
+    {"joint velocity", "joint speed"},
+)
 STOOD_STILL = stamped(lambda rng, stamp, since: round(stamp - since, 6))
 WRONGS = {
     "angles in degrees": (times(Q, 57.3), {"range"}),
@@ -147,19 +170,36 @@ WRONGS = {
     "gravity": (times(UP, -1.0), {"tilt"}),
     "speed's sign": (joint_times(SWINGING, -1.0), GAIT),
     "speeds' signs": (times(QD, -1.0), GAIT),
-    "a hip's sign": (joint_times(HIPS, -1.0, both=True), {"off target", "opposed", "range", "joint velocity"}),
+    "a hip's sign": (
+        joint_times(HIPS, -1.0, both=True),
+        {"off target", "opposed", "range", "joint velocity"},
+    ),
     "a knee's sign": (joint_times(KNEES, -1.0, both=True), {"range"}),
     "gyro's sign": (times(GYRO, -1.0), {"gyro"}),
     "gyro's axes": (turned_axes, {"gyro"}),
     "up's sign": (times(slice(24, 26), -1.0), {"gyro"}),
     "legs exchanged": (exchanged, {"opposed", "off target", *GAIT}),
-    "stamps ahead": (stamped(lambda rng, stamp, since: stamp + rng.choice((0.02, 0.2, 5.0))), CLOCK),
-    "stamps behind": (stamped(lambda rng, stamp, since: stamp - rng.choice((0.06, 1.0, 1e6))), {"silence"}),
+    "stamps ahead": (
+        stamped(lambda rng, stamp, since: stamp + rng.choice((0.02, 0.2, 5.0))),
+        CLOCK,
+    ),
+    "stamps behind": (
+        stamped(lambda rng, stamp, since: stamp - rng.choice((0.06, 1.0, 1e6))),
+        {"silence"},
+    ),
     "stamps of milliseconds": (stamped(lambda rng, stamp, since: 1e3 * stamp), CLOCK),
     "stamps since the epoch": (stamped(lambda rng, stamp, since: time.time()), CLOCK),
     "stamps that stand still": (STOOD_STILL, {"silence"}),
-    "stamps that go back": (stamped(lambda rng, stamp, since: stamp - 2.0 * since), {"silence"}),
-    "no stamps": (stamped(lambda rng, stamp, since: ("now", np.nan, np.inf, [], {})[rng.integers(5)]), FINITE),
+    "stamps that go back": (
+        stamped(lambda rng, stamp, since: stamp - 2.0 * since),
+        {"silence"},
+    ),
+    "no stamps": (
+        stamped(
+            lambda rng, stamp, since: ("now", np.nan, np.inf, [], {})[rng.integers(5)]
+        ),
+        FINITE,
+    ),
     "forms": (formless, FORM),
     "all frozen": (repeated(slice(0, 30)), {"frozen", "gyro", *GAIT}),
     "up frozen": (repeated(UP), {"frozen"}),
@@ -177,7 +217,14 @@ WRONGS = {
     "huge": (impossible(1e300), {"range", "joint speed", "turning", "up"}),
     "noise": (noise_of_any_size, {"range", "joint speed", "turning", "up"}),
 }
-SEEN_IN_A_SWING = {"gyro's axes", "up's sign", "gyro halved", "gyro doubled", "gyro's noise", "up's noise"}
+SEEN_IN_A_SWING = {
+    "gyro's axes",
+    "up's sign",
+    "gyro halved",
+    "gyro doubled",
+    "gyro's noise",
+    "up's noise",
+}
 """The wrongs that need more of a swing of the trunk than a run on flat ground has."""
 SWUNG = 3  # the recorded stream of it
 MIXED = 3
@@ -185,7 +232,7 @@ MIXED = 3
 SEEDS = 25
 
 
-# --- The streams ---------------------------------------------------------------------------------------------------
+# --- The streams ----------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -195,12 +242,20 @@ def controller(onboard, bundle):
 
 @pytest.fixture(scope="module")
 def runs(onboard, bundle, controller):
-    """What the controller was given in three runs: (measurement, command) of each tick."""
+    """What the controller was given in three runs: (measurement, command) of each
+    tick."""
     plan, recorded = onboard.world.RehearsalPlan, []
     for seed, (robot, speed, sideways, turn) in enumerate(
-        (("built", 8.0, 0.0, 0.0), ("built", 2.0, 0.2, 0.3), ("ideal", 12.0, 0.0, 0.1), ("built", 0.0, 0.0, 0.0))
+        (
+            ("built", 8.0, 0.0, 0.0),
+            ("built", 2.0, 0.2, 0.3),
+            ("ideal", 12.0, 0.0, 0.1),
+            ("built", 0.0, 0.0, 0.0),
+        )
     ):
-        world = onboard.world.RehearsalWorld(bundle, robot, plan(speed=speed + 1e-6, acceleration=100.0, seed=seed))
+        world = onboard.world.RehearsalWorld(
+            bundle, robot, plan(speed=speed + 1e-6, acceleration=100.0, seed=seed)
+        )
         inbox, rng, ticks = onboard.rehearse.Inbox(), np.random.default_rng(seed), []
         controller.reset()
         for k in range(5 * TICKS):
@@ -226,12 +281,19 @@ def swing(robot, now):
     robot.model.opt.gravity[:] = 0.0
     turn, rate = 0.5 * np.sin(4.0 * now), 2.0 * np.cos(4.0 * now)
     axis = np.array([0.96, 0.28, 0.0])
-    robot.data.qpos[:7] = 0.0, 0.0, 2.0, np.cos(turn / 2.0), *(np.sin(turn / 2.0) * axis)
+    robot.data.qpos[:7] = (
+        0.0,
+        0.0,
+        2.0,
+        np.cos(turn / 2.0),
+        *(np.sin(turn / 2.0) * axis),
+    )
     robot.data.qvel[:6] = 0.0, 0.0, 0.0, *(rate * axis)
 
 
 def play(controller, ticks, wrongs, begins, rng):
-    """Play a run that goes wrong; (targets of all ticks, the fault, the time from its beginning to the fault)."""
+    """Play a run that goes wrong; (targets of all ticks, the fault, the time from its
+    beginning to the fault)."""
     controller.reset()
     targets, found, then = [], np.inf, None
     seeds = rng.integers(2**32, size=len(wrongs))
@@ -240,11 +302,18 @@ def play(controller, ticks, wrongs, begins, rng):
         if k >= begins and measurement is not None:
             values, stamp = np.concatenate(measurement[:4]), measurement.time
             then = values if then is None else then
-            for wrong, seed in zip(wrongs, seeds, strict=True):  # which joint is wrong stays
+            # which joint is wrong stays
+            for wrong, seed in zip(wrongs, seeds, strict=True):
                 if stamp is not None:
                     since = DT * (k - begins)
-                    values, stamp = wrong(np.random.default_rng(seed), values.copy(), stamp, since, then)
-            given = values if stamp is None else (values[Q], values[QD], values[UP], values[GYRO], stamp)
+                    values, stamp = wrong(
+                        np.random.default_rng(seed), values.copy(), stamp, since, then
+                    )
+            given = (
+                values
+                if stamp is None
+                else (values[Q], values[QD], values[UP], values[GYRO], stamp)
+            )
         targets.append(controller.step(given, command, now))
         if controller.fault and found == np.inf:
             found = now - DT * begins
@@ -258,7 +327,8 @@ def check_targets(controller, targets):
     assert np.isfinite(targets).all()
     assert (position >= RANGE[:, 0]).all()
     assert (position <= RANGE[:, 1]).all()
-    assert np.abs(velocity).max() <= 40.0  # rad/s, what a gait or the way to a stand asks for
+    # rad/s, what a gait or the way to a stand asks for
+    assert np.abs(velocity).max() <= 40.0
     if controller.fault:
         assert position[-1] == pytest.approx(STAND, abs=1e-12)
         assert not velocity[-1].any()
@@ -272,10 +342,13 @@ def test_a_wrong_stream_ends_in_its_fault_in_time(controller, runs, name):
     for seed in range(SEEDS):
         rng = np.random.default_rng([seed, *name.encode()])
         begins = int(rng.integers(40, 90))
-        targets, fault, after = play(controller, runs[seed % len(runs)], [wrong], begins, rng)
+        targets, fault, after = play(
+            controller, runs[seed % len(runs)], [wrong], begins, rng
+        )
         found = fault.partition(":")[0]
         assert found in faults, (seed, fault)
-        assert after <= longest + 3 * DT, (seed, fault)  # a tick; and two measurements may be lost
+        # a tick; and two measurements may be lost
+        assert after <= longest + 3 * DT, (seed, fault)
         check_targets(controller, targets)
 
 
@@ -287,7 +360,9 @@ def test_two_wrongs_end_in_a_fault_in_time(controller, runs, name):
         wrongs, faults = zip(WRONGS[name], WRONGS[other], strict=True)
         begins = int(rng.integers(40, 90))
         targets, fault, after = play(controller, runs[SWUNG], wrongs, begins, rng)
-        longest = max(TIMES[fault] for fault in set.union(*faults) | {fault.partition(":")[0]})
+        longest = max(
+            TIMES[fault] for fault in set.union(*faults) | {fault.partition(":")[0]}
+        )
         assert after <= longest + 3 * DT, (seed, other, fault)
         check_targets(controller, targets)
 
@@ -298,13 +373,21 @@ def test_there_are_a_thousand():
 
 @pytest.mark.parametrize("run", range(4))
 def test_a_sound_stream_is_no_fault(controller, runs, run):
-    """With further measurements lost, and with times that jitter, come late or are a little ahead."""
+    """With further measurements lost, and with times that jitter, come late or are a
+    little ahead."""
     rng = np.random.default_rng(run)
     drop = lambda rng, values, stamp, since, then: (None, None)  # noqa: E731
     for kind in range(4):
-        late = stamped(lambda _, stamp, since, kind=kind: stamp + (0.0, -0.02, 0.004, rng.uniform(-0.004, 0.004))[kind])
+        late = stamped(
+            lambda _, stamp, since, kind=kind: (
+                stamp + (0.0, -0.02, 0.004, rng.uniform(-0.004, 0.004))[kind]
+            )
+        )
         targets, fault, _ = play(controller, runs[run], [late], 100, rng)
         assert fault == ""
         check_targets(controller, targets)
-    thinned = [(None if rng.random() < 0.2 else measurement, command) for measurement, command in runs[run]]
+    thinned = [
+        (None if rng.random() < 0.2 else measurement, command)
+        for measurement, command in runs[run]
+    ]
     assert play(controller, thinned, [drop], TICKS, rng)[1] == ""

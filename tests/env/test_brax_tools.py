@@ -26,7 +26,11 @@ def test_named_environments_are_those_that_trainings_use():
     assert all(isinstance(env, BP2Env) for env in made.values())
     assert made["bp2"].config.hardware == made["bp2_kinematic"].config.hardware == BUILT
     assert made["bp2_ideal"].config.hardware == IDEAL
-    assert [made[name].config.reference for name in CONFIGS] == ["collocation", "collocation", "kinematic"]
+    assert [made[name].config.reference for name in CONFIGS] == [
+        "collocation",
+        "collocation",
+        "kinematic",
+    ]
 
 
 def test_braxs_page_shows_the_robot_where_mujoco_has_it(env):
@@ -39,7 +43,8 @@ def test_braxs_page_shows_the_robot_where_mujoco_has_it(env):
     still = env.starts.at_rest().replace(qpos=data.qpos.astype(np.float32))
     nothing: Any = None
     state = env.brax_state(PipelineState(still, *[nothing] * 6))
-    assert np.asarray(state.x.pos) == pytest.approx(data.xpos[1:], abs=1e-5)  # float32, a metre or two away
+    # float32, a metre or two away
+    assert np.asarray(state.x.pos) == pytest.approx(data.xpos[1:], abs=1e-5)
     shown = json.loads(brax_json.dumps(env.sys, [state, state]))
     assert np.asarray(shown["states"]["x"][1]["pos"]).shape == (model.nbody - 1, 3)
     assert sum(len(geoms) for geoms in shown["geoms"].values()) == model.ngeom

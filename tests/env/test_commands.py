@@ -1,4 +1,5 @@
-"""Commands stay in range, move at limited rates, and the curriculum moves only on evidence."""
+"""Commands stay in range, move at limited rates, and the curriculum moves only on
+evidence."""
 
 import dataclasses
 
@@ -14,10 +15,17 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.robot import conventions
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.hardware import HardwareSpec, Losses
-from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, TrackingShape
+from bp2_rl.settings.env import (
+    CommandConfig,
+    ControlConfig,
+    CurriculumConfig,
+    EnvConfig,
+    TrackingShape,
+)
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
-CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
+# at level 0 commands from 2.7 m/s on are near the limit
+CURRICULUM = CurriculumConfig(start_speed=3.0)
 AT_ONCE, GENTLY = ControlConfig(), ControlConfig(braking=4.0, stopping_time=0.9)
 SETTINGS = EnvConfig(commands=CONFIG, curriculum=CURRICULUM, control=AT_ONCE)
 LAUNCHED = ControlConfig(launching=6.0, launching_speed=18.0)
@@ -26,7 +34,9 @@ KEY = jax.random.PRNGKey(0)
 
 def test_targets_cover_their_ranges_and_respect_them():
     keys = jax.random.split(KEY, 20_000)
-    targets = np.asarray(jax.vmap(lambda key: commands.draw_target(key, jnp.array(8.0), CONFIG))(keys))
+    targets = np.asarray(
+        jax.vmap(lambda key: commands.draw_target(key, jnp.array(8.0), CONFIG))(keys)
+    )
     forward, lateral, yaw_rate = targets.T
     assert -1.0 <= forward.min() < -0.95
     assert 7.95 < forward.max() <= 8.0
@@ -36,9 +46,14 @@ def test_targets_cover_their_ranges_and_respect_them():
     straight = (lateral == 0.0) & (yaw_rate == 0.0) & ~standing
     # Binomial shares of 20 000 draws: a standard deviation is below 0.004.
     assert standing.mean() == pytest.approx(CONFIG.stand_fraction, abs=0.015)
-    assert straight.mean() == pytest.approx(CONFIG.straight_fraction * (1 - CONFIG.stand_fraction), abs=0.015)
-    # Of the targets drawn from anywhere in [-1, 8] m/s, 0.8 / 9 are in the fastest tenth, too.
-    fast = (1 - CONFIG.stand_fraction) * (CONFIG.limit_fraction + (1 - CONFIG.limit_fraction) * 0.8 / 9.0)
+    assert straight.mean() == pytest.approx(
+        CONFIG.straight_fraction * (1 - CONFIG.stand_fraction), abs=0.015
+    )
+    # Of the targets drawn from anywhere in [-1, 8] m/s, 0.8 / 9 are in the fastest
+    # tenth, too.
+    fast = (1 - CONFIG.stand_fraction) * (
+        CONFIG.limit_fraction + (1 - CONFIG.limit_fraction) * 0.8 / 9.0
+    )
     assert (forward >= 0.9 * 8.0).mean() == pytest.approx(fast, abs=0.015)
 
 
@@ -46,8 +61,12 @@ def test_a_stand_lasts_as_long_as_is_said_for_stands():
     keys = jax.random.split(KEY, 2000)
 
     def times(config):
-        drawn = jax.vmap(lambda key: commands.draw(key, None, jnp.array(8.0), config))(keys)
-        return np.all(np.asarray(drawn.target) == 0.0, axis=1), np.asarray(drawn.time_left)
+        drawn = jax.vmap(lambda key: commands.draw(key, None, jnp.array(8.0), config))(
+            keys
+        )
+        return np.all(np.asarray(drawn.target) == 0.0, axis=1), np.asarray(
+            drawn.time_left
+        )
 
     often = dataclasses.replace(CONFIG, stand_fraction=0.5, hold_time=(1.0, 3.0))
     stands, time = times(dataclasses.replace(often, stand_time=(4.0, 6.0)))
@@ -62,7 +81,10 @@ def test_a_stand_lasts_as_long_as_is_said_for_stands():
 
 
 def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
-    speeds = [float(commands.max_forward_at(jnp.array(level), SETTINGS)) for level in (0.0, 0.5, 1.0)]
+    speeds = [
+        float(commands.max_forward_at(jnp.array(level), SETTINGS))
+        for level in (0.0, 0.5, 1.0)
+    ]
     assert speeds == [3.0, 6.5, 10.0]
 
 
@@ -71,21 +93,31 @@ def run(state, level, tracking, steps, seed=1, config=SETTINGS):
 
     def step(carry, key):
         state, level = carry
-        state, level = commands.advance(state, level, tracking(state.current[0]), key, config)
+        state, level = commands.advance(
+            state, level, tracking(state.current[0]), key, config
+        )
         return (state, level), (level, state.current)
 
-    return jax.lax.scan(step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps))[1]
+    return jax.lax.scan(
+        step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps)
+    )[1]
 
 
-RISING = EnvConfig(commands=CommandConfig(max_forward=13.0), curriculum=CurriculumConfig(start_speed=4.0))
+RISING = EnvConfig(
+    commands=CommandConfig(max_forward=13.0),
+    curriculum=CurriculumConfig(start_speed=4.0),
+)
 
 
 def run_fleet(tracking, seconds, robots=32, config=RISING):
-    """Levels (robot, time) and commands (robot, time, 3) of robots that start at level 0 and never fall."""
+    """Levels (robot, time) and commands (robot, time, 3) of robots that start at level
+    0 and never fall."""
 
     def one(seed):
         key = jax.random.PRNGKey(seed)
-        start = commands.draw(key, None, jnp.array(config.curriculum.start_speed), config.commands)
+        start = commands.draw(
+            key, None, jnp.array(config.curriculum.start_speed), config.commands
+        )
         steps = round(seconds / conventions.CONTROL_STEP)
         return run(start, jnp.array(0.0), tracking, steps, seed, config)
 
@@ -93,7 +125,8 @@ def run_fleet(tracking, seconds, robots=32, config=RISING):
 
 
 def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
-    """It runs at min(command, 5 m/s) without ever falling; slow commands, which it follows, must not count."""
+    """It runs at min(command, 5 m/s) without ever falling; slow commands, which it
+    follows, must not count."""
     levels, _ = run_fleet(lambda command: jnp.minimum(command, 5.0), 120.0)
 
     def limit(level):
@@ -112,27 +145,39 @@ def test_a_robot_that_follows_every_command_reaches_the_top():
 def test_without_a_curriculum_all_commands_come_from_the_first_step_on():
     config = EnvConfig()
     assert config.curriculum.start_speed is None
-    assert commands.max_forward_at(jnp.array(0.0), config) == config.commands.max_forward
+    assert (
+        commands.max_forward_at(jnp.array(0.0), config) == config.commands.max_forward
+    )
 
 
 def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
-    """Neither a target nor any command on the way from a fast straight one to a slow tight one."""
+    """Neither a target nor any command on the way from a fast straight one to a slow
+    tight one."""
     config = RISING
     keys = jax.random.split(KEY, 20_000)
-    targets = jax.vmap(lambda key: commands.draw_target(key, jnp.array(13.0), config.commands))(keys)
+    targets = jax.vmap(
+        lambda key: commands.draw_target(key, jnp.array(13.0), config.commands)
+    )(keys)
     _, currents = run_fleet(lambda command: command, 200.0)
     for forward, _, yaw_rate in (np.asarray(targets).T, np.moveaxis(currents, -1, 0)):
         turn = np.abs(forward * yaw_rate)
-        assert 0.9 * config.commands.max_turn < turn.max() <= config.commands.max_turn * (1 + 1e-6)  # float32
+        # float32
+        assert (
+            0.9 * config.commands.max_turn
+            < turn.max()
+            <= config.commands.max_turn * (1 + 1e-6)
+        )
 
 
 def test_the_hold_time_counts_from_reaching_the_target():
-    """Of 1 m/s2 to a target 2.7 m/s away and a hold of 0.1 s, the next draw is 2.8 s off."""
+    """Of 1 m/s2 to a target 2.7 m/s away and a hold of 0.1 s, the next draw is 2.8 s
+    off."""
     state = segment(2.7).replace(current=jnp.zeros(3), acceleration=jnp.array(1.0))
     _, currents = run(state, jnp.array(0.0), lambda v: v, 600)
     forward = np.asarray(currents)[:, 0]
     there = np.flatnonzero(forward == np.float32(2.7))
-    # Each side of the interval may be off by the step in which the float32 sum of increments gets there.
+    # Each side of the interval may be off by the step in which the float32 sum of
+    # increments gets there.
     assert there[0] == pytest.approx(2.7 / conventions.CONTROL_STEP, abs=2)
     assert there[-1] - there[0] == pytest.approx(0.1 / conventions.CONTROL_STEP, abs=2)
 
@@ -148,7 +193,8 @@ def test_commands_move_no_faster_than_their_rates():
 
 
 def told(asked, start, control=GENTLY, seconds=6.0):
-    """The forward command, control step by control step, where always the same is asked for."""
+    """The forward command, control step by control step, where always the same is asked
+    for."""
 
     def step(command, _):
         after = eased(command, jnp.array([asked, 0.1, 0.2]), control)
@@ -161,13 +207,19 @@ def told(asked, start, control=GENTLY, seconds=6.0):
 
 
 def test_a_stop_is_a_ramp_and_then_an_exponential():
-    """From 10 m/s at 4 m/s2 to 3.1 m/s, as (3.1 + 0.5) / 0.9 s is 4 m/s2; from there 0.5 + v = 3.6 exp(-t / 0.9)."""
+    """From 10 m/s at 4 m/s2 to 3.1 m/s, as (3.1 + 0.5) / 0.9 s is 4 m/s2; from there
+    0.5 + v = 3.6 exp(-t / 0.9)."""
     forward = told(0.0, 10.0)
     time = conventions.CONTROL_STEP * np.arange(len(forward))
     ramp, end = 6.9 / 4.0, 0.9 * np.log(3.6 / 0.5)
-    law = np.where(time < ramp, 10.0 - 4.0 * time, 3.6 * np.exp(-(time - ramp) / 0.9) - 0.5)
-    # Euler's steps of 5 ms in a time constant of 0.9 s are 0.3 % of a speed off, at most.
-    np.testing.assert_allclose(forward[time < ramp + end], law[time < ramp + end], atol=0.011)
+    law = np.where(
+        time < ramp, 10.0 - 4.0 * time, 3.6 * np.exp(-(time - ramp) / 0.9) - 0.5
+    )
+    # Euler's steps of 5 ms in a time constant of 0.9 s are 0.3 % of a speed off, at
+    # most.
+    np.testing.assert_allclose(
+        forward[time < ramp + end], law[time < ramp + end], atol=0.011
+    )
     assert np.all(forward[time > ramp + end + 0.02] == 0.0)
 
 
@@ -178,32 +230,46 @@ def test_only_what_takes_speed_from_a_robot_on_its_way_forward_is_eased():
     assert told(9.99, 10.0)[1] == np.float32(9.99)  # slower than it may be
     assert told(0.0, 10.0, AT_ONCE)[1] == 0.0
     back = told(-1.0, 1.0)
-    assert np.all(back[back > 0.0][1:] >= back[back > 0.0][:-1] - 4.0 * conventions.CONTROL_STEP)
+    assert np.all(
+        back[back > 0.0][1:] >= back[back > 0.0][:-1] - 4.0 * conventions.CONTROL_STEP
+    )
     assert back[-1] == -1.0
 
 
 def test_a_launch_is_an_exponential():
     """At 6 m/s2 from a stand, and towards 18 m/s: v = 18 (1 - exp(-6 t / 18))."""
     forward = told(12.0, 0.0, LAUNCHED)
-    law = 18.0 * (1.0 - np.exp(-conventions.CONTROL_STEP * np.arange(len(forward)) / 3.0))
-    np.testing.assert_allclose(forward, np.minimum(law, 12.0), atol=0.011)  # Euler's steps, as above
+    law = 18.0 * (
+        1.0 - np.exp(-conventions.CONTROL_STEP * np.arange(len(forward)) / 3.0)
+    )
+    # Euler's steps, as above
+    np.testing.assert_allclose(forward, np.minimum(law, 12.0), atol=0.011)
     assert forward[-1] == 12.0
     constant = told(12.0, 0.0, ControlConfig(launching=6.0))
-    np.testing.assert_allclose(constant, np.minimum(0.03 * np.arange(len(constant)), 12.0), atol=1e-4)
+    np.testing.assert_allclose(
+        constant, np.minimum(0.03 * np.arange(len(constant)), 12.0), atol=1e-4
+    )
 
 
 def test_only_what_gives_speed_to_a_robot_on_its_way_forward_is_launched():
     assert told(3.0, 10.0, LAUNCHED)[1] == 3.0
     assert told(25.0, 20.0, LAUNCHED)[1] == 20.0  # faster than it would rise to
     assert told(5.01, 5.0, LAUNCHED)[1] == np.float32(5.01)  # slower than it may be
-    assert told(9.0, -1.0, LAUNCHED)[1] == np.float32(0.03)  # who goes backwards may be stopped at once
+    # who goes backwards may be stopped at once
+    assert told(9.0, -1.0, LAUNCHED)[1] == np.float32(0.03)
     assert told(-1.0, 0.0, LAUNCHED)[1] == -1.0
 
 
 def told_in_training(control):
     """The forward commands of 30 s."""
     start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
-    _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, config=dataclasses.replace(SETTINGS, control=control))
+    _, currents = run(
+        start,
+        jnp.array(1.0),
+        lambda v: v,
+        6000,
+        config=dataclasses.replace(SETTINGS, control=control),
+    )
     return np.asarray(currents)[:, 0]
 
 
@@ -212,7 +278,12 @@ def test_in_training_commands_are_eased_likewise():
     for control in (AT_ONCE, GENTLY):
         forward = told_in_training(control)
         falls = -np.diff(forward)[forward[:-1] > 0.0] / conventions.CONTROL_STEP
-        rates.append((falls.max(), (falls - (forward[:-1][forward[:-1] > 0.0] + 0.5) / 0.9).max()))
+        rates.append(
+            (
+                falls.max(),
+                (falls - (forward[:-1][forward[:-1] > 0.0] + 0.5) / 0.9).max(),
+            )
+        )
     (fastest, too_fast), (eased, within) = rates
     assert fastest > 6.0
     assert too_fast > 0.5
@@ -238,14 +309,30 @@ def segment(target: float, hold: float = 0.1) -> commands.CommandState:
 
 @pytest.mark.parametrize(
     ("target", "hold", "lag", "raised"),
-    [(2.8, 0.6, 0.0, True), (2.8, 0.6, 0.39, True), (2.8, 0.6, 0.41, False), (2.8, 0.4, 0.0, False),
-     (2.6, 0.6, 0.0, False)],
-    ids=["tracked", "within tolerance 0.1 x (1 + 3) = 0.4", "beyond tolerance", "too short", "far below the limit"],
-)  # fmt: skip
-def test_a_level_rises_only_when_commands_near_its_limit_were_tracked_for_long_enough(target, hold, lag, raised):
+    [
+        (2.8, 0.6, 0.0, True),
+        (2.8, 0.6, 0.39, True),
+        (2.8, 0.6, 0.41, False),
+        (2.8, 0.4, 0.0, False),
+        (2.6, 0.6, 0.0, False),
+    ],
+    ids=[
+        "tracked",
+        "within tolerance 0.1 x (1 + 3) = 0.4",
+        "beyond tolerance",
+        "too short",
+        "far below the limit",
+    ],
+)
+def test_a_level_rises_only_when_commands_near_its_limit_were_tracked_for_long_enough(
+    target, hold, lag, raised
+):
     # Until shortly after the hold, so that what was drawn next does not count.
     levels, _ = run(
-        segment(target, hold), jnp.array(0.0), lambda v: v - lag, round(hold / conventions.CONTROL_STEP) + 5
+        segment(target, hold),
+        jnp.array(0.0),
+        lambda v: v - lag,
+        round(hold / conventions.CONTROL_STEP) + 5,
     )
     assert levels[-1] == pytest.approx(CURRICULUM.raise_by if raised else 0.0)
 
@@ -292,28 +379,47 @@ NAN, INF = float("nan"), float("inf")
 def test_impossible_settings_are_refused_by_name(named, value):
     group, field = named.split(".")
     with pytest.raises(UserError, match=rf"^{named}\b.*") as error:
-        EnvConfig(**{group: dataclasses.replace(getattr(EnvConfig(), group), **{field: value})})
+        EnvConfig(
+            **{
+                group: dataclasses.replace(
+                    getattr(EnvConfig(), group), **{field: value}
+                )
+            }
+        )
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("field", "value"), [("current_lag", -1.0), ("gear_efficiency", 0.0), ("latency", 0.05)])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("current_lag", -1.0), ("gear_efficiency", 0.0), ("latency", 0.05)],
+)
 def test_impossible_losses_are_refused_by_name(field, value):
     with pytest.raises(UserError, match=rf"^hardware\.losses\.{field} must be "):
         HardwareSpec(losses=Losses(**{field: value}))
 
 
 def test_a_latency_beyond_what_training_remembers_is_refused():
-    with pytest.raises(UserError, match=r"^hardware\.losses\.latency \(0\.015 s\) must be at most 0\.01 s in training"):
+    with pytest.raises(
+        UserError,
+        match=r"^hardware\.losses\.latency \(0\.015 s\) must be at most 0\.01 s in training",
+    ):
         BP2Env(EnvConfig(hardware=HardwareSpec(losses=Losses(latency=0.015))))
 
 
 def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():
-    config = EnvConfig(termination=dataclasses.replace(EnvConfig().termination, min_height=0.7))
-    with pytest.raises(UserError, match=r"^termination.min_height \(0.7\) must be below the reference's height"):
+    config = EnvConfig(
+        termination=dataclasses.replace(EnvConfig().termination, min_height=0.7)
+    )
+    with pytest.raises(
+        UserError,
+        match=r"^termination.min_height \(0.7\) must be below the reference's height",
+    ):
         motion_of(config)
 
 
 def test_what_has_a_meaning_when_infinite_may_be():
     control = dataclasses.replace(EnvConfig().control, torque_rate=INF)
-    reward = dataclasses.replace(EnvConfig().reward, tracking_shape=TrackingShape(width=INF))
+    reward = dataclasses.replace(
+        EnvConfig().reward, tracking_shape=TrackingShape(width=INF)
+    )
     assert EnvConfig(control=control, reward=reward).control.torque_rate == INF

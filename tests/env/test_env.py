@@ -1,4 +1,5 @@
-"""BP2Env: the Brax interface, resets on the reference, randomisation, and what happens to a robot gone wrong."""
+"""BP2Env: the Brax interface, resets on the reference, randomisation, and what happens
+to a robot gone wrong."""
 
 import dataclasses
 
@@ -66,7 +67,11 @@ def physics(state):
 
 
 def with_physics(state, **changes):
-    return state.replace(pipeline_state=state.pipeline_state.replace(physics=physics(state).replace(**changes)))
+    return state.replace(
+        pipeline_state=state.pipeline_state.replace(
+            physics=physics(state).replace(**changes)
+        )
+    )
 
 
 def test_it_is_a_registered_brax_environment(env: BP2Env):
@@ -75,15 +80,25 @@ def test_it_is_a_registered_brax_environment(env: BP2Env):
 
 
 def test_the_default_is_the_environment_bp2():
-    assert vars(envs.get_environment("bp2"))["config"] == make("bp2").config == preset("imitation", "gpu").env
+    assert (
+        vars(envs.get_environment("bp2"))["config"]
+        == make("bp2").config
+        == preset("imitation", "gpu").env
+    )
 
 
 def test_sizes_are_what_reset_and_step_return(env, start, step):
     after = step(start, ZERO)
     for state in (start, after):
-        assert {name: obs.shape[1] for name, obs in state.obs.items()} == env.observation_size
+        assert {
+            name: obs.shape[1] for name, obs in state.obs.items()
+        } == env.observation_size
         assert state.reward.shape == state.done.shape == (ROBOTS,)
-    assert env.observation_size["state"] == sum(size for _, size in observations.LAYOUT) == 47
+    assert (
+        env.observation_size["state"]
+        == sum(size for _, size in observations.LAYOUT)
+        == 47
+    )
     assert env.action_size == 12
     assert jax.tree.structure(start) == jax.tree.structure(after)
 
@@ -100,21 +115,36 @@ def test_brax_wrappers_run_it():
 
 def test_running_starts_are_on_the_reference_with_its_velocities(env):
     config = EnvConfig(
-        reference="kinematic",  # the library's knees are almost straight at times, where float32 is coarse
+        # the library's knees are almost straight at times, where float32 is coarse
+        reference="kinematic",
         reset=ResetConfig(standing_fraction=0.0, joint_noise=0.0, velocity_noise=0.0),
         randomization=RandomizationConfig(enabled=False),
     )
     state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
-    command, controller = state.pipeline_state.command.current, state.pipeline_state.controller
+    command, controller = (
+        state.pipeline_state.command.current,
+        state.pipeline_state.controller,
+    )
     reference = jax.vmap(motion_of(config))(command, controller.phase)
-    # Compiled once with the reset and once by itself: float32 of some 10 rad/s, and of angles that follow from feet
-    # at 15 m/s with a leg nearly stretched.
-    np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=5e-6)
-    np.testing.assert_allclose(physics(state).qvel[:, MOTOR_QVEL], reference.joint_velocity, rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(physics(state).qvel[:, 0], reference.velocity[:, 0], rtol=1e-5, atol=1e-5)
+    # Compiled once with the reset and once by itself: float32 of some 10 rad/s, and of
+    # angles that follow from feet at 15 m/s with a leg nearly stretched.
+    np.testing.assert_allclose(
+        physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=5e-6
+    )
+    np.testing.assert_allclose(
+        physics(state).qvel[:, MOTOR_QVEL],
+        reference.joint_velocity,
+        rtol=1e-5,
+        atol=1e-5,
+    )
+    np.testing.assert_allclose(
+        physics(state).qvel[:, 0], reference.velocity[:, 0], rtol=1e-5, atol=1e-5
+    )
     assert np.ptp(command[:, 0]) > 10.0
     np.testing.assert_allclose(physics(state).qpos[:, 2], reference.height, atol=1e-6)
-    np.testing.assert_allclose(physics(state).qpos[:, SPRING_QPOS], reference.spring_compression, atol=1e-6)
+    np.testing.assert_allclose(
+        physics(state).qpos[:, SPRING_QPOS], reference.spring_compression, atol=1e-6
+    )
     assert np.ptp(controller.phase) > 0.8
 
 
@@ -127,7 +157,8 @@ def test_standing_starts_are_at_rest_with_the_command_at_zero():
 
 
 def test_standing_starts_may_have_to_wait_for_their_first_command():
-    """Of a second at most, a third after a third of it: within that time nobody can know when it comes."""
+    """Of a second at most, a third after a third of it: within that time nobody can
+    know when it comes."""
     config = EnvConfig(
         reference="none",
         reset=ResetConfig(standing_fraction=1.0, standing_time=(0.0, 1.0)),
@@ -135,7 +166,10 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
     )
     env = BP2Env(config)
     start = jax.vmap(env.starts.draw, in_axes=(0, None))(
-        jax.vmap(lambda key: jax.random.split(key, NUM_KEYS))(jax.random.split(KEYS[0], 3000)), jnp.zeros(())
+        jax.vmap(lambda key: jax.random.split(key, NUM_KEYS))(
+            jax.random.split(KEYS[0], 3000)
+        ),
+        jnp.zeros(()),
     )[0]
 
     def step(state, key):
@@ -145,7 +179,9 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
     keys = jax.random.split(KEYS[1], 200)
     forward = jax.vmap(lambda state: jax.lax.scan(step, state, keys)[1])(start.command)
     waited = np.argmax(np.asarray(forward) > 0.0, axis=1) * conventions.CONTROL_STEP
-    assert np.quantile(waited, [1 / 3, 2 / 3]) == pytest.approx([1 / 3, 2 / 3], abs=0.04)
+    assert np.quantile(waited, [1 / 3, 2 / 3]) == pytest.approx(
+        [1 / 3, 2 / 3], abs=0.04
+    )
     assert 0.9 < waited.max() <= 1.0 + 3 * conventions.CONTROL_STEP
 
 
@@ -160,12 +196,19 @@ def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
         mujoco.mj_kinematics(env.mj_model, data)
         mujoco.mj_comPos(env.mj_model, data)
         mujoco.mj_comVel(env.mj_model, data)
-        soles = observations.soles(jnp.array(data.qpos), jnp.array(data.qvel), env.config.hardware)
+        soles = observations.soles(
+            jnp.array(data.qpos), jnp.array(data.qvel), env.config.hardware
+        )
         for leg, geom in enumerate(foot_geom_ids(env.mj_model)):
-            mujoco.mj_objectVelocity(env.mj_model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, motion, 0)
-            # A sole is a point of the leg's axis, as far below the foot's middle as its radius.
+            mujoco.mj_objectVelocity(
+                env.mj_model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, motion, 0
+            )
+            # A sole is a point of the leg's axis, as far below the foot's middle as its
+            # radius.
             assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= bp2.FOOT_RADIUS
-            assert soles.rate[leg] == pytest.approx(motion[5], abs=bp2.FOOT_RADIUS * float(np.linalg.norm(motion[:3])))
+            assert soles.rate[leg] == pytest.approx(
+                motion[5], abs=bp2.FOOT_RADIUS * float(np.linalg.norm(motion[:3]))
+            )
 
 
 def test_standing_starts_put_the_feet_on_the_ground():
@@ -184,7 +227,8 @@ def test_a_standing_robot_without_commands_stays_up(env, step):
         commands=dataclasses.replace(env.config.commands, stand_fraction=1.0),
     )
     state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
-    # A fifth of a second: long before the first new command, and pushes of 0.5 m/s included.
+    # A fifth of a second: long before the first new command, and pushes of 0.5 m/s
+    # included.
     for _ in range(40):
         state = step(state, ZERO)
         assert not np.any(np.asarray(state.done))
@@ -194,7 +238,9 @@ def test_a_standing_robot_without_commands_stays_up(env, step):
 
 def test_randomisation_is_drawn_anew_for_each_robot_and_each_reset(start, reset):
     again = reset(jax.random.split(jax.random.PRNGKey(1), ROBOTS))
-    draws = np.concatenate([np.asarray(s.pipeline_state.randomization.friction) for s in (start, again)])
+    draws = np.concatenate(
+        [np.asarray(s.pipeline_state.randomization.friction) for s in (start, again)]
+    )
     assert len(np.unique(draws)) == 2 * ROBOTS
     low, high = np.array(RandomizationConfig().friction) * bp2.FOOT_FRICTION
     assert np.all((draws >= low) & (draws <= high))
@@ -202,7 +248,9 @@ def test_randomisation_is_drawn_anew_for_each_robot_and_each_reset(start, reset)
 
 def test_training_randomises_around_the_friction_that_was_asked_for():
     icy = BP2Env(EnvConfig(hardware=HardwareSpec(friction=0.3)))
-    draws = np.asarray(jax.jit(jax.vmap(icy.reset))(KEYS).pipeline_state.randomization.friction)
+    draws = np.asarray(
+        jax.jit(jax.vmap(icy.reset))(KEYS).pipeline_state.randomization.friction
+    )
     low, high = RandomizationConfig().friction
     assert np.all((draws >= 0.3 * low) & (draws <= 0.3 * high))
     # 64 uniform draws: the mean's standard deviation is 0.006.
@@ -211,10 +259,14 @@ def test_training_randomises_around_the_friction_that_was_asked_for():
 
 def test_randomisation_reaches_model_and_motors(env):
     robot = randomization.nominal(env.mj_model.nbody, HardwareSpec())
-    heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
+    heavy = robot.replace(
+        mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8
+    )
     nominal = mjx.put_model(env.mj_model)
     model = randomize_model(nominal, heavy, env.trunk)
-    assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(nominal.body_mass.sum()), rel=1e-6)
+    assert float(model.body_mass.sum()) == pytest.approx(
+        1.1 * float(nominal.body_mass.sum()), rel=1e-6
+    )
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
     motors = randomization.randomize_actuator(motors_of(env.config), heavy)
     assert np.allclose(np.asarray(motors.strength), 0.8)
@@ -225,26 +277,38 @@ def test_a_push_changes_the_horizontal_velocity_by_at_most_what_was_asked_for():
     pushed = jax.vmap(lambda key: randomization.push(jnp.zeros(22), config, key))
     change = np.asarray(pushed(jax.random.split(jax.random.PRNGKey(0), 4000)))
     pushes = change[np.any(change != 0.0, axis=1)]
-    assert len(pushes) == pytest.approx(4000 * conventions.CONTROL_STEP / 0.01, rel=0.1)  # six deviations
+    # six deviations
+    assert len(pushes) == pytest.approx(4000 * conventions.CONTROL_STEP / 0.01, rel=0.1)
     largest = np.zeros(22)
     largest[:2] = 0.5
     assert np.all(np.abs(pushes) <= largest)
-    np.testing.assert_allclose(np.std(pushes, axis=0), largest / np.sqrt(3.0), rtol=0.05)  # three deviations
+    # three deviations
+    np.testing.assert_allclose(
+        np.std(pushes, axis=0), largest / np.sqrt(3.0), rtol=0.05
+    )
 
 
 def test_motors_brake_as_weakly_as_was_drawn():
-    """0 is the hardware's braking, 1 as driving, and between them the line ends at the no-load speed over the draw."""
+    """0 is the hardware's braking, 1 as driving, and between them the line ends at the
+    no-load speed over the draw."""
     robot = randomization.nominal(18, BUILT)
     qd = jnp.linspace(-60.0, 60.0, 12)
     for drawn, speed in ((0.0, float("inf")), (0.5, 42.8), (1.0, 21.4)):
-        motors = randomization.randomize_actuator(motors_of(EnvConfig(hardware=BUILT)), robot)
+        motors = randomization.randomize_actuator(
+            motors_of(EnvConfig(hardware=BUILT)), robot
+        )
         weak = randomization.randomize_actuator(
-            motors_of(EnvConfig(hardware=BUILT)), robot.replace(braking=jnp.array(drawn))
+            motors_of(EnvConfig(hardware=BUILT)),
+            robot.replace(braking=jnp.array(drawn)),
         )
         expected = torque_limits(dataclasses.replace(motors, braking_speed=speed), qd)
-        np.testing.assert_allclose(torque_limits(weak, qd), expected, rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(
+            torque_limits(weak, qd), expected, rtol=1e-4, atol=1e-3
+        )
     weakly = RandomizationConfig(weak_braking=(0.2, 1.0))
-    braking = np.asarray(jax.vmap(lambda key: randomization.draw(key, weakly, 18, BUILT))(KEYS).braking)
+    braking = np.asarray(
+        jax.vmap(lambda key: randomization.draw(key, weakly, 18, BUILT))(KEYS).braking
+    )
     assert braking.min() >= 0.2
     assert 0.5 < braking.mean() < 0.7
     assert randomization.draw(KEYS[0], RandomizationConfig(), 18, BUILT).braking is None
@@ -255,7 +319,9 @@ def test_the_critic_sees_the_truth_and_the_policy_sees_noise(start):
     noise = np.asarray(noisy - clean)
     joint_velocity = slice(3 + 2 + 12, 3 + 2 + 24)
     # 64 x 12 samples: the standard deviation is known to 3 %.
-    assert noise[:, joint_velocity].std() == pytest.approx(RandomizationConfig().joint_velocity_noise, rel=0.15)
+    assert noise[:, joint_velocity].std() == pytest.approx(
+        RandomizationConfig().joint_velocity_noise, rel=0.15
+    )
     assert np.all(noise[:, :5] == 0.0)
 
 
@@ -263,7 +329,9 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
     after = step(start, ZERO)
     ends = np.cumsum([size for _, size in observations.CRITIC_LAYOUT])
     parts = np.split(np.asarray(after.obs["privileged_state"]), ends[:-1], axis=1)
-    seen = dict(zip((name for name, _ in observations.CRITIC_LAYOUT), parts, strict=True))
+    seen = dict(
+        zip((name for name, _ in observations.CRITIC_LAYOUT), parts, strict=True)
+    )
     episode = after.pipeline_state
     for name, expected in {
         "command": episode.command.current,
@@ -281,11 +349,16 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
 
 
 def test_latency_delays_the_targets(start, step):
-    """With 10 ms of latency, two control steps pass before an action shows in the torque."""
+    """With 10 ms of latency, two control steps pass before an action shows in the
+    torque."""
     first_seen = {}
     for latency in (0.0, 0.003, 0.010):
-        robot = start.pipeline_state.randomization.replace(latency=jnp.full(ROBOTS, latency, jnp.float32))
-        same_robot = start.replace(pipeline_state=start.pipeline_state.replace(randomization=robot))
+        robot = start.pipeline_state.randomization.replace(
+            latency=jnp.full(ROBOTS, latency, jnp.float32)
+        )
+        same_robot = start.replace(
+            pipeline_state=start.pipeline_state.replace(randomization=robot)
+        )
         torques = []
         for action in (ZERO, ZERO + 0.1):
             state, trace = same_robot, []
@@ -301,7 +374,9 @@ def test_latency_delays_the_targets(start, step):
 
 
 @pytest.mark.parametrize("coordinate", ["position", "joint velocity"])
-def test_a_robot_that_is_not_finite_ends_its_episode_and_harms_nobody(start, step, coordinate):
+def test_a_robot_that_is_not_finite_ends_its_episode_and_harms_nobody(
+    start, step, coordinate
+):
     qpos, qvel = physics(start).qpos, physics(start).qvel
     if coordinate == "position":
         bad = with_physics(start, qpos=qpos.at[3, 9].set(jnp.nan))
@@ -311,23 +386,35 @@ def test_a_robot_that_is_not_finite_ends_its_episode_and_harms_nobody(start, ste
     assert float(after.done[3]) == 1.0
     assert float(after.metrics["fall/exploded"][3]) == 1.0
     others = np.arange(ROBOTS) != 3
-    np.testing.assert_array_equal(after.obs["state"][others], healthy.obs["state"][others])
+    np.testing.assert_array_equal(
+        after.obs["state"][others], healthy.obs["state"][others]
+    )
     assert np.isfinite(after.reward).all()
 
 
 def test_an_action_that_is_not_finite_ends_the_episode(start, step):
     after = step(start, ZERO.at[5].set(jnp.nan))
     assert float(after.done[5]) == 1.0
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves((after.obs, after.reward, after.metrics)))
+    assert all(
+        np.isfinite(x).all()
+        for x in jax.tree.leaves((after.obs, after.reward, after.metrics))
+    )
 
 
-@pytest.mark.parametrize(("change", "cause"), [("low", "fall/too_low"), ("tilted", "fall/tilted")])
+@pytest.mark.parametrize(
+    ("change", "cause"), [("low", "fall/too_low"), ("tilted", "fall/tilted")]
+)
 def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
     qpos = physics(start).qpos
     if change == "low":
         qpos = qpos.at[:, 2].set(0.2)
     else:
-        qpos = qpos.at[:, 2].set(1.5).at[:, 3:7].set(jnp.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0]))
+        qpos = (
+            qpos.at[:, 2]
+            .set(1.5)
+            .at[:, 3:7]
+            .set(jnp.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0]))
+        )
     after = step(with_physics(start, qpos=qpos), ZERO)
     assert np.all(np.asarray(after.done) == 1.0)
     assert np.all(np.asarray(after.metrics[cause]) == 1.0)
@@ -335,14 +422,17 @@ def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
 
 
 def test_no_episode_begins_with_legs_in_each_other():
-    """Noise of 0.5 rad would put some robots' there; they have their legs below their hips instead."""
+    """Noise of 0.5 rad would put some robots' there; they have their legs below their
+    hips instead."""
     config = EnvConfig(
         hardware=IDEAL.changed(hind_track=0.28, solid_legs=True),
         reset=ResetConfig(joint_noise=0.5, standing_fraction=0.0),
         termination=TerminationConfig(max_overlap=0.0),
     )
     qpos = np.asarray(physics(jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)).qpos)
-    gaps = clearance(qpos[:, MOTOR_QPOS].reshape(-1, 4, 3), qpos[:, SPRING_QPOS], config.hardware).least
+    gaps = clearance(
+        qpos[:, MOTOR_QPOS].reshape(-1, 4, 3), qpos[:, SPRING_QPOS], config.hardware
+    ).least
     assert gaps.min() >= 0.0
     moved = (qpos[:, MOTOR_QPOS[0::3]] == 0.0).all(axis=1)
     assert 0 < moved.sum() < ROBOTS
@@ -387,25 +477,37 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
 
 def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     shape = TrackingShape(memory=0.2)
-    config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(tracking_shape=shape))
+    config = EnvConfig(
+        control=ControlConfig(history=(1,)), reward=RewardConfig(tracking_shape=shape)
+    )
     env = BP2Env(config, impl="kernel")
     before = jax.jit(env.reset)(jax.random.PRNGKey(3))
     after = jax.jit(env.step)(before, jnp.full(12, 0.1))
-    np.testing.assert_allclose(after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4)
+    np.testing.assert_allclose(
+        after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4
+    )
     command = before.pipeline_state.command.current
     moved = observations.trunk_motion(physics(after).qpos, physics(after).qvel)
     error = jnp.append(moved.velocity[:2], moved.yaw_rate) - command
     expected = (1.0 - np.exp(-0.005 / 0.2)) * np.asarray(error)
-    np.testing.assert_allclose(after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6
+    )
     seen = after.obs["privileged_state"]
     assert len(seen) == observations.size_of(observations.CRITIC_LAYOUT) == 87
     np.testing.assert_array_equal(seen[-3:], after.pipeline_state.tracking_error)
     # What is rewarded is the average: a robot that errs for 5 ms has hardly erred.
     near = command + after.pipeline_state.tracking_error
-    weights = rewards.speed_schedule(command[0], 15.5, config.reward.imitation, config.reward.tracking)
+    weights = rewards.speed_schedule(
+        command[0], 15.5, config.reward.imitation, config.reward.tracking
+    )
     share = rewards.tracking_balance(15.5, 0.5, 1.0)
-    tracked = rewards.velocity_tracking(near[:2], command[:2], near[2:], command[2:], share, shape)
-    assert float(after.metrics["reward/tracking"]) == pytest.approx(float(weights[1] * tracked), rel=1e-5)
+    tracked = rewards.velocity_tracking(
+        near[:2], command[:2], near[2:], command[2:], share, shape
+    )
+    assert float(after.metrics["reward/tracking"]) == pytest.approx(
+        float(weights[1] * tracked), rel=1e-5
+    )
     first, then = before.obs["state"], after.obs["state"]
     np.testing.assert_array_equal(first[47:], 0.0)
     np.testing.assert_array_equal(then[47:], then[:47] - first[:47])

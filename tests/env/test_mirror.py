@@ -8,10 +8,17 @@ from bp2_rl.env import observations, randomization
 from bp2_rl.env.controller import motion_of
 from bp2_rl.env.mirror import ACTION, JOINTS, LEG, Mirror, mirror_of
 from bp2_rl.robot.hardware import BUILT
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
+from bp2_rl.robot.model import (
+    MOTOR_QPOS,
+    MOTOR_QVEL,
+    SPRING_QPOS,
+    SPRING_QVEL,
+    load_model,
+)
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
-WORLD = np.array([1.0, -1.0, 1.0])  # what a mirror on the x-z plane does to a vector; to a rotation the opposite
+# what a mirror on the x-z plane does to a vector; to a rotation the opposite
+WORLD = np.array([1.0, -1.0, 1.0])
 
 
 def image(mirror: Mirror, x):
@@ -25,8 +32,14 @@ def mirrored_state(qpos, qvel):
     q[3:7] *= [1, -1, 1, -1]
     qd[:3] *= WORLD
     qd[3:6] *= -WORLD
-    q[MOTOR_QPOS], qd[MOTOR_QVEL] = image(JOINTS, qpos[MOTOR_QPOS]), image(JOINTS, qvel[MOTOR_QVEL])
-    q[SPRING_QPOS], qd[SPRING_QVEL] = image(LEG, qpos[SPRING_QPOS]), image(LEG, qvel[SPRING_QVEL])
+    q[MOTOR_QPOS], qd[MOTOR_QVEL] = (
+        image(JOINTS, qpos[MOTOR_QPOS]),
+        image(JOINTS, qvel[MOTOR_QVEL]),
+    )
+    q[SPRING_QPOS], qd[SPRING_QVEL] = (
+        image(LEG, qpos[SPRING_QPOS]),
+        image(LEG, qvel[SPRING_QVEL]),
+    )
     return q, qd
 
 
@@ -41,32 +54,70 @@ def state():
 def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
     rng = np.random.default_rng(4)
     command, action, phase = rng.normal(size=3), rng.normal(size=12), 0.13
-    target, strength, com, error = rng.normal(size=3), rng.normal(size=12), rng.normal(size=3), rng.normal(size=3)
+    target, strength, com, error = (
+        rng.normal(size=3),
+        rng.normal(size=12),
+        rng.normal(size=3),
+        rng.normal(size=3),
+    )
     robot = randomization.nominal(22, BUILT)
 
     def observe(state, command, phase, action, target, feet, strength, com, error):
         qpos, qvel = map(jnp.asarray, state)
-        drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
+        drawn = robot.replace(
+            strength=jnp.asarray(strength), com_offset=jnp.asarray(com)
+        )
         seen = observations.actor_observation(
-            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action),
+            jnp.asarray(command),
+            jnp.asarray(phase),
+            observations.sense(qpos, qvel),
+            jnp.asarray(action),
             np.array(BUILT.anatomy.stand),
-        )  # fmt: skip
+        )
         privileged = observations.Privileged(
-            observations.trunk_motion(qpos, qvel).velocity, qpos[2], qpos[SPRING_QPOS], qvel[SPRING_QVEL],
-            jnp.asarray(feet), jnp.asarray(target), drawn.friction, drawn.mass[1], drawn.com_offset, drawn.strength,
-            drawn.latency, jnp.asarray(error),
-        )  # fmt: skip
+            observations.trunk_motion(qpos, qvel).velocity,
+            qpos[2],
+            qpos[SPRING_QPOS],
+            qvel[SPRING_QVEL],
+            jnp.asarray(feet),
+            jnp.asarray(target),
+            drawn.friction,
+            drawn.mass[1],
+            drawn.com_offset,
+            drawn.strength,
+            drawn.latency,
+            jnp.asarray(error),
+        )
         return observations.critic_observation(seen, privileged)
 
     turned = [1.0, -1.0, -1.0]
     left = [strength[leg * 3 + i] for leg in (1, 0, 3, 2) for i in range(3)]
-    here = observe(state, command, phase, action, target, [1.0, 0.0, 0.0, 0.5], strength, com, error)
+    here = observe(
+        state,
+        command,
+        phase,
+        action,
+        target,
+        [1.0, 0.0, 0.0, 0.5],
+        strength,
+        com,
+        error,
+    )
     there = observe(
-        mirrored_state(*state), turned * command, phase + 0.5, image(ACTION, action), turned * target,
-        [0.0, 1.0, 0.5, 0.0], left, WORLD * com, turned * error,
-    )  # fmt: skip
+        mirrored_state(*state),
+        turned * command,
+        phase + 0.5,
+        image(ACTION, action),
+        turned * target,
+        [0.0, 1.0, 0.5, 0.0],
+        left,
+        WORLD * com,
+        turned * error,
+    )
     # float32, through the rotations of a heading.
-    np.testing.assert_allclose(image(mirror_of(observations.CRITIC_LAYOUT), here), there, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(
+        image(mirror_of(observations.CRITIC_LAYOUT), here), there, rtol=0, atol=2e-6
+    )
 
 
 def test_physics_does_not_tell_the_robot_from_its_mirror_image():
@@ -74,7 +125,10 @@ def test_physics_does_not_tell_the_robot_from_its_mirror_image():
     rng = np.random.default_rng(5)
     for _ in range(5):
         data, twin = mujoco.MjData(model), mujoco.MjData(model)
-        data.qpos[:] = model.key("stand").qpos + np.r_[0, 0, -0.005, np.zeros(4), 0.1 * rng.normal(size=16)]
+        data.qpos[:] = (
+            model.key("stand").qpos
+            + np.r_[0, 0, -0.005, np.zeros(4), 0.1 * rng.normal(size=16)]
+        )
         data.qpos[3:7] += 0.05 * rng.normal(size=4)
         data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
         data.qvel[:] = rng.normal(size=22)
@@ -84,20 +138,29 @@ def test_physics_does_not_tell_the_robot_from_its_mirror_image():
         mujoco.mj_step(model, data)
         mujoco.mj_step(model, twin)
         expected = mirrored_state(data.qpos, data.qvel)
-        # The solver stops at a relative 1e-8 of what it minimises; a millisecond makes 1e-3 of an acceleration.
+        # The solver stops at a relative 1e-8 of what it minimises; a millisecond makes
+        # 1e-3 of an acceleration.
         np.testing.assert_allclose(twin.qvel, expected[1], rtol=0, atol=1e-5)
         np.testing.assert_allclose(twin.qpos, expected[0], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("reference", ["collocation", "kinematic"])
-@pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.3, 0.1, 0.2), (5.0, 0.0, 0.0), (11.0, -0.2, 0.25)])
+@pytest.mark.parametrize(
+    "command", [(0.0, 0.0, 0.0), (0.3, 0.1, 0.2), (5.0, 0.0, 0.0), (11.0, -0.2, 0.25)]
+)
 def test_the_reference_is_its_own_mirror_image_half_a_cycle_later(reference, command):
     motion = motion_of(EnvConfig(reference=reference))
     here = motion(jnp.asarray(command), jnp.asarray(0.2))
-    there = motion(jnp.asarray(command) * jnp.asarray([1.0, -1.0, -1.0]), jnp.asarray(0.7))
+    there = motion(
+        jnp.asarray(command) * jnp.asarray([1.0, -1.0, -1.0]), jnp.asarray(0.7)
+    )
     for name in ("joint_position", "joint_velocity", "torque"):
         np.testing.assert_allclose(
-            image(JOINTS, getattr(here, name)), getattr(there, name), rtol=1e-4, atol=1e-4, err_msg=name
+            image(JOINTS, getattr(here, name)),
+            getattr(there, name),
+            rtol=1e-4,
+            atol=1e-4,
+            err_msg=name,
         )
     np.testing.assert_allclose(image(LEG, here.contact), there.contact)
     np.testing.assert_allclose(here.height, there.height, rtol=1e-5)
@@ -114,6 +177,10 @@ def test_parities_are_what_a_reflection_keeps_and_turns():
 
 def test_a_reflection_twice_is_nothing():
     remembered = observations.layout_of(ControlConfig(history=(2, 5)))
-    for mirror in (ACTION, mirror_of(remembered), mirror_of(observations.CRITIC_LAYOUT)):
+    for mirror in (
+        ACTION,
+        mirror_of(remembered),
+        mirror_of(observations.CRITIC_LAYOUT),
+    ):
         x = jax.random.normal(jax.random.PRNGKey(0), (len(mirror.order),))
         np.testing.assert_array_equal(image(mirror, image(mirror, x)), np.asarray(x))

@@ -25,14 +25,19 @@ def joint(value: float, index: int = 0) -> jax.Array:
 
 def test_body_height():
     # exp(-80 x 0.1^2) = exp(-0.8)
-    assert float(rewards.body_height(jnp.array(0.45), jnp.array(0.55))) == close(0.449329, rel=1e-5)
+    assert float(rewards.body_height(jnp.array(0.45), jnp.array(0.55))) == close(
+        0.449329, rel=1e-5
+    )
 
 
 def test_body_attitude():
-    # A body pitched by 90 deg against level: |(1,0,0) - (0,0,1)|^2 = 2; 0.1 rad: 2 - 2 cos 0.1 = 0.00999167
+    # A body pitched by 90 deg against level: |(1,0,0) - (0,0,1)|^2 = 2; 0.1 rad: 2 - 2
+    # cos 0.1 = 0.00999167
     level = jnp.array([0.0, 0.0, 1.0])
     tilted = jnp.array([math.sin(0.1), 0.0, math.cos(0.1)])
-    assert float(rewards.body_attitude(jnp.array([1.0, 0.0, 0.0]), level)) == close(math.exp(-160), rel=1e-3)
+    assert float(rewards.body_attitude(jnp.array([1.0, 0.0, 0.0]), level)) == close(
+        math.exp(-160), rel=1e-3
+    )
     assert float(rewards.body_attitude(tilted, level)) == close(0.449628, rel=1e-4)
 
 
@@ -45,22 +50,27 @@ def test_joint_position_imitation():
 def test_joint_velocity_imitation():
     # 0.7 exp(-0.02 x (3^2 + 4^2)) = 0.7 exp(-0.5)
     qd = joint(3.0).at[11].set(4.0)
-    assert float(rewards.joint_velocity_imitation(qd, ZERO)) == close(0.424571, rel=1e-5)
+    assert float(rewards.joint_velocity_imitation(qd, ZERO)) == close(
+        0.424571, rel=1e-5
+    )
 
 
 def test_velocity_tracking():
-    # w = 0.6; |v - v_cmd|^2 = 0.25, |omega - omega_cmd|^2 = 0.5: 0.6 exp(-0.5) + 0.4 exp(-1)
+    # w = 0.6; |v - v_cmd|^2 = 0.25, |omega - omega_cmd|^2 = 0.5: 0.6 exp(-0.5) + 0.4
+    # exp(-1)
     v, v_cmd = jnp.array([9.5, 0.0]), jnp.array([10.0, 0.0])
     omega, omega_cmd = jnp.array([math.sqrt(0.5)]), jnp.array([0.0])
-    assert float(rewards.velocity_tracking(v, v_cmd, omega, omega_cmd, 0.6)) == close(0.511070, rel=1e-5)
+    assert float(rewards.velocity_tracking(v, v_cmd, omega, omega_cmd, 0.6)) == close(
+        0.511070, rel=1e-5
+    )
 
 
 def test_a_finite_tracking_width_widens_the_linear_term_alone():
     # width 5, command 10: exp(-2 x 4 / (1 + 4)) = exp(-1.6)
     v, v_cmd, still = jnp.array([8.0, 0.0]), jnp.array([10.0, 0.0]), jnp.zeros(1)
-    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, TrackingShape(width=5.0))) == close(
-        0.6 * 0.201897 + 0.4, rel=1e-5
-    )
+    assert float(
+        rewards.velocity_tracking(v, v_cmd, still, still, 0.6, TrackingShape(width=5.0))
+    ) == close(0.6 * 0.201897 + 0.4, rel=1e-5)
 
 
 def test_torque_regularization():
@@ -68,44 +78,67 @@ def test_torque_regularization():
     # 0.9 exp(-0.25) + 0.1 exp(-0.1 x 0.01 / 0.005) = 0.700921 + 0.081873
     tau = joint(0.5).at[1].set(0.5)
     last = joint(0.4).at[1].set(0.5)
-    assert float(rewards.torque_regularization(tau, last, 0.005)) == close(0.782794, rel=1e-5)
+    assert float(rewards.torque_regularization(tau, last, 0.005)) == close(
+        0.782794, rel=1e-5
+    )
 
 
 def test_power_regularization():
-    # 11 idle motors: phi(0) = exp(0) = 1. One driving with 100 W: exp(-1); one braking with 20 W: exp(-1).
-    assert float(rewards.power_regularization(joint(100.0))) == close((11 + 0.367879) / 12, rel=1e-5)
-    assert float(rewards.power_regularization(joint(-20.0))) == close((11 + 0.367879) / 12, rel=1e-5)
+    # 11 idle motors: phi(0) = exp(0) = 1. One driving with 100 W: exp(-1); one braking
+    # with 20 W: exp(-1).
+    assert float(rewards.power_regularization(joint(100.0))) == close(
+        (11 + 0.367879) / 12, rel=1e-5
+    )
+    assert float(rewards.power_regularization(joint(-20.0))) == close(
+        (11 + 0.367879) / 12, rel=1e-5
+    )
 
 
 def test_power_regularization_is_finite_with_finite_gradient_at_any_power():
     for power in (-1e6, -1.0, 0.0, 1.0, 1e6):
-        value, slope = jax.value_and_grad(rewards.power_regularization)(jnp.full(12, power))
+        value, slope = jax.value_and_grad(rewards.power_regularization)(
+            jnp.full(12, power)
+        )
         assert 0.0 <= float(value) <= 1.0
         assert np.isfinite(slope).all()
 
 
 def test_action_smoothness():
     # largest change 0.2: exp(-0.6)
-    assert float(rewards.action_smoothness(joint(0.2).at[3].set(-0.1), ZERO)) == close(0.548812, rel=1e-5)
+    assert float(rewards.action_smoothness(joint(0.2).at[3].set(-0.1), ZERO)) == close(
+        0.548812, rel=1e-5
+    )
 
 
 def test_straight_symmetry():
-    # (0.1 - 0.05)^2 + (0.02 + 0.02)^2 = 0.0025 + 0.0016 -> exp(-0.41); eta = 0.1 -> exp(-1)
+    # (0.1 - 0.05)^2 + (0.02 + 0.02)^2 = 0.0025 + 0.0016 -> exp(-0.41); eta = 0.1 ->
+    # exp(-1)
     abad = jnp.array([0.1, -0.05, 0.02, 0.02])
-    assert float(rewards.straight_symmetry(abad, jnp.array(0.0))) == close(0.663650, rel=1e-5)
-    assert float(rewards.straight_symmetry(abad, jnp.array(0.1))) == close(0.663650 * 0.367879, rel=1e-5)
+    assert float(rewards.straight_symmetry(abad, jnp.array(0.0))) == close(
+        0.663650, rel=1e-5
+    )
+    assert float(rewards.straight_symmetry(abad, jnp.array(0.1))) == close(
+        0.663650 * 0.367879, rel=1e-5
+    )
 
 
 def test_symmetric_abduction_costs_nothing_and_common_mode_does():
-    splayed, sideways = jnp.array([-0.2, 0.2, -0.1, 0.1]), jnp.array([0.2, 0.2, 0.2, 0.2])
+    splayed, sideways = (
+        jnp.array([-0.2, 0.2, -0.1, 0.1]),
+        jnp.array([0.2, 0.2, 0.2, 0.2]),
+    )
     zero = jnp.array(0.0)
     assert float(rewards.straight_symmetry(splayed, zero)) == 1.0
     assert float(rewards.straight_symmetry(sideways, zero)) < 1e-10
 
 
 def test_turn_activation_is_the_larger_share():
-    assert float(rewards.turn_activation(jnp.array([9.0, 0.25, -0.2]), 0.5, 1.0)) == close(0.5, rel=1e-5)
-    assert float(rewards.turn_activation(jnp.array([9.0, 0.1, -0.9]), 0.5, 1.0)) == close(0.9, rel=1e-5)
+    assert float(
+        rewards.turn_activation(jnp.array([9.0, 0.25, -0.2]), 0.5, 1.0)
+    ) == close(0.5, rel=1e-5)
+    assert float(
+        rewards.turn_activation(jnp.array([9.0, 0.1, -0.9]), 0.5, 1.0)
+    ) == close(0.9, rel=1e-5)
 
 
 def test_tracking_balance():
@@ -122,7 +155,8 @@ def test_tracking_balance():
         # as the text describes it: tracking gains weight with speed
         ("text", 0.6, 0.1, 0.0, 0.6, 0.1),
         ("text", 0.6, 0.1, 10.0, 0.1, 0.6),
-        # half speed: beta = 0.5^0.3 = 0.812252; c_v = 0.812252 x 0.6 + 0.187748 x 0.1 = 0.506126
+        # half speed: beta = 0.5^0.3 = 0.812252; c_v = 0.812252 x 0.6 + 0.187748 x 0.1 =
+        # 0.506126
         ("text", 0.6, 0.1, 5.0, 0.193874, 0.506126),
         # relaxed stage: both readings agree
         ("literal", 0.1, 0.4, 0.0, 0.4, 0.1),
@@ -140,12 +174,25 @@ def test_speed_schedule(schedule, c_J, c_V, v, c_m, c_v):
 
 def test_without_a_schedule_the_weights_are_those_of_the_table_at_any_speed():
     for speed in (0.0, 7.0, 15.0):
-        assert tuple(map(float, rewards.speed_schedule(jnp.asarray(speed), 15.0, 0.6, 0.1, "off"))) == close((0.6, 0.1))
+        assert tuple(
+            map(
+                float, rewards.speed_schedule(jnp.asarray(speed), 15.0, 0.6, 0.1, "off")
+            )
+        ) == close((0.6, 0.1))
 
 
-@given(v=st.floats(-20, 20), c_J=st.floats(0, 1), c_V=st.floats(0, 1), schedule=st.sampled_from(["text", "literal"]))
-def test_the_schedule_only_moves_weight_between_imitation_and_tracking(v, c_J, c_V, schedule):
-    c_m, c_v = (float(x) for x in rewards.speed_schedule(jnp.array(v), 10.0, c_J, c_V, schedule))
+@given(
+    v=st.floats(-20, 20),
+    c_J=st.floats(0, 1),
+    c_V=st.floats(0, 1),
+    schedule=st.sampled_from(["text", "literal"]),
+)
+def test_the_schedule_only_moves_weight_between_imitation_and_tracking(
+    v, c_J, c_V, schedule
+):
+    c_m, c_v = (
+        float(x) for x in rewards.speed_schedule(jnp.array(v), 10.0, c_J, c_V, schedule)
+    )
     low, high = min(c_J, c_V), max(c_J, c_V)
     assert c_m + c_v == close(c_J + c_V, abs=1e-6)
     assert low - 1e-6 <= c_v <= high + 1e-6
@@ -154,38 +201,67 @@ def test_the_schedule_only_moves_weight_between_imitation_and_tracking(v, c_J, c
 def inputs(**changes) -> rewards.RewardInputs:
     up = jnp.array([0.0, 0.0, 1.0])
     perfect = {
-        "command": jnp.array([10.0, 0.0, 0.0]), "z": jnp.array(0.5), "z_ref": jnp.array(0.5), "e_z": up, "e_z_ref": up,
-        "q": ZERO, "q_ref": ZERO, "qd": ZERO, "qd_ref": ZERO, "v": jnp.array([10.0, 0.0]), "yaw_rate": jnp.array(0.0),
-        "tau_n": ZERO, "tau_n_last": ZERO, "power": ZERO, "action": ZERO, "last_action": ZERO, "mean_action": ZERO,
-        "terminal": jnp.array(0.0), "sole_height": jnp.full(4, 0.2), "sole_rate": jnp.full(4, -9.0),
+        "command": jnp.array([10.0, 0.0, 0.0]),
+        "z": jnp.array(0.5),
+        "z_ref": jnp.array(0.5),
+        "e_z": up,
+        "e_z_ref": up,
+        "q": ZERO,
+        "q_ref": ZERO,
+        "qd": ZERO,
+        "qd_ref": ZERO,
+        "v": jnp.array([10.0, 0.0]),
+        "yaw_rate": jnp.array(0.0),
+        "tau_n": ZERO,
+        "tau_n_last": ZERO,
+        "power": ZERO,
+        "action": ZERO,
+        "last_action": ZERO,
+        "mean_action": ZERO,
+        "terminal": jnp.array(0.0),
+        "sole_height": jnp.full(4, 0.2),
+        "sole_rate": jnp.full(4, -9.0),
         "qd_n": ZERO,
-    }  # fmt: skip
+    }
     return rewards.RewardInputs(**(perfect | changes))
 
 
 def total(config: RewardConfig, **changes) -> dict[str, float]:
     commands = CommandConfig(max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0)
-    terms = rewards.reward_terms(inputs(**changes), EnvConfig(commands=commands, reward=config))
+    terms = rewards.reward_terms(
+        inputs(**changes), EnvConfig(commands=commands, reward=config)
+    )
     return {name: float(value) for name, value in terms.items()}
 
 
 def earned(config: RewardConfig) -> dict[str, float]:
-    """The rows that count. A row of your own counts nothing until a stage gives it a coefficient."""
+    """The rows that count. A row of your own counts nothing until a stage gives it a
+    coefficient."""
     return {name: value for name, value in total(config).items() if value != 0.0}
 
 
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_column():
     assert earned(PAPER["imitation"]) == {
-        "height": close(0.05), "attitude": close(0.05), "joint_position": close(0.02), "joint_velocity": close(0.07),
-        "tracking": close(0.6), "torque": close(0.1), "smoothness": close(0.1),
-    }  # fmt: skip
+        "height": close(0.05),
+        "attitude": close(0.05),
+        "joint_position": close(0.02),
+        "joint_velocity": close(0.07),
+        "tracking": close(0.6),
+        "torque": close(0.1),
+        "smoothness": close(0.1),
+    }
 
 
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_column():
     assert earned(PAPER["relaxed"]) == {
-        "joint_position": close(0.02), "joint_velocity": close(0.07), "tracking": close(0.4), "torque": close(0.2),
-        "power": close(0.1), "smoothness": close(0.2), "symmetry": close(0.1),
-    }  # fmt: skip
+        "joint_position": close(0.02),
+        "joint_velocity": close(0.07),
+        "tracking": close(0.4),
+        "torque": close(0.2),
+        "power": close(0.1),
+        "smoothness": close(0.2),
+        "symmetry": close(0.1),
+    }
 
 
 def test_a_fall_costs_one():
@@ -195,16 +271,25 @@ def test_a_fall_costs_one():
 def test_only_soles_that_come_down_near_the_ground_land_hard():
     config = RewardConfig(landing=2.0)
     assert total(config)["landing"] == 0.0
-    height, rate = jnp.array([0.0, 0.025, 0.05, 0.0]), jnp.array([-5.0, -5.0, -5.0, 5.0])
-    assert total(config, sole_height=height, sole_rate=rate)["landing"] == close(-2.0 * 1.5)
-    deep = total(config, sole_height=height - 0.01, sole_rate=jnp.array([-10.0, 0.0, 0.0, 0.0]))
+    height, rate = (
+        jnp.array([0.0, 0.025, 0.05, 0.0]),
+        jnp.array([-5.0, -5.0, -5.0, 5.0]),
+    )
+    assert total(config, sole_height=height, sole_rate=rate)["landing"] == close(
+        -2.0 * 1.5
+    )
+    deep = total(
+        config, sole_height=height - 0.01, sole_rate=jnp.array([-10.0, 0.0, 0.0, 0.0])
+    )
     assert deep["landing"] == close(-2.0 * 4.0)
 
 
 def test_only_motors_beyond_their_no_load_speed_are_too_fast():
     config = RewardConfig(overspeed=3.0)
     assert total(config, qd_n=jnp.full(12, -1.0))["overspeed"] == 0.0
-    assert total(config, qd_n=jnp.array([1.5, -1.25] + [0.9] * 10))["overspeed"] == close(-3.0 * 0.75)
+    assert total(config, qd_n=jnp.array([1.5, -1.25] + [0.9] * 10))[
+        "overspeed"
+    ] == close(-3.0 * 0.75)
 
 
 def test_who_is_to_stand_need_do_nothing():
@@ -213,14 +298,20 @@ def test_who_is_to_stand_need_do_nothing():
     still = {"command": jnp.zeros(3), "v": jnp.zeros(2)}
     assert total(config, **still)["stand"] == 0.0
     assert total(config, mean_action=busy, **still)["stand"] == close(-0.5 * 1.2)
-    assert total(config, mean_action=busy, command=jnp.array([0.0, 0.0, 0.1]))["stand"] == 0.0
+    assert (
+        total(config, mean_action=busy, command=jnp.array([0.0, 0.0, 0.1]))["stand"]
+        == 0.0
+    )
     assert total(RewardConfig(), mean_action=busy, **still)["stand"] == 0.0
 
 
 def test_symmetry_reads_the_abduction_joints():
-    # FR abad is joint 0, FL 3, RR 6, RL 9; equal angles on both sides lean the legs to one side.
+    # FR abad is joint 0, FL 3, RR 6, RL 9; equal angles on both sides lean the legs to
+    # one side.
     leaning = ZERO.at[jnp.array([0, 3])].set(0.05)  # (0.1)^2 x 100 = 1
-    assert total(PAPER["relaxed"], q=leaning)["symmetry"] == close(0.1 * 0.367879, rel=1e-5)
+    assert total(PAPER["relaxed"], q=leaning)["symmetry"] == close(
+        0.1 * 0.367879, rel=1e-5
+    )
     assert total(PAPER["relaxed"], q=joint(0.5, 1))["symmetry"] == close(0.1)
 
 
@@ -230,17 +321,26 @@ def test_a_tail_gives_the_reward_a_slope_at_any_error():
     def score(speed, yaw_rate, w, tail=0.3, reach=1.0, yaw_reach=1.0):
         shape = TrackingShape(width=9.0, tail=tail, reach=reach, yaw_reach=yaw_reach)
         return float(
-            rewards.velocity_tracking(jnp.array([speed, 0.0]), v_cmd, jnp.array([yaw_rate]), omega_cmd, w, shape)
+            rewards.velocity_tracking(
+                jnp.array([speed, 0.0]),
+                v_cmd,
+                jnp.array([yaw_rate]),
+                omega_cmd,
+                w,
+                shape,
+            )
         )
 
     assert score(15.0, 1.0, 0.5) == close(1.0, rel=1e-5)
-    # At 10 m/s of 15 the bell exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 / 2)) is left.
+    # At 10 m/s of 15 the bell exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 /
+    # 2)) is left.
     assert score(10.0, 0.0, 1.0) == close(0.123531, rel=1e-5)
     assert score(10.0, 0.0, 1.0, tail=0.0) < 1e-5
     assert score(6.5, 0.0, 1.0) < 1e-15  # where the line ends
     # 0.7 exp(-2) + 0.3 (1 - 1 / (1 + 1 / 2)) of the yaw rate
     assert score(0.0, 0.0, 0.0) == close(0.194735, rel=1e-5)
-    # Lines that end sooner: 0.3 (1 - 5 / (0.5 + 15 / 2)), and 0.7 exp(-2 0.36) + 0.3 (1 - 0.6 / (0.25 + 1 / 2)).
+    # Lines that end sooner: 0.3 (1 - 5 / (0.5 + 15 / 2)), and 0.7 exp(-2 0.36) + 0.3 (1
+    # - 0.6 / (0.25 + 1 / 2)).
     assert score(10.0, 0.0, 1.0, reach=0.5) == close(0.1125, rel=1e-4)
     assert score(0.0, 0.4, 0.0, yaw_reach=0.25) == close(0.400727, rel=1e-5)
 
@@ -248,10 +348,14 @@ def test_a_tail_gives_the_reward_a_slope_at_any_error():
 def test_an_average_forgets_exponentially():
     error = jnp.zeros(3)
     for _ in range(40):
-        error = rewards.exponential_average(error, jnp.array([1.0, -2.0, 0.0]), 0.2, 0.005)
+        error = rewards.exponential_average(
+            error, jnp.array([1.0, -2.0, 0.0]), 0.2, 0.005
+        )
     gained = 1.0 - math.exp(-1.0)  # after as long as it remembers
     np.testing.assert_allclose(error, [gained, -2.0 * gained, 0.0], rtol=1e-5)
-    np.testing.assert_array_equal(rewards.exponential_average(error, jnp.ones(3), 0.0, 0.005), 1.0)
+    np.testing.assert_array_equal(
+        rewards.exponential_average(error, jnp.ones(3), 0.0, 0.005), 1.0
+    )
 
 
 def test_narrow_shapes_tell_slow_motion_and_small_yaw_rates_apart():
@@ -260,6 +364,9 @@ def test_narrow_shapes_tell_slow_motion_and_small_yaw_rates_apart():
     yaw = functools.partial(rewards.velocity_tracking, slow, slow, still, turn, 0.0)
     assert float(yaw()) == close(0.835270, rel=1e-5)  # exp(-0.18)
     assert float(yaw(shape)) == close(0.135335, rel=1e-5)  # exp(-2)
-    late = functools.partial(rewards.velocity_tracking, jnp.zeros(2), slow, still, still, 1.0)
+    late = functools.partial(
+        rewards.velocity_tracking, jnp.zeros(2), slow, still, still, 1.0
+    )
     assert float(late()) == close(0.606531, rel=1e-5)  # exp(-0.5)
-    assert float(late(shape)) == close(1.13318e-5, rel=1e-3)  # exp(-0.5 / (0.04 + 0.00390625))
+    # exp(-0.5 / (0.04 + 0.00390625))
+    assert float(late(shape)) == close(1.13318e-5, rel=1e-3)

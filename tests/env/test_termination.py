@@ -46,15 +46,20 @@ def test_falls(changes, cause):
 
 def test_a_batch_on_jax_is_judged_as_each_state_by_itself():
     states = [state(**changes) for changes, _ in CASES]
-    qpos, qvel = (jnp.asarray(np.stack(x), jnp.float32) for x in zip(*states, strict=True))
+    qpos, qvel = (
+        jnp.asarray(np.stack(x), jnp.float32) for x in zip(*states, strict=True)
+    )
     expected = np.transpose([fall(*each, CONFIG)[:3] for each in states])
     np.testing.assert_array_equal(fall(qpos, qvel, CONFIG)[:3], expected)
-    np.testing.assert_array_equal(jax.vmap(lambda q, v: fall(q, v, CONFIG))(qpos, qvel)[:3], expected)
+    np.testing.assert_array_equal(
+        jax.vmap(lambda q, v: fall(q, v, CONFIG))(qpos, qvel)[:3], expected
+    )
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 3.0])
 def test_the_tilt_does_not_depend_on_where_the_robot_looks(turn):
-    """Turned about the vertical after being pitched by 0.6 rad, whose cosine is 0.825."""
+    """Turned about the vertical after being pitched by 0.6 rad, whose cosine is
+    0.825."""
     qpos, qvel = state()
     pitch, yaw = (0.6 / 2, turn / 2)
     qpos[3:7] = (
@@ -74,20 +79,34 @@ def test_legs_may_be_in_each_other_by_so_much(max_overlap, ends):
     qpos[[7, 11]] = 0.4, -0.4
     config = TerminationConfig(max_overlap=max_overlap)
     assert self_collision(qpos, config, HardwareSpec(solid_legs=True)) == ends
-    assert self_collision(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))  # NaN is no way out
+    # NaN is no way out
+    assert self_collision(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))
     assert self_collision(qpos, config, HardwareSpec()) is None
 
 
 @pytest.mark.parametrize(("torque", "action"), [(0.0, math.nan), (math.inf, 0.0)])
-def test_in_training_numbers_that_are_not_finite_and_legs_in_each_other_end_an_episode_too(torque, action):
+def test_in_training_numbers_that_are_not_finite_and_legs_in_each_other_end_an_episode_too(
+    torque, action
+):
     config, (qpos, qvel) = EnvConfig(hardware=HardwareSpec(solid_legs=True)), state()
     still, bad_torque, bad_action = np.zeros(12), np.zeros(12), np.zeros(12)
     bad_torque[5], bad_action[3] = torque, action
     assert not fall_in_training(qpos, qvel, still, still, config).happened
-    assert fall_in_training(qpos, qvel, bad_torque, bad_action, config)[:3] == (True, False, False)
+    assert fall_in_training(qpos, qvel, bad_torque, bad_action, config)[:3] == (
+        True,
+        False,
+        False,
+    )
     qpos[[7, 11]] = 0.4, -0.4
-    assert fall_in_training(qpos, qvel, still, still, config) == (False, False, False, True)
-    assert fall_in_training(qpos, qvel, still, still, EnvConfig()).self_collision is None
+    assert fall_in_training(qpos, qvel, still, still, config) == (
+        False,
+        False,
+        False,
+        True,
+    )
+    assert (
+        fall_in_training(qpos, qvel, still, still, EnvConfig()).self_collision is None
+    )
 
 
 def test_a_fall_asks_after_legs_only_where_it_was_told_to():

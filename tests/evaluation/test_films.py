@@ -1,4 +1,5 @@
-"""Films beside a training: they follow the results, on a page that is there from the first result on."""
+"""Films beside a training: they follow the results, on a page that is there from the
+first result on."""
 
 import dataclasses
 import re
@@ -20,7 +21,8 @@ FAST, FALLEN = JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 3, 6.0)
 
 
 class Fleet(JudgeProcesses):
-    """JudgeProcesses that know what comes of the policies, by their control steps: at once, or as a future says."""
+    """JudgeProcesses that know what comes of the policies, by their control steps: at
+    once, or as a future says."""
 
     def __init__(self, results):
         self.results, self.places = results, 1
@@ -69,11 +71,14 @@ def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, ca
         ("films/64.mp4", "films/64.jpg", "fell", "bad", "1 of 3 launches fell"),
         ("films/128.mp4", "films/128.jpg", "12.5 m/s", "good", "no fall"),
     ]
-    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4", "128.mp4"}  # nothing else is left
+    # nothing else is left
+    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4", "128.mp4"}
     assert "://" not in page(tmp_path)
 
 
-def test_a_result_does_not_wait_for_its_film_and_the_page_looks_for_more(tmp_path, camera):
+def test_a_result_does_not_wait_for_its_film_and_the_page_looks_for_more(
+    tmp_path, camera
+):
     camera.clear()
     with filming(Fleet({64: FAST}), print) as judge:
         assert hear(judge, tmp_path, 64)
@@ -95,11 +100,17 @@ def test_a_training_that_is_stopped_does_not_wait_for_films(tmp_path, camera):
     camera.clear()
     with pytest.raises(KeyboardInterrupt):
         stop()
-    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4"}  # the one that was being filmed
+    # the one that was being filmed
+    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4"}
 
 
-@pytest.mark.parametrize("error", [NoVideo("no video: no GL library works here (egl: gone)"), OSError("disk full")])
-def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(tmp_path, monkeypatch, error):
+@pytest.mark.parametrize(
+    "error",
+    [NoVideo("no video: no GL library works here (egl: gone)"), OSError("disk full")],
+)
+def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(
+    tmp_path, monkeypatch, error
+):
     def make_video(*_):
         raise error
 
@@ -116,8 +127,13 @@ def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(tmp_pa
 def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
     with filming(Fleet({64: FAST}), print) as judge:
         hear(judge, tmp_path, 64)
-    judged = {f"judged/{name}": value for name, value in dataclasses.asdict(JudgeResult(12.5, 0, 3, 12.5)).items()}
-    line = ", ".join(f'"{name}": {value}' for name, value in ({"step": 64} | judged).items())
+    judged = {
+        f"judged/{name}": value
+        for name, value in dataclasses.asdict(JudgeResult(12.5, 0, 3, 12.5)).items()
+    }
+    line = ", ".join(
+        f'"{name}": {value}' for name, value in ({"step": 64} | judged).items()
+    )
     (tmp_path / "metrics.jsonl").write_text(f"{{{line}}}\n")
     with filming(Fleet({128: FALLEN}), print) as judge:
         hear(judge, tmp_path, 128)
@@ -159,7 +175,10 @@ def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera):
 def test_a_judge_that_fails_is_heard_of(tmp_path, camera):
     failed = Future()
     failed.set_exception(RuntimeError("killed"))
-    with filming(Fleet({64: failed}), print) as judge, pytest.raises(RuntimeError, match="killed"):
+    with (
+        filming(Fleet({64: failed}), print) as judge,
+        pytest.raises(RuntimeError, match="killed"),
+    ):
         hear(judge, tmp_path, 64)
 
 

@@ -1,4 +1,5 @@
-"""The judge beside a training: its results are the benchmarks', and its processes end with it."""
+"""The judge beside a training: its results are the benchmarks', and its processes end
+with it."""
 
 import dataclasses
 import itertools
@@ -33,14 +34,18 @@ def shipped():
 def slower(shipped):
     """The same policy as if it had been trained up to 6 m/s."""
     env = dataclasses.replace(
-        shipped.card.env, commands=dataclasses.replace(shipped.card.env.commands, max_forward=6.0)
+        shipped.card.env,
+        commands=dataclasses.replace(shipped.card.env.commands, max_forward=6.0),
     )
     return dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
 
 
 def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     kept = tmp_path / "kept.npz"
-    launches = [JudgedLaunch(acceleration=3.0, hold=0.5), JudgedLaunch(acceleration=6.0, hold=1.0)]
+    launches = [
+        JudgedLaunch(acceleration=3.0, hold=0.5),
+        JudgedLaunch(acceleration=6.0, hold=1.0),
+    ]
     launched, _ = judging.measure_launches(slower, slower.card.env, launches, kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
@@ -48,22 +53,33 @@ def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     assert not launched.fell
     assert launched.best_speed > 4.0
     assert launched.best_speed == pytest.approx(result.best_speed, abs=1e-9)
-    assert Trajectory.load(kept).time[[0, -1]] == pytest.approx([1.0, 2.499], abs=1e-6)  # its last 1.5 s of 2.5
+    # its last 1.5 s of 2.5
+    assert Trajectory.load(kept).time[[0, -1]] == pytest.approx([1.0, 2.499], abs=1e-6)
 
 
 def test_a_robot_that_falls_has_no_speed(slower):
     [launched] = judging.measure_launches(
-        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, [JUDGED_LAUNCHES[1]]
+        lambda observation: 100.0 * jnp.sign(observation[5:17]),
+        slower.card.env,
+        [JUDGED_LAUNCHES[1]],
     )
-    assert launched == LaunchResult(True, 0.0, 6.0, launched.fell_told, launched.fell_after)
+    assert launched == LaunchResult(
+        True, 0.0, 6.0, launched.fell_told, launched.fell_after
+    )
     assert 0.0 < launched.fell_told < 6.0  # it falls while the command rises
 
 
 def test_of_several_falls_the_one_at_the_least_command_is_told():
-    fast, slow = (LaunchResult(True, 0.0, fell_told=told, fell_after=told - 0.4) for told in (5.0, 3.9))
+    fast, slow = (
+        LaunchResult(True, 0.0, fell_told=told, fell_after=told - 0.4)
+        for told in (5.0, 3.9)
+    )
     result = judging.combine([fast, LaunchResult(False, 9.0), slow])
     assert (result.fell_told, result.fell_after) == (3.9, 3.5)
-    assert str(result) == "2 of 3 launches fell, first told 3.9 m/s after a second at 3.5 m/s"
+    assert (
+        str(result)
+        == "2 of 3 launches fell, first told 3.9 m/s after a second at 3.5 m/s"
+    )
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
@@ -74,15 +90,19 @@ def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
 
 def test_a_policy_that_falls_in_the_first_launch_is_the_worst():
     """It is the longest: no short launch makes up for it."""
-    fell = judging.combine([LaunchResult(True, 0.0), LaunchResult(False, 12.0), LaunchResult(False, 12.0)])
+    fell = judging.combine(
+        [LaunchResult(True, 0.0), LaunchResult(False, 12.0), LaunchResult(False, 12.0)]
+    )
     assert fell == JudgeResult(0.0, 1, 3, 0.0)
 
 
 def test_a_policy_that_runs_faster_than_told_is_as_bad_as_one_that_runs_slower():
     told = [LaunchResult(False, speed, command=3.0) for speed in (2.5, 3.5, 3.0)]
     assert [judging.combine([one]) for one in told] == [
-        JudgeResult(2.5, 0, 1, 2.5), JudgeResult(3.5, 0, 1, 2.5), JudgeResult(3.0, 0, 1, 3.0)
-    ]  # fmt: skip
+        JudgeResult(2.5, 0, 1, 2.5),
+        JudgeResult(3.5, 0, 1, 2.5),
+        JudgeResult(3.0, 0, 1, 3.0),
+    ]
 
 
 def test_no_launch_is_steeper_than_those_of_the_training():
@@ -94,8 +114,14 @@ def test_no_launch_is_steeper_than_those_of_the_training():
 
 def test_a_launch_may_have_noisy_sensors(shipped):
     env = dataclasses.replace(shipped.card.env, commands=CommandConfig(max_forward=1.0))
-    launches = [JudgedLaunch(acceleration=3.0, hold=1.5, noise_seed=seed) for seed in (None, 1, 2, 1)]
-    clean, one, other, again = (judging.measure_launches(shipped, env, [launch])[0].best_speed for launch in launches)
+    launches = [
+        JudgedLaunch(acceleration=3.0, hold=1.5, noise_seed=seed)
+        for seed in (None, 1, 2, 1)
+    ]
+    clean, one, other, again = (
+        judging.measure_launches(shipped, env, [launch])[0].best_speed
+        for launch in launches
+    )
     assert one == again
     assert len({clean, one, other}) == 3
     assert {launch.noise_seed for launch in JUDGED_LAUNCHES} == {1, 2, 3}
@@ -113,9 +139,14 @@ def test_a_launch_may_be_of_a_worse_robot():
 def slow_policy(shipped, tmp_path_factory):
     """It is told 1 m/s at most, so that a result takes a moment."""
     env = shipped.card.env
-    env = dataclasses.replace(env, commands=dataclasses.replace(env.commands, max_forward=1.0))
+    env = dataclasses.replace(
+        env, commands=dataclasses.replace(env.commands, max_forward=1.0)
+    )
     folder = tmp_path_factory.mktemp("slow") / "64"
-    save_policy(folder, dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env)))
+    save_policy(
+        folder,
+        dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env)),
+    )
     return folder
 
 
@@ -125,11 +156,22 @@ def test_a_result_comes_from_another_process_which_ends_with_the_judge(slow_poli
     with judging.open_judge(policy.card, None) as judge:
         pending = judge.submit(slow_policy)
         assert not pending.done()
-        workers = [worker for worker in multiprocessing.active_children() if worker not in before]
+        workers = [
+            worker
+            for worker in multiprocessing.active_children()
+            if worker not in before
+        ]
         result = pending.result(timeout=120)
         # The same programs on the same processor.
         assert result == judging.combine(
-            [*itertools.chain(*(judging.measure_launches(policy, policy.card.env, [one]) for one in JUDGED_LAUNCHES))]
+            [
+                *itertools.chain(
+                    *(
+                        judging.measure_launches(policy, policy.card.env, [one])
+                        for one in JUDGED_LAUNCHES
+                    )
+                )
+            ]
         )
         assert result.speed > 0.0
         judge.submit(slow_policy)  # nobody waits for this one
@@ -140,12 +182,15 @@ def test_a_result_comes_from_another_process_which_ends_with_the_judge(slow_poli
 
 
 def test_a_judge_compiles_before_the_first_policy(slow_policy):
-    """Tracing and compiling a network's control step takes longer than most launches."""
+    """Tracing and compiling a network's control step takes longer than most
+    launches."""
     policy = load_policy(slow_policy)
     compiled = policy_runner._compiled_control_step
     compiled.cache_clear()
     judging._warm_up(policy.card)
-    control: Any = compiled(NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization)
+    control: Any = compiled(
+        NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
+    )
     assert control._cache_size() == 1
     judging._judge(slow_policy, None, 0.0)
     assert compiled.cache_info().misses == 1

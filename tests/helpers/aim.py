@@ -1,4 +1,5 @@
-"""An environment whose optimum is known, and a small training on it; run as a program, on all of JAX's devices."""
+"""An environment whose optimum is known, and a small training on it; run as a program,
+on all of JAX's devices."""
 
 import sys
 from typing import Any
@@ -30,7 +31,8 @@ def assert_equal(a, b):
 
 
 class Aim(envs.Env):
-    """Show a target, take an action, earn -(action - target)^2: the best return is 0, of every state."""
+    """Show a target, take an action, earn -(action - target)^2: the best return is 0,
+    of every state."""
 
     def __init__(self, ends_after: int | None = None, reward: float = 0.0):
         self.ends_after, self.bonus = ends_after, reward
@@ -46,7 +48,11 @@ class Aim(envs.Env):
         time = state.pipeline_state + 1.0
         rng, key = jax.random.split(state.info["rng"])
         target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
-        done = jnp.zeros(()) if self.ends_after is None else (time >= self.ends_after).astype(jnp.float32)
+        done = (
+            jnp.zeros(())
+            if self.ends_after is None
+            else (time >= self.ends_after).astype(jnp.float32)
+        )
         return state.replace(
             pipeline_state=time,
             obs=target,
@@ -70,11 +76,13 @@ class Aim(envs.Env):
 
 
 class StandIn(envs.Env):
-    """`Aim` in the place of BP2Env, with its observations, actions, metrics and levels: what runs on disk need.
+    """`Aim` in the place of BP2Env, with its observations, actions, metrics and levels:
+    what runs on disk need.
 
     Args:
-        faults: what breaks in one of about `rarity` steps: `physics`, `state`, `privileged_state`, `reward` or a new
-            episode's `reset` become NaN, a `huge` reward is finite but for its square.
+        faults: what breaks in one of about `rarity` steps: `physics`, `state`,
+            `privileged_state`, `reward` or a new episode's `reset` become NaN, a `huge`
+            reward is finite but for its square.
     """
 
     def __init__(self, *faults: str, rarity: float = 100.0):
@@ -90,12 +98,22 @@ class StandIn(envs.Env):
     def _begin(self, rng, level):
         rng, key = jax.random.split(rng)
         zero: Any = jnp.zeros(())
-        return envs.State(zero, self._show(key), zero, zero, self._measure(zero), {"rng": rng, "curriculum": level})
+        return envs.State(
+            zero,
+            self._show(key),
+            zero,
+            zero,
+            self._measure(zero),
+            {"rng": rng, "curriculum": level},
+        )
 
     def step(self, state: Any, action):
         rng, key = jax.random.split(state.info["rng"])
         miss = jnp.mean(jnp.square(action - state.obs["state"][:12]))
-        obs = {name: self._break(value, name, rng) for name, value in self._show(key).items()}
+        obs = {
+            name: self._break(value, name, rng)
+            for name, value in self._show(key).items()
+        }
         huge = jnp.where(self._strikes("huge", rng), -1e30, 0.0)
         return state.replace(
             pipeline_state=self._break(state.pipeline_state + 1.0, "physics", rng),
@@ -103,7 +121,10 @@ class StandIn(envs.Env):
             reward=self._break(-miss, "reward", rng) + huge,
             done=jnp.zeros(()),
             metrics=self._measure(miss),
-            info={"rng": rng, "curriculum": jnp.minimum(state.info["curriculum"] + 0.01, 1.0)},
+            info={
+                "rng": rng,
+                "curriculum": jnp.minimum(state.info["curriculum"] + 0.01, 1.0),
+            },
         )
 
     def _show(self, key):
@@ -111,15 +132,24 @@ class StandIn(envs.Env):
         return {"state": target, "privileged_state": target[:20]}
 
     def _measure(self, miss):
-        bins = {f"{kind}/{lower:g}": jnp.float32(lower == 0) for kind in ("share", "error") for lower in SPEED_BINS}
+        bins = {
+            f"{kind}/{lower:g}": jnp.float32(lower == 0)
+            for kind in ("share", "error")
+            for lower in SPEED_BINS
+        }
         return {**bins, "speed_error": miss}
 
     def _strikes(self, fault, rng):
         seed = sum(fault.encode())  # each strikes by itself
-        return jax.random.uniform(jax.random.fold_in(rng, seed)) < (fault in self.faults) / self.rarity
+        return (
+            jax.random.uniform(jax.random.fold_in(rng, seed))
+            < (fault in self.faults) / self.rarity
+        )
 
     def _break(self, values, fault, rng):
-        return jax.tree.map(lambda x: jnp.where(self._strikes(fault, rng), jnp.nan, x), values)
+        return jax.tree.map(
+            lambda x: jnp.where(self._strikes(fault, rng), jnp.nan, x), values
+        )
 
     @property
     def observation_size(self):
@@ -143,13 +173,22 @@ def train(learner: PPO, steps: int, seed: int = 0):
 
 
 def main(out: str) -> None:
-    """Train 20 steps; save parameters, what tells robots apart, and the policy gradient where they earn unequally."""
+    """Train 20 steps; save parameters, what tells robots apart, and the policy gradient
+    where they earn unequally."""
     learner = PPO(Aim(), TINY)
     state, _ = train(learner, 20)
     keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)
-    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
-    unequal = data._replace(reward=data.reward + 10.0 * jnp.arange(TINY.num_envs)[:, None])
-    gradient = jax.jit(lambda params, data: learner.differentiate(params, state.normalizer, data, state.step)[1])
+    _, data, _ = jax.jit(learner.unroll)(
+        state.params, state.normalizer, state.fleet, keys
+    )
+    unequal = data._replace(
+        reward=data.reward + 10.0 * jnp.arange(TINY.num_envs)[:, None]
+    )
+    gradient = jax.jit(
+        lambda params, data: learner.differentiate(
+            params, state.normalizer, data, state.step
+        )[1]
+    )
 
     def policy_gradient(data: Any) -> np.ndarray:
         return np.asarray(ravel_pytree(gradient(state.params, data).policy)[0])
@@ -163,7 +202,11 @@ def main(out: str) -> None:
         log_prob=jax.device_get(data.extras["policy_extras"]["log_prob"])[:, 0],
         gradient=policy_gradient(unequal),
         gradient_by_quarters=np.mean(
-            [policy_gradient(jax.tree.map(lambda x, i=i: x[i : i + 4], unequal)) for i in range(0, 16, 4)], axis=0
+            [
+                policy_gradient(jax.tree.map(lambda x, i=i: x[i : i + 4], unequal))
+                for i in range(0, 16, 4)
+            ],
+            axis=0,
         ),
     )
 

@@ -1,4 +1,5 @@
-"""`train.py` as a program of its own, on a stand-in for the robot that compiles in seconds."""
+"""`train.py` as a program of its own, on a stand-in for the robot that compiles in
+seconds."""
 
 import os
 import subprocess
@@ -17,9 +18,19 @@ from bp2_rl.learning.ppo import PPO
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
 SMALL = [
-    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "4", "--ppo.num-minibatches", "2",
-    "--ppo.policy-layers", "16", "--ppo.value-layers", "16",
-]  # fmt: skip
+    "--preset",
+    "smoke",
+    "--ppo.num-envs",
+    "16",
+    "--ppo.unroll-length",
+    "4",
+    "--ppo.num-minibatches",
+    "2",
+    "--ppo.policy-layers",
+    "16",
+    "--ppo.value-layers",
+    "16",
+]
 
 
 def command(*arguments, pause=0.0):
@@ -30,9 +41,13 @@ def command(*arguments, pause=0.0):
 def begin(*arguments, pause=0.0, cwd=None, **environment):
     """Start a process of it, with pipes for what it prints."""
     return subprocess.Popen(
-        command(*arguments, pause=pause), cwd=cwd, env={**ENVIRONMENT, "COLUMNS": "200", **environment},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        command(*arguments, pause=pause),
+        cwd=cwd,
+        env={**ENVIRONMENT, "COLUMNS": "200", **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def slowly(function, seconds, *args):
@@ -47,7 +62,8 @@ def sync_slowly(sync, seconds, path):
 
 
 def main(argv: list[str]) -> int:
-    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps and waits of a save slower."""
+    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps and
+    waits of a save slower."""
 
     def make_learner(config, _=None):
         learner = PPO(StandIn(), config.ppo)

@@ -1,4 +1,5 @@
-"""A headless Chromium by its DevTools protocol: open a page, look at it, click on it."""
+"""A headless Chromium by its DevTools protocol: open a page, look at it, click on
+it."""
 
 import base64
 import contextlib
@@ -17,9 +18,15 @@ from PIL import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless=new", "--no-sandbox", "--no-first-run", "--disable-dev-shm-usage", "--mute-audio",
-    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--remote-debugging-port=0",
-)  # fmt: skip
+    "--headless=new",
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--remote-debugging-port=0",
+)
 
 
 def find_browser() -> str | None:
@@ -33,11 +40,14 @@ class Tab:
     def __init__(self, socket: Any):
         self._socket, self._numbers = socket, itertools.count(1)
         self.url = "about:blank"
-        self.complaints: list[Any] = []  # errors and warnings of the page's console, from `listen` on
+        # errors and warnings of the page's console, from `listen` on
+        self.complaints: list[Any] = []
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
-        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        self._socket.send(
+            json.dumps({"id": number, "method": method, "params": parameters})
+        )
         while True:
             answer = json.loads(self._socket.recv(timeout=120))
             self._hear(answer)
@@ -62,29 +72,50 @@ class Tab:
 
     def open(self, url: str, width: int, height: int) -> None:
         """Another page, in a window of this size."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         self.call("Page.navigate", url=url)
-        self.wait(f"document.readyState == 'complete' && location.href == {json.dumps(url)}")
+        self.wait(
+            f"document.readyState == 'complete' && location.href == {json.dumps(url)}"
+        )
 
     def value(self, expression: str) -> Any:
         """What a line of JavaScript says."""
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)[
+            "result"
+        ].get("value")
 
     def wait(self, expression: str, seconds: float = 120.0) -> Any:
         """What a line of JavaScript says as soon as it is true."""
         end = time.monotonic() + seconds
         while not (said := self.value(expression)):
-            assert time.monotonic() < end, f"{expression} is not so after {seconds:.0f} s"
+            assert time.monotonic() < end, (
+                f"{expression} is not so after {seconds:.0f} s"
+            )
             time.sleep(0.2)
         return said
 
     def click(self, x: float, y: float) -> None:
         for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button="left",
+                clickCount=1,
+            )
 
     def screenshot(self) -> np.ndarray:
         """What is to be seen: rows, columns, RGB."""
-        png = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        png = base64.b64decode(
+            self.call("Page.captureScreenshot", format="png")["data"]
+        )
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
 
@@ -93,15 +124,28 @@ def browsing(program: str, url: str, profile: Any, width: int = 900, height: int
     """A tab that shows a page."""
     from websockets.sync.client import connect
 
-    command = [program, *FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", url]
-    browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    command = [
+        program,
+        *FLAGS,
+        f"--user-data-dir={profile}",
+        f"--window-size={width},{height}",
+        url,
+    ]
+    browser = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     try:
         assert browser.stderr is not None
-        said = (re.search(r"DevTools listening on ws://([^/]+)/", line) for line in browser.stderr)
+        said = (
+            re.search(r"DevTools listening on ws://([^/]+)/", line)
+            for line in browser.stderr
+        )
         host = next(filter(None, said))[1]
         for _ in range(100):
             with urllib.request.urlopen(f"http://{host}/json") as answer:
-                pages = [target for target in json.load(answer) if target["type"] == "page"]
+                pages = [
+                    target for target in json.load(answer) if target["type"] == "page"
+                ]
             if pages:
                 break
             time.sleep(0.1)

@@ -1,4 +1,5 @@
-"""Count the statements that a newcomer reads to understand one training, its judge and one evaluation of the top speed.
+"""Count the statements that a newcomer reads to understand one training, its judge and
+one evaluation of the top speed.
 
 Run in the repository's root: `python tests/helpers/closure.py [--list]`.
 """
@@ -7,7 +8,11 @@ import ast
 import sys
 from pathlib import Path
 
-ROOTS = ("bp2_rl.learning.run", "bp2_rl.evaluation.judge", "bp2_rl.evaluation.benchmarks.topspeed")
+ROOTS = (
+    "bp2_rl.learning.run",
+    "bp2_rl.evaluation.judge",
+    "bp2_rl.evaluation.benchmarks.topspeed",
+)
 
 
 def modules(package: Path) -> dict[str, Path]:
@@ -20,7 +25,8 @@ def modules(package: Path) -> dict[str, Path]:
 
 
 def imports(path: Path, known: dict[str, Path]) -> set[str]:
-    """Return the modules of the same package that a file imports, anywhere in it, but for type checkers alone."""
+    """Return the modules of the same package that a file imports, anywhere in it, but
+    for type checkers alone."""
     names = set()
     tree = ast.parse(path.read_text(encoding="utf-8"))
     untaken = {
@@ -34,7 +40,10 @@ def imports(path: Path, known: dict[str, Path]) -> set[str]:
         if node in untaken:
             continue
         if isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+            names |= {
+                node.module,
+                *(f"{node.module}.{alias.name}" for alias in node.names),
+            }
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
     return names & known.keys()
@@ -53,14 +62,25 @@ def closure(known: dict[str, Path], roots: tuple[str, ...] = ROOTS) -> set[str]:
 
 def is_code(node: ast.AST) -> bool:
     """Return whether a node is a statement, and neither an import nor a docstring."""
-    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+    if (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    ):
         return False
-    return isinstance(node, ast.stmt) and not isinstance(node, ast.Import | ast.ImportFrom)
+    return isinstance(node, ast.stmt) and not isinstance(
+        node, ast.Import | ast.ImportFrom
+    )
 
 
 def count(paths: list[Path]) -> int:
-    """Return how many statements these files have together: long or joined lines do not change that."""
-    return sum(is_code(node) for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    """Return how many statements these files have together: long or joined lines do not
+    change that."""
+    return sum(
+        is_code(node)
+        for path in paths
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    )
 
 
 if __name__ == "__main__":
@@ -68,4 +88,6 @@ if __name__ == "__main__":
     found = sorted(closure(known))
     if "--list" in sys.argv:
         print(*found, sep="\n")
-    print(f"{count([known[name] for name in found]):,} statements in {len(found)} modules")
+    print(
+        f"{count([known[name] for name in found]):,} statements in {len(found)} modules"
+    )

@@ -1,5 +1,6 @@
-"""`killer.py FOLDER ACTION`: does ACTION to copies 1, 2, ... of FOLDER/run; in copy n the process that does so is
-ended at its n-th operation on files. The last copy is the one in which it came to its end."""
+"""`killer.py FOLDER ACTION`: does ACTION to copies 1, 2, ... of FOLDER/run; in copy n
+the process that does so is ended at its n-th operation on files. The last copy is the
+one in which it came to its end."""
 
 import dataclasses
 import os
@@ -29,17 +30,26 @@ def save_step(run, step):
 
 def save_card(run):
     policy = load_policy(run)
-    save_policy(run / "policy", dataclasses.replace(policy, card=dataclasses.replace(policy.card, seed=8)))
+    save_policy(
+        run / "policy",
+        dataclasses.replace(policy, card=dataclasses.replace(policy.card, seed=8)),
+    )
 
 
 def killed_at_every_operation(folder: Path, *action: object) -> list[Path]:
     """The copies, in order."""
     command = [sys.executable, __file__, folder, *map(str, action)]
     done = subprocess.run(
-        command, env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}, capture_output=True, text=True
+        command,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
-    copies = sorted((path for path in folder.iterdir() if path.name.isdecimal()), key=lambda path: int(path.name))
+    copies = sorted(
+        (path for path in folder.iterdir() if path.name.isdecimal()),
+        key=lambda path: int(path.name),
+    )
     assert len(copies) > 15
     return copies
 

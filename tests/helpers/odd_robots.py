@@ -1,4 +1,5 @@
-"""Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those of the model built of them."""
+"""Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those
+of the model built of them."""
 
 import re
 from collections.abc import Sequence
@@ -12,9 +13,15 @@ from bp2_rl.robot.reading import RobotReading
 
 
 def anymal_like() -> str:
-    """Knee offsets, hind knees bent the other way, axes with either sign, welded feet, turned frames, degrees."""
+    """Knee offsets, hind knees bent the other way, axes with either sign, welded feet,
+    turned frames, degrees."""
     legs = ""
-    for name, x, y, bend in (("LF", 1, 1, 1), ("RF", 1, -1, 1), ("LH", -1, 1, -1), ("RH", -1, -1, -1)):
+    for name, x, y, bend in (
+        ("LF", 1, 1, 1),
+        ("RF", 1, -1, 1),
+        ("LH", -1, 1, -1),
+        ("RH", -1, -1, -1),
+    ):
         flip = -1 if (x, y) in ((1, -1), (-1, 1)) else 1
         legs += f"""
     <body name="{name}_HIP" pos="{0.3 * x} {0.1 * y} 0.02" euler="{20 * y} 0 0">
@@ -61,9 +68,15 @@ def anymal_like() -> str:
 
 
 def drawn_crouching() -> str:
-    """Legs drawn as they stand, hips listed hind first, a keyframe, geoms that make the masses, motors with gears."""
+    """Legs drawn as they stand, hips listed hind first, a keyframe, geoms that make the
+    masses, motors with gears."""
     legs = ""
-    for name, x, y in (("leg1", -1, 1), ("leg2", 1, -1), ("leg3", -1, -1), ("leg4", 1, 1)):
+    for name, x, y in (
+        ("leg1", -1, 1),
+        ("leg2", 1, -1),
+        ("leg3", -1, -1),
+        ("leg4", 1, 1),
+    ):
         legs += f"""
     <body pos="{0.2 * x} {0.06 * y} -0.01">
       <joint name="{name}a" axis="1 0 0" range="-0.8 0.8"/>
@@ -78,7 +91,9 @@ def drawn_crouching() -> str:
       </body>
     </body>"""
     motors = "".join(
-        f'<motor joint="leg{leg}{joint}" gear="-6" ctrlrange="-4 4"/>' for leg in (1, 2, 3, 4) for joint in "abc"
+        f'<motor joint="leg{leg}{joint}" gear="-6" ctrlrange="-4 4"/>'
+        for leg in (1, 2, 3, 4)
+        for joint in "abc"
     )
     return f"""
 <mujoco model="drawn crouching">
@@ -97,7 +112,8 @@ def drawn_crouching() -> str:
 
 
 def sprung() -> str:
-    """Springs whose coordinate grows downwards and is not zero at rest, on a turned shank; feet that are boxes."""
+    """Springs whose coordinate grows downwards and is not zero at rest, on a turned
+    shank; feet that are boxes."""
     legs = ""
     for name, x, y in (("fr", 1, -1), ("fl", 1, 1), ("rr", -1, -1), ("rl", -1, 1)):
         legs += f"""
@@ -132,7 +148,9 @@ def sprung() -> str:
 </mujoco>"""
 
 
-PLAIN_JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("abad", "hip", "knee"))
+PLAIN_JOINTS = tuple(
+    f"{leg}_{joint}" for leg in LEGS for joint in ("abad", "hip", "knee")
+)
 """The joints of `plain`, in the order of `MOTOR_NAMES`."""
 
 
@@ -151,7 +169,8 @@ def plain(
         knee_range: rad.
         joints: attributes that abad, hip and knee have besides.
         actuator: of every joint; {joint} stands for its name.
-        foot: below each knee; {leg} stands for the leg's name and {side} for 1 on the left and -1 on the right.
+        foot: below each knee; {leg} stands for the leg's name and {side} for 1 on the
+            left and -1 on the right.
         trunk: the trunk's joint and mass.
         extra: what the model has besides, such as a keyframe.
     """
@@ -185,11 +204,21 @@ def plain(
 
 
 def without_a_base() -> str:
-    """The legs of `plain` fixed to the world, as MuJoCo writes a URDF whose base it has fused."""
-    return re.sub('<body name="trunk".*', "", plain()).replace("</body>\n  </worldbody>", "</worldbody>")
+    """The legs of `plain` fixed to the world, as MuJoCo writes a URDF whose base it has
+    fused."""
+    return re.sub('<body name="trunk".*', "", plain()).replace(
+        "</body>\n  </worldbody>", "</worldbody>"
+    )
 
 
-def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", rooted: str = "", foot: str = "") -> str:
+def urdf(
+    *,
+    effort: float = 30,
+    velocity: float | str = 20,
+    root: str = "",
+    rooted: str = "",
+    foot: str = "",
+) -> str:
     """The URDF of `plain`.
 
     Args:
@@ -200,20 +229,27 @@ def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", root
         foot: in place of the balls, what a link of 0.05 kg in each foot has.
     """
 
-    def link(name: str, mass: float, com: str, inertia: str, collision: str = "") -> str:
+    def link(
+        name: str, mass: float, com: str, inertia: str, collision: str = ""
+    ) -> str:
         xx, yy, zz = inertia.split()
         moments = f'ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"'
         body = f'<origin xyz="{com}"/><mass value="{mass}"/><inertia {moments}/>'
         return f'<link name="{name}"><inertial>{body}</inertial>{collision}</link>'
 
-    def joint(name: str, parent: str, child: str, at: str, axis: str, low: float, high: float) -> str:
+    def joint(
+        name: str, parent: str, child: str, at: str, axis: str, low: float, high: float
+    ) -> str:
         limit = f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="{velocity}"/>'
         ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
         return f'<joint name="{name}" type="revolute">{ends}<axis xyz="{axis}"/>{limit}</joint>'
 
     box = '<collision><geometry><box size="0.4 0.18 0.1"/></geometry></collision>'
     ball = '<collision><origin xyz="0 0 -0.21"/><geometry><sphere radius="0.02"/></geometry></collision>'
-    moments = " ".join(str(6.0 / 3.0 * (a * a + b * b)) for a, b in ((0.09, 0.05), (0.2, 0.05), (0.2, 0.09)))
+    moments = " ".join(
+        str(6.0 / 3.0 * (a * a + b * b))
+        for a, b in ((0.09, 0.05), (0.2, 0.05), (0.2, 0.09))
+    )
     parts = [link("trunk", 6, "0 0 0", moments, box)]
     if root:
         fixed = f'<joint name="fixed" type="fixed"><parent link="{root}"/><child link="trunk"/></joint>'
@@ -227,23 +263,55 @@ def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", root
         parts += [
             link(f"{leg}_hip_link", 0.6, "0 0 0", "5e-4 7e-4 5e-4"),
             link(f"{leg}_thigh", 1, "0 0 -0.03", "5e-3 5e-3 1e-3"),
-            link(f"{leg}_shank", 0.2, "0 0 -0.1", "1.5e-3 1.5e-3 5e-5", "" if foot else ball),
-            joint(abad, "trunk", f"{leg}_hip_link", f"{0.2 * x} {0.05 * y} 0", "1 0 0", -0.8, 0.8),
-            joint(hip, f"{leg}_hip_link", f"{leg}_thigh", f"0 {0.08 * y} 0", "0 1 0", -1.5, 2.5),
-            joint(knee, f"{leg}_thigh", f"{leg}_shank", "0 0 -0.21", "0 1 0", -2.6, -0.3),
+            link(
+                f"{leg}_shank",
+                0.2,
+                "0 0 -0.1",
+                "1.5e-3 1.5e-3 5e-5",
+                "" if foot else ball,
+            ),
+            joint(
+                abad,
+                "trunk",
+                f"{leg}_hip_link",
+                f"{0.2 * x} {0.05 * y} 0",
+                "1 0 0",
+                -0.8,
+                0.8,
+            ),
+            joint(
+                hip,
+                f"{leg}_hip_link",
+                f"{leg}_thigh",
+                f"0 {0.08 * y} 0",
+                "0 1 0",
+                -1.5,
+                2.5,
+            ),
+            joint(
+                knee, f"{leg}_thigh", f"{leg}_shank", "0 0 -0.21", "0 1 0", -2.6, -0.3
+            ),
         ]
     return f'<robot name="plain">{"".join(parts)}</robot>'
 
 
-def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
-    """Return how far the model built from a reading is from the original in a random state.
+def disagreement(
+    original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0
+) -> tuple[float, float, float]:
+    """Return how far the model built from a reading is from the original in a random
+    state.
 
-    Relative differences of mass matrix and bias force; and the feet's greatest distance, m.
+    Relative differences of mass matrix and bias force; and the feet's greatest
+    distance, m.
     """
     draws = np.random.default_rng(seed)
     built = build_spec(reading.anatomy).compile()
     ours, theirs = mujoco.MjData(built), mujoco.MjData(original)
-    free = next(i for i in range(original.njnt) if original.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE)
+    free = next(
+        i
+        for i in range(original.njnt)
+        if original.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE
+    )
     at, dof = original.jnt_qposadr[free], original.jnt_dofadr[free]
     ours.qpos[:7] = theirs.qpos[at : at + 7] = draws.normal(size=7)
     ours.qvel[:6] = theirs.qvel[dof : dof + 6] = draws.normal(size=6)
@@ -252,17 +320,39 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
     for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True):
         built.dof_armature[built.joint(name).dofadr] = joint.armature
     pairs = [
-        (name, joint.name, joint.sign, joint.offset) for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True)
+        (name, joint.name, joint.sign, joint.offset)
+        for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True)
     ]
-    for leg, knee in zip(LEGS, reading.joints[2::3], strict=True) if reading.spring else ():
+    for leg, knee in (
+        zip(LEGS, reading.joints[2::3], strict=True) if reading.spring else ()
+    ):
         body = original.jnt_bodyid[original.joint(knee.name).id]
-        slide = next(i for i in range(original.njnt) if original.body_parentid[original.jnt_bodyid[i]] == body)
-        name, up = original.joint(slide).name, -1 if original.jnt_axis[slide][2] < 0.0 else 1
-        pairs.append((f"{leg}_spring", name, up, -up * float(original.qpos_spring[original.jnt_qposadr[slide]])))
+        slide = next(
+            i
+            for i in range(original.njnt)
+            if original.body_parentid[original.jnt_bodyid[i]] == body
+        )
+        name, up = (
+            original.joint(slide).name,
+            -1 if original.jnt_axis[slide][2] < 0.0 else 1,
+        )
+        pairs.append(
+            (
+                f"{leg}_spring",
+                name,
+                up,
+                -up * float(original.qpos_spring[original.jnt_qposadr[slide]]),
+            )
+        )
     for name, their_name, direction, offset in pairs:
         our, their = built.joint(name), original.joint(their_name)
-        theirs.qpos[their.qposadr], theirs.qvel[their.dofadr] = angle, speed = draws.normal(size=2)
-        ours.qpos[our.qposadr], ours.qvel[our.dofadr] = direction * angle + offset, direction * speed
+        theirs.qpos[their.qposadr], theirs.qvel[their.dofadr] = angle, speed = (
+            draws.normal(size=2)
+        )
+        ours.qpos[our.qposadr], ours.qvel[our.dofadr] = (
+            direction * angle + offset,
+            direction * speed,
+        )
         order[our.dofadr], sign[our.dofadr] = their.dofadr[0], direction
     inertias: list[np.ndarray] = []
     for model, data in ((built, ours), (original, theirs)):
@@ -278,18 +368,30 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
         for leg, name in zip(LEGS, reading.contacts, strict=True)
     ]
     return (
-        float(np.max(np.abs(inertias[0] - theirs_in_ours)) / np.max(np.abs(theirs_in_ours))),
+        float(
+            np.max(np.abs(inertias[0] - theirs_in_ours))
+            / np.max(np.abs(theirs_in_ours))
+        ),
         float(np.max(np.abs(ours.qfrc_bias - bias)) / np.max(np.abs(bias))),
         float(np.max(apart)),
     )
 
 
 def _foot(data: mujoco.MjData, model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Return where a foot's sphere is: a geom, a site, or of a capsule the lower end, the middle if it lies."""
+    """Return where a foot's sphere is: a geom, a site, or of a capsule the lower end,
+    the middle if it lies."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) >= 0:
         return data.site(name).xpos
-    geom = int(name.removeprefix("geom ")) if name.startswith("geom ") else model.geom(name).id
+    geom = (
+        int(name.removeprefix("geom "))
+        if name.startswith("geom ")
+        else model.geom(name).id
+    )
     w, x, y, z = model.geom_quat[geom]
     lies = abs(w * w - x * x - y * y + z * z) < 0.1  # the vertical part of its axis
-    half = 0.0 if lies or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CAPSULE else model.geom_size[geom, 1]
+    half = (
+        0.0
+        if lies or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CAPSULE
+        else model.geom_size[geom, 1]
+    )
     return data.geom_xpos[geom] - half * data.geom_xmat[geom].reshape(3, 3)[:, 2]

@@ -11,7 +11,8 @@ def no_action(observation):
 
 
 def kick(observation):
-    """Take the largest action there is, left and right in turn: torques reach every limit, and robots fall."""
+    """Take the largest action there is, left and right in turn: torques reach every
+    limit, and robots fall."""
     return 100.0 * jnp.sign(observation[..., 5:17])
 
 

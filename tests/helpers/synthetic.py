@@ -1,4 +1,5 @@
-"""Runs whose figures of merit are known in closed form, and the card of a policy that stands."""
+"""Runs whose figures of merit are known in closed form, and the card of a policy that
+stands."""
 
 import io
 
@@ -18,8 +19,11 @@ DT = 1e-3
 MASS = 36.0
 
 
-def make_run(duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25, **changes) -> Trajectory:
-    """A trot along x: ramp to `speed`, stride frequency and duty as given, no power, forces that carry the weight."""
+def make_run(
+    duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25, **changes
+) -> Trajectory:
+    """A trot along x: ramp to `speed`, stride frequency and duty as given, no power,
+    forces that carry the weight."""
     samples = round(duration / DT)
     time = np.arange(samples) * DT
     forward = np.minimum(acceleration * time, speed)
@@ -30,7 +34,11 @@ def make_run(duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25
     phase = (frequency * time[:, None] + np.array([0.5, 0.0, 0.0, 0.5])) % 1.0
     force = np.zeros((samples, 4, 3))
     # two feet at a time carry the weight on average: a half sine of duty x mean = 1/4
-    force[:, :, 2] = np.where(phase < duty, np.sin(np.pi * phase / duty) * MASS * GRAVITY * np.pi / (8 * duty), 0.0)
+    force[:, :, 2] = np.where(
+        phase < duty,
+        np.sin(np.pi * phase / duty) * MASS * GRAVITY * np.pi / (8 * duty),
+        0.0,
+    )
     fields = {
         "time": time,
         "qpos": qpos,
@@ -94,7 +102,8 @@ def assert_fits():
         printed = io.StringIO()
         terminal.print_table(evaluation, Console(file=printed, width=80))
         lines = printed.getvalue().splitlines()
-        assert len(lines) == len(evaluation.rows) + 2  # title and verdict: nothing is wrapped
+        # title and verdict: nothing is wrapped
+        assert len(lines) == len(evaluation.rows) + 2
         assert not any("…" in line for line in lines)
 
     return assert_fits
@@ -110,7 +119,9 @@ def busy_run() -> Trajectory:
     """A run with something to see in every figure."""
     run = make_run()
     rng = np.random.default_rng(0)
-    angle = 2 * np.pi * 4.0 * run.time[:, None] + np.array([0, np.pi / 2, np.pi / 3] * 4)
+    angle = 2 * np.pi * 4.0 * run.time[:, None] + np.array(
+        [0, np.pi / 2, np.pi / 3] * 4
+    )
     amplitude = np.array([0.05, 0.6, 0.7] * 4)
     qpos, qvel = run.qpos.copy(), run.qvel.copy()
     qvel[:, 0] += 0.2 * np.sin(2 * np.pi * 8.0 * run.time)
@@ -119,5 +130,7 @@ def busy_run() -> Trajectory:
     qpos[:, motors] = np.array([0, 0.67, -1.34] * 4) + amplitude * np.sin(angle)
     qvel[:, [i - 1 for i in motors]] = amplitude * 2 * np.pi * 4.0 * np.cos(angle)
     qpos[:, [10, 14, 18, 22]] = run.foot_force[:, :, 2] / 6000.0
-    torque = 60.0 * np.sin(angle + 1.0) * np.array([0.3, 1.0, 1.2] * 4) + rng.normal(size=angle.shape)
+    torque = 60.0 * np.sin(angle + 1.0) * np.array([0.3, 1.0, 1.2] * 4) + rng.normal(
+        size=angle.shape
+    )
     return make_run(qpos=qpos, qvel=qvel, torque=torque, target=qpos[:, motors] + 0.05)

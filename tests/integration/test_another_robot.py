@@ -1,4 +1,5 @@
-"""From a public model to a rehearsed controller by commands alone, as a user with another robot types them."""
+"""From a public model to a rehearsed controller by commands alone, as a user with
+another robot types them."""
 
 import importlib.util
 import json
@@ -13,26 +14,48 @@ from bp2_rl.__main__ import main as bp2
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
 
-SMALL = ["--preset", "smoke", "--impl", "kernel", "--ppo.num-envs", "16", "--ppo.unroll-length", "4",
-    "--ppo.num-minibatches", "2", "--ppo.policy-layers", "16", "--ppo.value-layers", "16",
-    "--run.steps", "256", "--run.checkpoints", "1"]  # fmt: skip
+SMALL = [
+    "--preset",
+    "smoke",
+    "--impl",
+    "kernel",
+    "--ppo.num-envs",
+    "16",
+    "--ppo.unroll-length",
+    "4",
+    "--ppo.num-minibatches",
+    "2",
+    "--ppo.policy-layers",
+    "16",
+    "--ppo.value-layers",
+    "16",
+    "--run.steps",
+    "256",
+    "--run.checkpoints",
+    "1",
+]
 
 
 @pytest.fixture
 def go1() -> Path:
-    """The model that the package playground brings, without its meshes; nobody has touched it."""
+    """The model that the package playground brings, without its meshes; nobody has
+    touched it."""
     spec = importlib.util.find_spec("mujoco_playground")
     assert spec is not None
     root = Path((spec.submodule_search_locations or [])[0])
     return root / "_src/locomotion/go1/xmls/scene_mjx_feetonly_flat_terrain.xml"
 
 
-def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(go1, tmp_path, monkeypatch, capfd):
+def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(
+    go1, tmp_path, monkeypatch, capfd
+):
     monkeypatch.chdir(tmp_path)
     assert bp2(["robot", "new", str(go1), "--out", "go1.toml"]) == 0
     assert bp2(["robot", "check", "go1.toml", "--out", "go1.svg"]) == 0
     assert "stands 5 s" in capfd.readouterr().out
-    assert train_command.main(["--stage", "imitation", "--robot", "go1.toml", *SMALL]) == 0
+    assert (
+        train_command.main(["--stage", "imitation", "--robot", "go1.toml", *SMALL]) == 0
+    )
     assert train_command.main(["--stage", "relaxed", *SMALL]) == 0
     _, relaxed = sorted(Path("runs").iterdir())
     settings = json.loads((relaxed / "config.json").read_text())["env"]
@@ -40,16 +63,39 @@ def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(go1, tmp_pat
         re.findall(r"name = (.*?)  #", Path("go1.toml").read_text())[0]
     )
     assert settings["reference"] == "kinematic"
-    assert eval_command.main([str(relaxed), "--speed", "0.5", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
+    assert (
+        eval_command.main(
+            [
+                str(relaxed),
+                "--speed",
+                "0.5",
+                "--hold",
+                "0.5",
+                "--no-video",
+                "--out",
+                "report",
+            ]
+        )
+        == 0
+    )
     metrics = json.loads(Path("report/metrics.json").read_text())["metrics"]
     assert metrics["outside_envelope"] == 0
     assert metrics["peak_spring_travel"] == 0.0
-    page = re.sub(r"data:[^\"]*|<script.*?</script>", "", Path("report/index.html").read_text(), flags=re.S)
-    assert not re.search(r"\bBP2\b|Spring|paper", re.sub(r"<style.*?</style>", "", page, flags=re.S))
+    page = re.sub(
+        r"data:[^\"]*|<script.*?</script>",
+        "",
+        Path("report/index.html").read_text(),
+        flags=re.S,
+    )
+    assert not re.search(
+        r"\bBP2\b|Spring|paper", re.sub(r"<style.*?</style>", "", page, flags=re.S)
+    )
     assert bp2(["export", str(relaxed), "--to", "bundle", "--format", "onnx"]) == 0
     words = ["--speed", "0.1", "--hold", "0.5", "--core", "-1", "--json"]
     line = [sys.executable, "-m", "onboard.rehearse", *words]
-    done = subprocess.run(line, cwd="bundle", capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        line, cwd="bundle", capture_output=True, text=True, check=False
+    )
     assert done.stderr.endswith("on the own robot for 0.5 s\n")
     rehearsed = json.loads(done.stdout)
     assert (done.returncode, rehearsed["fault"], rehearsed["fell_at"]) == (0, "", None)

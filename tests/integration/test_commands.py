@@ -1,4 +1,5 @@
-"""Whole commands as a user types them: two stages and an evaluation, and every mistake."""
+"""Whole commands as a user types them: two stages and an evaluation, and every
+mistake."""
 
 import dataclasses
 import json
@@ -16,46 +17,101 @@ from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
-    "--preset", "smoke", "--impl", "kernel", "--ppo.num-envs", "16", "--ppo.unroll-length", "4",
-    "--ppo.num-minibatches", "2", "--ppo.policy-layers", "16", "--ppo.value-layers", "16",
-    "--run.steps", "128", "--run.checkpoints", "1",
-]  # fmt: skip
+    "--preset",
+    "smoke",
+    "--impl",
+    "kernel",
+    "--ppo.num-envs",
+    "16",
+    "--ppo.unroll-length",
+    "4",
+    "--ppo.num-minibatches",
+    "2",
+    "--ppo.policy-layers",
+    "16",
+    "--ppo.value-layers",
+    "16",
+    "--run.steps",
+    "128",
+    "--run.checkpoints",
+    "1",
+]
 
 
-def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeypatch, capfd):
+def test_both_stages_and_an_evaluation_run_one_after_the_other(
+    tmp_path, monkeypatch, capfd
+):
     """The second stage is judged and filmed beside."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
     hardware = ["--env.hardware.gear-ratio", "7", "--env.hardware.friction", "0.9"]
     assert train_command.main(["--stage", "imitation", *SMALL, *hardware]) == 0
-    assert train_command.main(["--stage", "relaxed", "--run.judged", "2", "--run.films", *SMALL]) == 0
+    assert (
+        train_command.main(
+            ["--stage", "relaxed", "--run.judged", "2", "--run.films", *SMALL]
+        )
+        == 0
+    )
     imitation, relaxed = sorted(Path("runs").iterdir())
-    parent, child = (json.loads((run / "config.json").read_text()) for run in (imitation, relaxed))
+    parent, child = (
+        json.loads((run / "config.json").read_text()) for run in (imitation, relaxed)
+    )
     # The robot goes on; the stage's rewards are its own.
     assert child["env"]["hardware"] == parent["env"]["hardware"]
-    assert (child["env"]["hardware"]["gear_ratio"], child["env"]["hardware"]["friction"]) == (7.0, 0.9)
+    assert (
+        child["env"]["hardware"]["gear_ratio"],
+        child["env"]["hardware"]["friction"],
+    ) == (7.0, 0.9)
     assert child["env"]["reward"] != parent["env"]["reward"]
-    assert (child["parent"]["run"], child["parent"]["control_steps"]) == (imitation.name, 128)
+    assert (child["parent"]["run"], child["parent"]["control_steps"]) == (
+        imitation.name,
+        128,
+    )
     printed, errors = capfd.readouterr()
     assert errors == ""
     assert f"continues from {imitation}" in printed
     assert f"see it run: python eval.py {relaxed}" in printed
     assert_judged_and_filmed(relaxed, printed)
-    assert eval_command.main([str(relaxed), "--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
+    assert (
+        eval_command.main(
+            [
+                str(relaxed),
+                "--speed",
+                "1",
+                "--hold",
+                "0.5",
+                "--no-video",
+                "--out",
+                "report",
+            ]
+        )
+        == 0
+    )
     assert "Best speed" in capfd.readouterr().out
-    assert json.loads(Path("report/metrics.json").read_text())["metrics"]["outside_envelope"] == 0
+    assert (
+        json.loads(Path("report/metrics.json").read_text())["metrics"][
+            "outside_envelope"
+        ]
+        == 0
+    )
 
 
 def assert_judged_and_filmed(run, printed):
-    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    lines = [
+        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
+    ]
     judged = {line["step"]: line for line in lines if "judged/speed" in line}
     assert 128 in judged
     assert judged[128]["judged/launches"] == 3
     assert load_policy(run).card.results["judged"]["control_steps"] in judged
     assert "judged: " in printed
-    filmed = {int(film.stem) for film in (run / "films").iterdir() if film.suffix == ".mp4"}
+    filmed = {
+        int(film.stem) for film in (run / "films").iterdir() if film.suffix == ".mp4"
+    }
     assert filmed == judged.keys() or printed.count("warning: no video: ") == 1
-    assert all(f'"films/{step}.mp4"' in (run / "films.html").read_text() for step in filmed)
+    assert all(
+        f'"films/{step}.mp4"' in (run / "films.html").read_text() for step in filmed
+    )
 
 
 def fails(capsys, argv, *words):
@@ -78,18 +134,29 @@ def fails(capsys, argv, *words):
         (["--stage", "flying"], ["stage"]),
         (["--env.commands.max-forward", "-3"], ["max_forward", "from 0.001 to 1000"]),
         (["--ppo.num-envs", "0"], ["num_envs"]),
-        (["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"], ["num_envs", "num_minibatches"]),
+        (
+            ["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"],
+            ["num_envs", "num_minibatches"],
+        ),
         (["--env.hardware.spring-stiffness", "-1"], ["spring_stiffness"]),
         (["--run.steps", "0"], ["steps"]),
         (["--stage", "relaxed"], ["imitation", "--from"]),
-        (["--stage", "relaxed", "--from", "nowhere"], ["no training run at nowhere", "there is no such folder"]),
-        (["--resume", "nowhere"], ["no training run at nowhere", "there is no such folder"]),
+        (
+            ["--stage", "relaxed", "--from", "nowhere"],
+            ["no training run at nowhere", "there is no such folder"],
+        ),
+        (
+            ["--resume", "nowhere"],
+            ["no training run at nowhere", "there is no such folder"],
+        ),
         (["--resume", "nowhere", "--run.steps", "5"], ["--run.steps"]),
         (["--impl", "warp"], ["warp"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
-def test_a_mistake_ends_with_one_line_and_status_2(tmp_path, monkeypatch, capsys, argv, words):
+def test_a_mistake_ends_with_one_line_and_status_2(
+    tmp_path, monkeypatch, capsys, argv, words
+):
     monkeypatch.chdir(tmp_path)
     fails(capsys, argv, *words)
 
@@ -104,7 +171,11 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch, capsys)
 def test_the_scripts_answer_help_from_anywhere(tmp_path, script):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, str(ROOT / script), "--help"], cwd=tmp_path, env=environment, capture_output=True, text=True
+        [sys.executable, str(ROOT / script), "--help"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0
     assert script in done.stdout

@@ -1,4 +1,5 @@
-"""The policy that ships, run by the commands that a newcomer types first, in processes of their own as he runs them."""
+"""The policy that ships, run by the commands that a newcomer types first, in processes
+of their own as he runs them."""
 
 import json
 import os
@@ -18,16 +19,29 @@ FASTEST = "policies/fastest"
 
 either = pytest.mark.parametrize(
     ("shipped", "words"),
-    [(command.DEFAULT_POLICY, ()), (FASTEST, (str(asset_path(FASTEST)), "--robot", "ideal"))],
+    [
+        (command.DEFAULT_POLICY, ()),
+        (FASTEST, (str(asset_path(FASTEST)), "--robot", "ideal")),
+    ],
     ids=["without arguments", "the fastest"],
 )
 
 
 def evaluate(folder: Path, *words: str) -> dict:
-    """The report of eval.py, run where there are no runs: it is of the shipped policy."""
-    command = [sys.executable, str(ROOT / "eval.py"), *words, "--no-video", "--out", "report"]
+    """The report of eval.py, run where there are no runs: it is of the shipped
+    policy."""
+    command = [
+        sys.executable,
+        str(ROOT / "eval.py"),
+        *words,
+        "--no-video",
+        "--out",
+        "report",
+    ]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MUJOCO_GL": ""}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return json.loads((folder / "report/metrics.json").read_text())
 
@@ -40,18 +54,25 @@ def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
     measured = report["metrics"]
     assert measured["fell_at"] is None
     assert measured["outside_envelope"] == 0
-    assert measured["commanded_speed"] == pytest.approx(on_card(policy, "topspeed", "commanded_speed"))
-    # The card's 20 s of hold see the best of twenty near-equal seconds, and these 6 s end when the robot, which lags
-    # the ramp, is within 0.02 m/s of its final speed; the rest is for float32 on another processor. After 3 s of hold
-    # 0.1 m/s would still be missing.
-    assert measured["best_speed"] == pytest.approx(on_card(policy, "topspeed", "best_speed"), abs=0.05)
+    assert measured["commanded_speed"] == pytest.approx(
+        on_card(policy, "topspeed", "commanded_speed")
+    )
+    # The card's 20 s of hold see the best of twenty near-equal seconds, and these 6 s
+    # end when the robot, which lags the ramp, is within 0.02 m/s of its final speed;
+    # the rest is for float32 on another processor. After 3 s of hold 0.1 m/s would
+    # still be missing.
+    assert measured["best_speed"] == pytest.approx(
+        on_card(policy, "topspeed", "best_speed"), abs=0.05
+    )
 
 
 @either
 def test_the_sprint_on_the_card_is_run_again(tmp_path, shipped, words):
     results = evaluate(tmp_path, *words, "--benchmark", "sprint")["results"]["sprint"]
     policy = load_policy(asset_path(shipped))
-    assert results["time_100m"] == pytest.approx(on_card(policy, "sprint", "time_100m"), abs=0.05)
+    assert results["time_100m"] == pytest.approx(
+        on_card(policy, "sprint", "time_100m"), abs=0.05
+    )
     assert results["time_100m"] < 12.2  # s, the paper's
     assert results["mean_acceleration"] > 2.38  # m/s2, the paper's
     assert results["lane_kept"]

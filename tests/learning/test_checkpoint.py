@@ -45,7 +45,9 @@ class State(struct.PyTreeNode):
 
 def make_state(seed: int = 0) -> State:
     params, adam, normalizer = _learned(jax.random.key(seed))
-    strange = np.array([0x7FC12345, 0x7F800000, 0xFF800000, 0x80000000, 0x00000001], np.uint32).view(np.float32)
+    strange = np.array(
+        [0x7FC12345, 0x7F800000, 0xFF800000, 0x80000000, 0x00000001], np.uint32
+    ).view(np.float32)
     return State(
         params=params,
         optimizer=adam,
@@ -58,11 +60,19 @@ def make_state(seed: int = 0) -> State:
 
 @jax.jit
 def _learned(key: jax.Array) -> tuple:
-    params = {"policy": {"kernel": jax.random.normal(key, (7, 5)), "bias": jnp.zeros(5)}, "layers": [jnp.ones(2)]}
+    params = {
+        "policy": {"kernel": jax.random.normal(key, (7, 5)), "bias": jnp.zeros(5)},
+        "layers": [jnp.ones(2)],
+    }
     optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1e-3))
     _, adam = optimizer.update(params, optimizer.init(params), params)
-    normalizer = running_statistics.init_state({"state": jnp.zeros(4), "privileged_state": jnp.zeros(6)})
-    batch = {name: jax.random.normal(key, (8, size)) for name, size in (("state", 4), ("privileged_state", 6))}
+    normalizer = running_statistics.init_state(
+        {"state": jnp.zeros(4), "privileged_state": jnp.zeros(6)}
+    )
+    batch = {
+        name: jax.random.normal(key, (8, size))
+        for name, size in (("state", 4), ("privileged_state", 6))
+    }
     return params, adam, running_statistics.update(normalizer, batch)
 
 
@@ -73,7 +83,9 @@ def as_bits(leaf: Any) -> tuple:
 
 def assert_same(a: Any, b: Any) -> None:
     assert jax.tree.structure(a) == jax.tree.structure(b)
-    for (path, left), right in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+    for (path, left), right in zip(
+        jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True
+    ):
         assert as_bits(left) == as_bits(right), jax.tree_util.keystr(path)
 
 
@@ -98,11 +110,16 @@ def test_every_bit_comes_back(saved: tuple[Path, State]):
     assert_same(restored, state)
 
 
-def test_a_leaf_is_restored_on_its_templates_sharding_and_without_one_as_numpy(tmp_path: Path):
+def test_a_leaf_is_restored_on_its_templates_sharding_and_without_one_as_numpy(
+    tmp_path: Path,
+):
     mesh = jax.make_mesh((1,), ("robots",), axis_types=(jax.sharding.AxisType.Auto,))
     spread = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("robots"))
     save_checkpoint(tmp_path, 1, {"x": jnp.arange(8.0)})
-    for template in (jax.device_put(jnp.zeros(8), spread), jax.ShapeDtypeStruct((8,), np.float32, sharding=spread)):
+    for template in (
+        jax.device_put(jnp.zeros(8), spread),
+        jax.ShapeDtypeStruct((8,), np.float32, sharding=spread),
+    ):
         _, restored = restore_checkpoint(tmp_path, {"x": template})
         assert restored["x"].sharding == spread
         assert_same(restored, {"x": jnp.arange(8.0)})
@@ -117,12 +134,15 @@ def test_a_part_can_be_read_by_itself(saved: tuple[Path, State]):
     bias = state.params["policy"]["bias"]
     _, part = restore_checkpoint(run, {"params": {"policy": {"bias": bias}}}, part=True)
     assert_same(part, {"params": {"policy": {"bias": bias}}})
-    with pytest.raises(CheckpointError, match=r"params/critic is absent there and float32\[5\] here"):
+    with pytest.raises(
+        CheckpointError, match=r"params/critic is absent there and float32\[5\] here"
+    ):
         restore_checkpoint(run, {"params": {"critic": bias}}, part=True)
 
 
 def test_a_host_copy_outlives_the_donation_of_its_state():
-    """On a CPU a NumPy view of a JAX array is its very memory, and the next train step writes there."""
+    """On a CPU a NumPy view of a JAX array is its very memory, and the next train step
+    writes there."""
     state = {"x": jnp.arange(1000.0), "y": jnp.int32(3)}
     copy = host_copy(state)
     jax.jit(lambda s: jax.tree.map(lambda x: x + 1, s), donate_argnums=0)(state)
@@ -151,22 +171,31 @@ def test_metadata_says_what_a_checkpoint_is(saved: tuple[Path, State]):
 def test_any_reader_of_npz_files_reads_a_checkpoint(saved: tuple[Path, State]):
     run, state = saved
     with np.load(run / "checkpoints/200/state.npz") as arrays:
-        np.testing.assert_array_equal(arrays["params/policy/kernel"], state.params["policy"]["kernel"])
+        np.testing.assert_array_equal(
+            arrays["params/policy/kernel"], state.params["policy"]["kernel"]
+        )
 
 
 def test_only_the_newest_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(checkpoint, "KEPT", 2)
     for step in (1, 2, 10, 20):
         save_checkpoint(tmp_path, step, {"x": jnp.float32(step)})
-    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["10", "20"]
+    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == [
+        "10",
+        "20",
+    ]
     assert restore_checkpoint(tmp_path, {"x": jnp.float32(0)}) == (20, {"x": 20.0})
 
 
-def test_saving_never_removes_checkpoints_beyond_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_saving_never_removes_checkpoints_beyond_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(checkpoint, "KEPT", 1)
     for step in (10, 20, 30, 5):
         save_checkpoint(tmp_path, step, {"x": jnp.float32(step)})
-    assert sorted(int(entry.name) for entry in (tmp_path / "checkpoints").iterdir()) == [5, 30]
+    assert sorted(
+        int(entry.name) for entry in (tmp_path / "checkpoints").iterdir()
+    ) == [5, 30]
 
 
 def test_a_checkpoint_of_the_same_step_is_replaced(tmp_path: Path):
@@ -190,7 +219,9 @@ def test_a_save_that_was_killed_is_passed_over_and_swept_away(run: Path):
 
 
 @pytest.mark.parametrize("moment", ["write", "rename"])
-def test_a_save_that_fails_keeps_the_last_good_one(run: Path, monkeypatch: pytest.MonkeyPatch, moment: str):
+def test_a_save_that_fails_keeps_the_last_good_one(
+    run: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+):
     real = checkpoint._write
 
     def fail(*args: Any) -> None:
@@ -202,13 +233,19 @@ def test_a_save_that_fails_keeps_the_last_good_one(run: Path, monkeypatch: pytes
         monkeypatch.setattr(checkpoint, "_write", fail)
     else:
         monkeypatch.setattr(Path, "rename", fail)
-    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 300 .*No space left.*the last good one is 200"):
+    with pytest.raises(
+        CheckpointError,
+        match=r"cannot save checkpoint 300 .*No space left.*the last good one is 200",
+    ):
         save_checkpoint(run, 300, make_state())
-    assert sorted(entry.name for entry in (run / "checkpoints").iterdir()) == ["100", "200"]
+    assert sorted(entry.name for entry in (run / "checkpoints").iterdir()) == [
+        "100",
+        "200",
+    ]
     assert restore_checkpoint(run, make_state())[0] == 200
 
 
-# --- In the background ------------------------------------------------------------------------------------------
+# --- In the background ----------------------------------------------------------------
 def test_the_last_save_is_on_disk_when_a_saver_is_left(tmp_path: Path):
     with Saver(tmp_path, {"seed": 7}) as saver:
         for step in range(4):
@@ -216,10 +253,16 @@ def test_the_last_save_is_on_disk_when_a_saver_is_left(tmp_path: Path):
     assert restore_checkpoint(tmp_path, {"x": np.float32(0)}) == (3, {"x": 3.0})
     metadata = read_metadata(tmp_path, 3)
     assert (metadata.config, metadata.log) == ({"seed": 7}, {"count": 3})
-    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["1", "2", "3"]
+    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == [
+        "1",
+        "2",
+        "3",
+    ]
 
 
-def test_a_save_leaves_the_caller_free_and_two_never_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_save_leaves_the_caller_free_and_two_never_overlap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     release, writing = threading.Semaphore(0), []
     real = checkpoint._write
 
@@ -256,7 +299,9 @@ def test_what_went_wrong_in_the_background_is_raised_by_the_next_call(
                 saver.wait()
 
     monkeypatch.setattr(checkpoint, "_write", full)
-    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 1 .*No space left"):
+    with pytest.raises(
+        CheckpointError, match=r"cannot save checkpoint 1 .*No space left"
+    ):
         run()
 
 
@@ -272,10 +317,13 @@ def test_an_error_of_the_training_is_not_hidden_by_one_of_its_last_save(tmp_path
         run()
 
 
-# --- Readers and kills ------------------------------------------------------------------------------------------
+# --- Readers and kills ----------------------------------------------------------------
 @pytest.mark.attack
-def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A reader that polls during many saves restores a state that one save wrote, never a mixture."""
+def test_readers_only_ever_see_whole_checkpoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """A reader that polls during many saves restores a state that one save wrote, never
+    a mixture."""
     monkeypatch.setattr(checkpoint, "KEPT", 10)
     state = {"x": jnp.zeros(1000), "y": jnp.zeros(1000)}
     save_checkpoint(tmp_path, 0, state)
@@ -283,7 +331,9 @@ def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path, monkeypatch: py
 
     def save() -> None:
         for step in range(1, 6):
-            save_checkpoint(tmp_path, step, jax.tree.map(lambda x, n=step: x + n, state))
+            save_checkpoint(
+                tmp_path, step, jax.tree.map(lambda x, n=step: x + n, state)
+            )
         done.set()
 
     writer = threading.Thread(target=save)
@@ -300,7 +350,8 @@ def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path, monkeypatch: py
 
 
 def test_a_kill_at_any_moment_loses_nothing_that_was_saved(tmp_path: Path):
-    """SIGKILL a process that does nothing but save; what it had reported is there, whole."""
+    """SIGKILL a process that does nothing but save; what it had reported is there,
+    whole."""
     program = (
         "import sys; from pathlib import Path; import jax.numpy as jnp; "
         "from bp2_rl.learning.checkpoint import Saver, latest_step\n"
@@ -311,8 +362,11 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_saved(tmp_path: Path):
         "    print(step, flush=True)\n"
     )
     template = {"x": jnp.zeros(200_000, jnp.int32), "y": jnp.zeros(7, jnp.int32)}
-    for delay in (0.013, 0.031):  # s after a save was reported; a save takes about 0.05 s
-        with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE) as process:
+    # s after a save was reported; a save takes about 0.05 s
+    for delay in (0.013, 0.031):
+        with subprocess.Popen(
+            [sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE
+        ) as process:
             assert process.stdout is not None
             reported = int([process.stdout.readline() for _ in range(4)][-1])
             time.sleep(delay)
@@ -324,7 +378,9 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_saved(tmp_path: Path):
 
 
 @pytest.mark.parametrize("step", [2, 3], ids=["the same step again", "another step"])
-def test_a_save_killed_at_any_operation_leaves_the_one_before_or_the_new_one(tmp_path: Path, step: int):
+def test_a_save_killed_at_any_operation_leaves_the_one_before_or_the_new_one(
+    tmp_path: Path, step: int
+):
     template = {"x": np.zeros(1000)}
     (tmp_path / "run").mkdir()
     for before in (1, 2):
@@ -337,7 +393,11 @@ def test_a_save_killed_at_any_operation_leaves_the_one_before_or_the_new_one(tmp
         found.append(state["x"][0])
         save_checkpoint(run, 4, {"x": np.full(1000, 4.0)})  # and saves go on
         assert restore_checkpoint(run, template)[0] == 4
-        assert not [entry.name for entry in (run / "checkpoints").iterdir() if not entry.name.isdecimal()]
+        assert not [
+            entry.name
+            for entry in (run / "checkpoints").iterdir()
+            if not entry.name.isdecimal()
+        ]
     assert found == sorted(found)
     assert {*found} == {2.0, 7.0}
 
@@ -348,19 +408,22 @@ def test_a_deleted_runs_folder_is_not_made_anew(tmp_path: Path):
     assert not (tmp_path / "run").exists()
 
 
-# --- What is refused, and in which words ------------------------------------------------------------------------
+# --- What is refused, and in which words ----------------------------------------------
 def refusal(run: Path, template: Any = None, step: int | None = None) -> str:
     before = sorted(str(path) for path in run.rglob("*"))
     with pytest.raises(CheckpointError) as error:
         restore_checkpoint(run, make_state() if template is None else template, step)
     assert "\n" not in str(error.value)
-    assert sorted(str(path) for path in run.rglob("*")) == before, "a refusal destroys nothing"
+    assert sorted(str(path) for path in run.rglob("*")) == before, (
+        "a refusal destroys nothing"
+    )
     return str(error.value)
 
 
 def biggest(directory: Path) -> Path:
     return max(
-        (p for p in directory.rglob("*") if p.is_file() and p.name != "metadata.json"), key=lambda p: p.stat().st_size
+        (p for p in directory.rglob("*") if p.is_file() and p.name != "metadata.json"),
+        key=lambda p: p.stat().st_size,
     )
 
 
@@ -405,7 +468,9 @@ def test_missing_metadata(run: Path):
     assert "half-written, or not a checkpoint of bp2_rl" in refusal(run, step=200)
 
 
-@pytest.mark.parametrize("content", ["[]", "{}", '{"format_version": "one"}', '{"format_version": true}'])
+@pytest.mark.parametrize(
+    "content", ["[]", "{}", '{"format_version": "one"}', '{"format_version": true}']
+)
 def test_foreign_metadata(run: Path, content: str):
     (run / "checkpoints/200/metadata.json").write_text(content)
     assert "is not of bp2_rl" in refusal(run)
@@ -420,20 +485,27 @@ def edit_metadata(run: Path, **changes: Any) -> None:
 
 def test_a_newer_format(run: Path):
     edit_metadata(run, format_version=99, versions={"bp2_rl": "9.9"})
-    assert "has format 99, of bp2_rl 9.9; this one reads format 2: update bp2_rl" in refusal(run)
+    assert (
+        "has format 99, of bp2_rl 9.9; this one reads format 2: update bp2_rl"
+        in refusal(run)
+    )
 
 
 def test_the_older_format(run: Path):
     """Format 1 was Orbax's, in a folder `state`."""
     edit_metadata(run, format_version=1, versions={"bp2_rl": "0.1.0"})
-    assert "has format 1, of bp2_rl 0.1.0; this one reads format 2: use the bp2_rl that wrote it" in refusal(run)
+    assert (
+        "has format 1, of bp2_rl 0.1.0; this one reads format 2: use the bp2_rl that wrote it"
+        in refusal(run)
+    )
 
 
 @pytest.mark.parametrize("name", ["config", "log", "tree", "files"])
 def test_metadata_that_lacks_a_part(run: Path, name: str):
     edit_metadata(run, **{name: None})
-    assert f"metadata.json (written by bp2_rl {bp2_rl.__version__}): {name}: expected an object, got None" in refusal(
-        run
+    assert (
+        f"metadata.json (written by bp2_rl {bp2_rl.__version__}): {name}: expected an object, got None"
+        in refusal(run)
     )
 
 
@@ -456,14 +528,17 @@ def test_a_checkpoint_renamed_to_another_step(run: Path):
         ({"empty": jnp.zeros(1)}, "empty is absent there and float32[1] here"),
     ],
 )
-def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(run: Path, change: dict, words: str):
+def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(
+    run: Path, change: dict, words: str
+):
     message = refusal(run, make_state().replace(**change))
     assert words in message
     assert "is of another training" in message
 
 
 def forge_state(run: Path, **arrays: Any) -> None:
-    """Put other arrays in the place of step 200's, with metadata that vouch for them."""
+    """Put other arrays in the place of step 200's, with metadata that vouch for
+    them."""
     np.savez(run / "checkpoints/200/state.npz", **arrays)
     content = (run / "checkpoints/200/state.npz").read_bytes()
     facts = {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
@@ -476,7 +551,9 @@ def test_arrays_that_are_not_as_the_metadata_say_are_refused_by_name(run: Path):
     forge_state(run, **arrays)
     restore_checkpoint(run, make_state())
     forge_state(run, **arrays | {"params/policy/bias": np.zeros((5, 2), np.float32)})
-    assert "holds params/policy/bias as float32[5, 2], expected float32[5]" in refusal(run)
+    assert "holds params/policy/bias as float32[5, 2], expected float32[5]" in refusal(
+        run
+    )
     forge_state(run, **arrays | {"params/policy/bias": np.zeros(5)})
     assert "holds params/policy/bias as float64[5], expected float32[5]" in refusal(run)
     del arrays["params/policy/bias"]
@@ -495,7 +572,9 @@ def test_whatever_the_metadata_hold_the_checkpoint_is_restored_or_refused(run: P
 
 
 @pytest.mark.parametrize("name", ["metadata.json", "state.npz"])
-def test_a_flipped_bit_of_either_file_changes_nothing_or_is_refused(run: Path, name: str):
+def test_a_flipped_bit_of_either_file_changes_nothing_or_is_refused(
+    run: Path, name: str
+):
     path, state = run / "checkpoints/200" / name, make_state()
     loaded = 0
     for content in flipped_bits(path.read_bytes(), 200):
@@ -508,5 +587,7 @@ def test_a_flipped_bit_of_either_file_changes_nothing_or_is_refused(run: Path, n
 
 def test_a_run_folder_that_cannot_be_written(tmp_path: Path):
     (tmp_path / "run").write_text("a file")
-    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 1 .*there is none yet"):
+    with pytest.raises(
+        CheckpointError, match=r"cannot save checkpoint 1 .*there is none yet"
+    ):
         save_checkpoint(tmp_path / "run", 1, {"x": jnp.zeros(1)})

@@ -1,4 +1,5 @@
-"""Training compiles in its first iterations and never again: a compilation later would stall every device."""
+"""Training compiles in its first iterations and never again: a compilation later would
+stall every device."""
 
 import jax
 from aim import TINY, Aim

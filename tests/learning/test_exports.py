@@ -1,4 +1,5 @@
-"""What becomes of the policies that a run exports: judged beside it, and the best kept as its own."""
+"""What becomes of the policies that a run exports: judged beside it, and the best kept
+as its own."""
 
 import dataclasses
 import functools
@@ -29,10 +30,22 @@ STEPS = 8
 def small(**run) -> TrainConfig:
     config = preset("imitation", "smoke")
     ppo = dataclasses.replace(
-        config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
+        config.ppo,
+        num_envs=16,
+        unroll_length=4,
+        num_minibatches=2,
+        policy_layers=(16,),
+        value_layers=(16,),
     )
-    settings = {"steps": STEPS * PER_STEP, "checkpoints": 4, "logs": 4, "judged": STEPS} | run
-    return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
+    settings = {
+        "steps": STEPS * PER_STEP,
+        "checkpoints": 4,
+        "logs": 4,
+        "judged": STEPS,
+    } | run
+    return dataclasses.replace(
+        config, ppo=ppo, run=dataclasses.replace(config.run, **settings)
+    )
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -45,7 +58,8 @@ def quick_robot():
 
 
 class Fake:
-    """A judge whose results are known beforehand, by control steps, and told after so many seconds."""
+    """A judge whose results are known beforehand, by control steps, and told after so
+    many seconds."""
 
     places = 1
 
@@ -56,7 +70,10 @@ class Fake:
         assert load_policy(policy)
         self.asked.append(int(policy.name))
         heard, future = self.results[int(policy.name)], Future()
-        tell = functools.partial(future.set_exception if isinstance(heard, Exception) else future.set_result, heard)
+        tell = functools.partial(
+            future.set_exception if isinstance(heard, Exception) else future.set_result,
+            heard,
+        )
         if self.after:
             telling = threading.Timer(self.after, tell)
             telling.daemon = True
@@ -67,8 +84,12 @@ class Fake:
 
 
 def steady(*speeds):
-    """JudgeResults on the policies of every train step: their speeds, without a fall."""
-    return {(k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed) for k, speed in enumerate(speeds)}
+    """JudgeResults on the policies of every train step: their speeds, without a
+    fall."""
+    return {
+        (k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed)
+        for k, speed in enumerate(speeds)
+    }
 
 
 def weights(folder):
@@ -76,8 +97,15 @@ def weights(folder):
 
 
 def judged_lines(run_dir):
-    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
-    return {line["step"]: (line["judged/speed"], line["judged/falls"]) for line in lines if "judged/speed" in line}
+    lines = [
+        json.loads(line)
+        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
+    ]
+    return {
+        line["step"]: (line["judged/speed"], line["judged/falls"])
+        for line in lines
+        if "judged/speed" in line
+    }
 
 
 def log(run_dir):
@@ -118,20 +146,30 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
 
 
 def test_the_best_policy_is_the_fastest_over_all_launches(tmp_path):
-    results = {k * PER_STEP: JudgeResult(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)}
-    results[3 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.0)  # the first launch was the one in which it fell
+    results = {
+        k * PER_STEP: JudgeResult(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)
+    }
+    # the first launch was the one in which it fell
+    results[3 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.0)
     run = training.start(small(), tmp_path / "run", judge=Fake(results))
     assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
 
 
 def test_judging_changes_nothing_of_what_is_learned(tmp_path):
     alone = training.start(small(judged=0), tmp_path / "alone")
-    judged = training.start(small(), tmp_path / "judged", judge=Fake(steady(*range(STEPS))))
+    judged = training.start(
+        small(), tmp_path / "judged", judge=Fake(steady(*range(STEPS)))
+    )
     assert "judged" not in load_policy(alone).card.results
     for step in (4, 8):
-        saved = [folder / "policies" / str(step * PER_STEP) for folder in (alone, judged)]
+        saved = [
+            folder / "policies" / str(step * PER_STEP) for folder in (alone, judged)
+        ]
         assert weights(saved[0]) == weights(saved[1])
-    states = [(run / "checkpoints" / str(STEPS) / "state.npz").read_bytes() for run in (alone, judged)]
+    states = [
+        (run / "checkpoints" / str(STEPS) / "state.npz").read_bytes()
+        for run in (alone, judged)
+    ]
     assert states[0] == states[1]
 
 
@@ -148,14 +186,19 @@ def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
 
 def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     results = steady(1, 12, 9, 11, 12, 13, 14, 15)
-    results[2 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.5)  # it falls in the launch that counts
+    # it falls in the launch that counts
+    results[2 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.5)
     run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(results))
     # Heard of during the train step after it.
     assert latest_step(run) == 5
     assert is_finished(run)
     assert load_policy(run).card.results["judged"]["control_steps"] == 4 * PER_STEP
-    assert f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known " in log(run)
-    training.resume(run, judge=Fake({}))  # there is nothing left to do, and nothing to judge
+    assert (
+        f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known "
+        in log(run)
+    )
+    # there is nothing left to do, and nothing to judge
+    training.resume(run, judge=Fake({}))
     assert latest_step(run) == 5
 
 
@@ -167,13 +210,17 @@ def test_the_policy_that_ends_a_run_is_its_own_though_another_falls_less(tmp_pat
 
 
 def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
-    run = training.start(small(until=20.0), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
+    run = training.start(
+        small(until=20.0), tmp_path / "run", judge=Fake(steady(*range(STEPS)))
+    )
     assert latest_step(run) == STEPS
     assert "reached" not in log(run)
 
 
 @pytest.mark.parametrize("results_before", [0, 3])
-def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(tmp_path, results_before):
+def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(
+    tmp_path, results_before
+):
     """One warning, whether he is killed, raises or cannot be asked."""
     results: dict = steady(*range(STEPS, 0, -1))
     for k in range(results_before + 1, STEPS + 1):
@@ -181,7 +228,10 @@ def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_ow
     run = training.start(small(), tmp_path / "run", judge=Fake(results))
     assert latest_step(run) == STEPS
     assert log(run).count("warning") == 1
-    assert "warning: no policy is judged any more, the newest is the run's own: a process of his was killed" in log(run)
+    assert (
+        "warning: no policy is judged any more, the newest is the run's own: a process of his was killed"
+        in log(run)
+    )
     assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
     assert len(judged_lines(run)) == results_before
 
@@ -192,18 +242,23 @@ def test_a_judge_that_fails_in_the_end_leaves_the_newest_policy(tmp_path):
     assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
 
 
-def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(tmp_path, monkeypatch):
+def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
+    tmp_path, monkeypatch
+):
     results = steady(1, 2, 9, 4, 3, 2, 1, 1)
     whole = training.start(small(), tmp_path / "whole", judge=Fake(results))
     judge = Fake(results)
 
     def caught_in_the_fourth_step(signals):
         signals.caught = signal.SIGTERM if len(judge.asked) == 3 else None
-        judge.after = 1e6 if signals.caught else 0.0  # he does not come to the last policy
+        # he does not come to the last policy
+        judge.after = 1e6 if signals.caught else 0.0
         return signals.caught
 
     with monkeypatch.context() as patch:
-        patch.setattr("bp2_rl.learning.loop.StopSignals.received", caught_in_the_fourth_step)
+        patch.setattr(
+            "bp2_rl.learning.loop.StopSignals.received", caught_in_the_fourth_step
+        )
         with pytest.raises(RunStopped):
             training.start(small(), tmp_path / "run", judge=judge)
     run = tmp_path / "run"
@@ -214,12 +269,17 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
     assert judge.asked == [k * PER_STEP for k in (4, 5, 6, 7, 8)]
     assert judged_lines(run) == judged_lines(whole)
     assert weights(run / "policy") == weights(whole / "policy")
-    states = [(folder / "checkpoints" / str(STEPS) / "state.npz").read_bytes() for folder in (run, whole)]
+    states = [
+        (folder / "checkpoints" / str(STEPS) / "state.npz").read_bytes()
+        for folder in (run, whole)
+    ]
     assert states[0] == states[1]
 
 
 def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
-    run = training.start(small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3)))
+    run = training.start(
+        small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3))
+    )
     shutil.rmtree(run / "checkpoints" / str(STEPS))
     before = weights(run / "policy")
     (run / "policies" / str(4 * PER_STEP) / "weights.npz").write_bytes(b"")
@@ -231,11 +291,34 @@ def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
 
 def test_damaged_lines_of_metrics_are_no_results(tmp_path):
     def line(step, speed, falls):
-        result = {"speed": speed, "falls": falls, "launches": 3, "mean": 2, "fell_told": 0, "fell_after": 0}
-        return json.dumps({"step": step} | {f"judged/{name}": value for name, value in result.items()}) + "\n"
+        result = {
+            "speed": speed,
+            "falls": falls,
+            "launches": 3,
+            "mean": 2,
+            "fell_told": 0,
+            "fell_after": 0,
+        }
+        return (
+            json.dumps(
+                {"step": step}
+                | {f"judged/{name}": value for name, value in result.items()}
+            )
+            + "\n"
+        )
 
     (tmp_path / "metrics.jsonl").write_text(
-        line(64, 3, 0) + '{"step": 64, "reward": 3}\n' + line(128, None, 0) + "[1]\n" + line("x", 3, 0) + "not JSON\n"
-        + line(192, 4, 1) + line(256, 5, 0) + '{"step": 320, "judged/sp'
-    )  # fmt: skip
-    assert judge_results(tmp_path, 192) == {64: JudgeResult(3.0, 0, 3, 2.0), 192: JudgeResult(4.0, 1, 3, 2.0)}
+        line(64, 3, 0)
+        + '{"step": 64, "reward": 3}\n'
+        + line(128, None, 0)
+        + "[1]\n"
+        + line("x", 3, 0)
+        + "not JSON\n"
+        + line(192, 4, 1)
+        + line(256, 5, 0)
+        + '{"step": 320, "judged/sp'
+    )
+    assert judge_results(tmp_path, 192) == {
+        64: JudgeResult(3.0, 0, 3, 2.0),
+        192: JudgeResult(4.0, 1, 3, 2.0),
+    }

@@ -1,4 +1,5 @@
-"""Numbers that are not finite, wherever they come from: what they may touch, what is said, and what is kept."""
+"""Numbers that are not finite, wherever they come from: what they may touch, what is
+said, and what is kept."""
 
 import dataclasses
 import functools
@@ -17,14 +18,27 @@ from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
 from bp2_rl.learning import checkpoint, guards, log, loop, policy
 from bp2_rl.learning import run as training
-from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint
+from bp2_rl.learning.checkpoint import (
+    FAILED,
+    latest_step,
+    leaves_by_path,
+    restore_checkpoint,
+)
 from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.ppo import NOT_FINITE, PPO
 from bp2_rl.settings.training import TrainConfig
 
 STEPS = 12
-RUN = [*SMALL, "--run.steps", str(STEPS * 64), "--run.checkpoints", "6", "--run.logs", "6"]
+RUN = [
+    *SMALL,
+    "--run.steps",
+    str(STEPS * 64),
+    "--run.checkpoints",
+    "6",
+    "--run.logs",
+    "6",
+]
 ROBOTS = 64
 
 
@@ -35,21 +49,30 @@ def learner_of(env_faults, rarity, ppo):
 
 @pytest.fixture
 def faults(monkeypatch):
-    """`faults("reward", rarity=50)`: from here on the robots of training runs have them."""
+    """`faults("reward", rarity=50)`: from here on the robots of training runs have
+    them."""
 
     def choose(*names, rarity=100.0):
-        monkeypatch.setattr(training, "make_learner", lambda config, _=None: learner_of(names, rarity, config.ppo))
+        monkeypatch.setattr(
+            training,
+            "make_learner",
+            lambda config, _=None: learner_of(names, rarity, config.ppo),
+        )
 
     choose()
     return choose
 
 
 def records(run):
-    return [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    return [
+        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
+    ]
 
 
 def restore(run, **where) -> Any:
-    return restore_checkpoint(run, learner_of((), 100.0, training.load_run_config(run).ppo).shape, **where)[1]
+    return restore_checkpoint(
+        run, learner_of((), 100.0, training.load_run_config(run).ppo).shape, **where
+    )[1]
 
 
 def assert_finite(tree):
@@ -57,13 +80,15 @@ def assert_finite(tree):
         assert np.isfinite(leaf).all(), path
 
 
-# --- A robot's fault stays with the robot ---------------------------------------------------------------------
+# --- A robot's fault stays with the robot ---------------------------------------------
 def step_fleet(env, change=lambda state, action: (state, action)):
     """(Fleet after one step, the fresh episodes it was given.)"""
     fleet = Fleet(env, episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
-    young = dataclasses.replace(state, info={**state.info, "steps": jnp.zeros(ROBOTS, jnp.int32)})
+    young = dataclasses.replace(
+        state, info={**state.info, "steps": jnp.zeros(ROBOTS, jnp.int32)}
+    )
     state, action = change(young, jnp.zeros((ROBOTS, 12)))
     return fleet.step(state, action, fresh), fresh
 
@@ -87,21 +112,33 @@ def test_a_step_that_is_not_finite_ends_that_robots_episode_and_no_others(fault,
     assert np.all(np.asarray(after.info["truncation"]) == 0)
     assert np.all(np.asarray(after.reward)[struck] == 0)
     for name in after.obs:
-        np.testing.assert_array_equal(np.asarray(after.obs[name])[struck], np.asarray(fresh.obs[name])[struck])
-    for ours, theirs in zip(jax.tree.leaves(after), jax.tree.leaves(sound), strict=True):
-        np.testing.assert_array_equal(np.asarray(ours)[~struck], np.asarray(theirs)[~struck])
+        np.testing.assert_array_equal(
+            np.asarray(after.obs[name])[struck], np.asarray(fresh.obs[name])[struck]
+        )
+    for ours, theirs in zip(
+        jax.tree.leaves(after), jax.tree.leaves(sound), strict=True
+    ):
+        np.testing.assert_array_equal(
+            np.asarray(ours)[~struck], np.asarray(theirs)[~struck]
+        )
     assert sum(float(jnp.sum(after.metrics[name])) for name in FAULTS) == struck.sum()
 
 
 def test_an_action_or_a_state_that_is_not_finite_is_the_same():
     def break_robots(state, action):
         time = state.pipeline_state.at[1].set(jnp.inf)
-        return dataclasses.replace(state, pipeline_state=time), action.at[2].set(jnp.nan)
+        return dataclasses.replace(state, pipeline_state=time), action.at[2].set(
+            jnp.nan
+        )
 
     after, _ = step_fleet(StandIn(), break_robots)
     assert_finite(after)
     np.testing.assert_array_equal(np.flatnonzero(after.done), [1, 2])
-    assert float(after.metrics["fault/physics"][1]) == float(after.metrics["fault/reward"][2]) == 1
+    assert (
+        float(after.metrics["fault/physics"][1])
+        == float(after.metrics["fault/reward"][2])
+        == 1
+    )
 
 
 def test_a_level_that_is_not_finite_does_not_outlive_the_episode():
@@ -111,7 +148,9 @@ def test_a_level_that_is_not_finite_does_not_outlive_the_episode():
             return after.replace(info={**after.info, "curriculum": jnp.nan})
 
     def promote(state, action):
-        return dataclasses.replace(state, info={**state.info, "curriculum": jnp.full(ROBOTS, 0.5)}), action
+        return dataclasses.replace(
+            state, info={**state.info, "curriculum": jnp.full(ROBOTS, 0.5)}
+        ), action
 
     after, _ = step_fleet(Broken(), promote)
     assert_finite(after)
@@ -137,11 +176,17 @@ def test_a_reset_that_is_not_finite_is_replaced_by_the_robots_own_state_and_coun
     bad = np.asarray(fresh.metrics["fault/reset"]) == 1
     assert 5 < bad.sum() < 30
     assert_finite(fresh)
-    np.testing.assert_array_equal(np.asarray(fresh.obs["state"])[bad], np.asarray(state.obs["state"])[bad])
-    assert not np.any(np.asarray(fresh.obs["state"])[~bad] == np.asarray(state.obs["state"])[~bad])
+    np.testing.assert_array_equal(
+        np.asarray(fresh.obs["state"])[bad], np.asarray(state.obs["state"])[bad]
+    )
+    assert not np.any(
+        np.asarray(fresh.obs["state"])[~bad] == np.asarray(state.obs["state"])[~bad]
+    )
     assert np.all(np.asarray(fresh.info["steps"]) == 0)
     ending = np.arange(ROBOTS) < 32
-    state = dataclasses.replace(state, info={**state.info, "steps": jnp.where(ending, 99, 0)})
+    state = dataclasses.replace(
+        state, info={**state.info, "steps": jnp.where(ending, 99, 0)}
+    )
     after = fleet.step(state, jnp.zeros((ROBOTS, 12)), fresh)
     np.testing.assert_array_equal(after.metrics["fault/reset"], bad & ending)
 
@@ -152,13 +197,24 @@ def test_a_run_survives_faulty_robots_and_says_so(faults, tmp_path):
     assert_finite(restore(tmp_path / "run"))
     for name in FAULTS:
         assert max(record[name] for record in records(tmp_path / "run")) > 0
-    assert all(value is not None for record in records(tmp_path / "run") for value in record.values())
+    assert all(
+        value is not None
+        for record in records(tmp_path / "run")
+        for value in record.values()
+    )
     log = (tmp_path / "run/log.txt").read_text()
-    assert log.count("warning: steps that are not finite (a robot a control step): fault/physics") == 1
+    assert (
+        log.count(
+            "warning: steps that are not finite (a robot a control step): fault/physics"
+        )
+        == 1
+    )
 
 
-# --- A train step that is not finite is not taken ----------------------------------------------------------------
-def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faults, tmp_path, capsys):
+# --- A train step that is not finite is not taken -------------------------------------
+def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(
+    faults, tmp_path, capsys
+):
     """A reward of -1e30 is finite; its square is not."""
     faults("huge", rarity=1000)
     run = tmp_path / "run"
@@ -175,9 +231,12 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faul
     assert error.strip() in (run / "log.txt").read_text()
     assert latest_step(run) == kept
     assert all(record["step"] <= step * 64 for record in records(run))
-    assert all(value is not None for record in records(run) for value in record.values())
+    assert all(
+        value is not None for record in records(run) for value in record.values()
+    )
 
-    # What was saved is the state that the sound train steps led to: parameters, Adam, learning rate, robots, clock.
+    # What was saved is the state that the sound train steps led to: parameters, Adam,
+    # learning rate, robots, clock.
     learner = training.make_learner(training.load_run_config(run))
     state = learner.init(0)
     for _ in range(step):
@@ -200,24 +259,42 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faul
 
 @pytest.mark.parametrize(
     "path",
-    ["params/policy/params/Dense_0/kernel", "optimizer/1/inner_state/0/nu/value/params/hidden_0/bias",
-     "normalizer/mean/privileged_state", "fleet/obs/state"],
-)  # fmt: skip
+    [
+        "params/policy/params/Dense_0/kernel",
+        "optimizer/1/inner_state/0/nu/value/params/hidden_0/bias",
+        "normalizer/mean/privileged_state",
+        "fleet/obs/state",
+    ],
+)
 def test_a_state_that_is_not_finite_is_named(faults, tmp_path, capsys, path):
     run = tmp_path / "run"
-    assert command.main([*RUN, "--run.steps", "128", "--run.checkpoints", "1", "--out", str(run)]) == 0
+    assert (
+        command.main(
+            [*RUN, "--run.steps", "128", "--run.checkpoints", "1", "--out", str(run)]
+        )
+        == 0
+    )
     config = training.load_run_config(run)
-    longer = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=STEPS * 64))
+    longer = dataclasses.replace(
+        config, run=dataclasses.replace(config.run, steps=STEPS * 64)
+    )
     training.save_config(run / "config.json", longer)
     state = restore(run)
     leaves = {name: np.array(leaf) for name, leaf in leaves_by_path(state).items()}
     leaves[path].flat[5] = np.nan
-    save_checkpoint(run, 2, jax.tree.unflatten(jax.tree.structure(state), leaves.values()), to_json(longer))
+    save_checkpoint(
+        run,
+        2,
+        jax.tree.unflatten(jax.tree.structure(state), leaves.values()),
+        to_json(longer),
+    )
     capsys.readouterr()
     assert command.main(["--resume", str(run)]) == 1
     assert "train step 3 is not finite" in capsys.readouterr().err
     assert command.main(["--replay", str(run)]) == 0
-    assert capsys.readouterr().out.startswith(f"train step 3: before the train step: {path} is not finite: 1 of ")
+    assert capsys.readouterr().out.startswith(
+        f"train step 3: before the train step: {path} is not finite: 1 of "
+    )
 
 
 def explain(change=lambda state: state, **patched):
@@ -234,7 +311,9 @@ def test_actions_that_overflow_are_named_by_robot_and_time():
         return state.replace(params=state.params.replace(policy=policy))
 
     words = explain(enlarge)
-    assert words.startswith("in the batch (of robots and times): action is not finite: ")
+    assert words.startswith(
+        "in the batch (of robots and times): action is not finite: "
+    )
     assert words.endswith(" of 960 numbers, the first at [0, 0, 0]")
 
 
@@ -243,7 +322,9 @@ def test_a_gradient_that_is_not_finite_is_named():
 
     def loss(self, params, *rest):
         value, metrics = PPO.loss(self, params, *rest)
-        return value + jnp.sqrt(0.0 * jnp.sum(params.value["params"]["hidden_0"]["bias"])), metrics
+        return value + jnp.sqrt(
+            0.0 * jnp.sum(params.value["params"]["hidden_0"]["bias"])
+        ), metrics
 
     assert explain(loss=loss).startswith(
         "in minibatch 1 of 2, epoch 1 of 1: gradient/value/params/hidden_0/bias is not "
@@ -251,7 +332,9 @@ def test_a_gradient_that_is_not_finite_is_named():
 
 
 def test_a_train_step_that_is_sound_after_all_is_said_to_be():
-    assert explain().startswith("nothing: done piece by piece, this train step is finite")
+    assert explain().startswith(
+        "nothing: done piece by piece, this train step is finite"
+    )
 
 
 @pytest.mark.parametrize(
@@ -269,10 +352,13 @@ def test_what_cannot_be_replayed_is_refused(arguments, words, capsys):
 def test_a_run_that_did_not_fail_has_nothing_to_replay(tmp_path, capsys):
     training.save_config(tmp_path / "config.json", TrainConfig())
     assert command.main(["--replay", str(tmp_path)]) == 2
-    assert "has no train step to replay: all that it made were finite" in capsys.readouterr().err
+    assert (
+        "has no train step to replay: all that it made were finite"
+        in capsys.readouterr().err
+    )
 
 
-# --- Files that cannot be written ------------------------------------------------------------------------------
+# --- Files that cannot be written -----------------------------------------------------
 @pytest.mark.parametrize(
     ("owner", "name", "said"),
     [
@@ -282,13 +368,16 @@ def test_a_run_that_did_not_fail_has_nothing_to_replay(tmp_path, capsys):
     ],
     ids=["checkpoint", "metrics", "policy"],
 )
-def test_a_full_disk_stops_the_run_whatever_it_was_writing(faults, tmp_path, monkeypatch, capsys, owner, name, said):
+def test_a_full_disk_stops_the_run_whatever_it_was_writing(
+    faults, tmp_path, monkeypatch, capsys, owner, name, said
+):
     """From the checkpoint of train step 2 on nothing can be written."""
     run = tmp_path / "run"
     real = getattr(owner, name)
 
     def full(*arguments):
-        if (latest_step(run) or 0) >= 2:  # saves go on beside the training: it may be 4 already when the next is asked
+        # saves go on beside the training: it may be 4 already when the next is asked
+        if (latest_step(run) or 0) >= 2:
             raise OSError(28, "No space left on device")
         return real(*arguments)
 
@@ -298,43 +387,73 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(faults, tmp_path, mon
     assert error.startswith(said)
     assert "No space left on device" in error
     kept = latest_step(run)
-    assert error.endswith(f"; kept step {kept} of {STEPS}, mend that and go on: python train.py --resume {run}\n")
+    assert error.endswith(
+        f"; kept step {kept} of {STEPS}, mend that and go on: python train.py --resume {run}\n"
+    )
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()
     monkeypatch.undo()
-    monkeypatch.setattr(training, "make_learner", lambda config, _=None: learner_of((), 100.0, config.ppo))
+    monkeypatch.setattr(
+        training,
+        "make_learner",
+        lambda config, _=None: learner_of((), 100.0, config.ppo),
+    )
     assert command.main(["--resume", str(run)]) == 0
     assert [record["step"] for record in records(run)] == [128 * n for n in range(1, 7)]
 
 
-def test_an_unexpected_failure_leaves_its_traceback_in_the_run(faults, tmp_path, monkeypatch, capsys):
+def test_an_unexpected_failure_leaves_its_traceback_in_the_run(
+    faults, tmp_path, monkeypatch, capsys
+):
     def crash(*_):
         raise RuntimeError("the device\nis gone")
 
     monkeypatch.setattr(loop._Loop, "repeat", crash)
     assert command.main([*RUN, "--out", str(tmp_path / "run")]) == 1
     (log,) = (tmp_path / "run").glob("failure-*.log")
-    assert capsys.readouterr().err == f"failed: RuntimeError: the device is gone; log: {log}\n"
+    assert (
+        capsys.readouterr().err
+        == f"failed: RuntimeError: the device is gone; log: {log}\n"
+    )
     assert "in crash" in log.read_text()
 
 
-# --- Warnings ----------------------------------------------------------------------------------------------------
+# --- Warnings -------------------------------------------------------------------------
 FINE = {
-    "loss/policy_dist_mean_std": 0.2, "loss/kl_mean": 0.011, "loss/v_loss": 0.01, "reward_square": 1e-4, "falls": 1e-3,
-    "fall/exploded": 0.0, "loss/learning_rate": 3e-4, **dict.fromkeys(FAULTS, 0.0),
-}  # fmt: skip
+    "loss/policy_dist_mean_std": 0.2,
+    "loss/kl_mean": 0.011,
+    "loss/v_loss": 0.01,
+    "reward_square": 1e-4,
+    "falls": 1e-3,
+    "fall/exploded": 0.0,
+    "loss/learning_rate": 3e-4,
+    **dict.fromkeys(FAULTS, 0.0),
+}
 
 
 @pytest.mark.parametrize(
     ("change", "name", "words"),
     [
-        ({"loss/policy_dist_mean_std": 0.0149}, "entropy", "standard deviation 0.015; raise ppo.entropy_cost"),
-        ({"loss/kl_mean": 0.101, "loss/learning_rate": 1.1e-5}, "kl", "mean KL 0.1, desired 0.01"),
-        # Rewards of 0.01 over 1 / (1 - 0.985) control steps make returns of 0.67; ten times its square is 4.4.
+        (
+            {"loss/policy_dist_mean_std": 0.0149},
+            "entropy",
+            "standard deviation 0.015; raise ppo.entropy_cost",
+        ),
+        (
+            {"loss/kl_mean": 0.101, "loss/learning_rate": 1.1e-5},
+            "kl",
+            "mean KL 0.1, desired 0.01",
+        ),
+        # Rewards of 0.01 over 1 / (1 - 0.985) control steps make returns of 0.67; ten
+        # times its square is 4.4.
         ({"loss/v_loss": 4.5}, "value", "value loss 4.5, returns of 0.67 at most"),
         ({"falls": 0.051}, "falls", "fall at once"),
         ({"fall/exploded": 0.0011}, "exploded", "physics explodes"),
-        ({"fault/reset": 1e-7, "fault/reward": 0.02}, "faults", "fault/reward 0.02, fault/reset 1e-07"),
+        (
+            {"fault/reset": 1e-7, "fault/reward": 0.02},
+            "faults",
+            "fault/reward 0.02, fault/reset 1e-07",
+        ),
     ],
 )
 def test_signs_of_a_training_that_goes_wrong_are_put_into_words(change, name, words):
@@ -346,12 +465,23 @@ def test_signs_of_a_training_that_goes_wrong_are_put_into_words(change, name, wo
 
 
 def test_a_first_jump_that_a_lower_learning_rate_mends_is_no_sign():
-    assert guards.warnings(FINE | {"loss/kl_mean": 0.2, "loss/learning_rate": 4e-5}, TrainConfig().ppo) == {}
+    assert (
+        guards.warnings(
+            FINE | {"loss/kl_mean": 0.2, "loss/learning_rate": 4e-5}, TrainConfig().ppo
+        )
+        == {}
+    )
 
 
 def test_the_limits_of_a_warning_are_those_of_the_config():
-    config = dataclasses.replace(TrainConfig().ppo, desired_kl=None, reward_scaling=2.0, initial_std=0.1)
-    change = {"loss/kl_mean": 9.0, "loss/v_loss": 4.5, "loss/policy_dist_mean_std": 0.01}
+    config = dataclasses.replace(
+        TrainConfig().ppo, desired_kl=None, reward_scaling=2.0, initial_std=0.1
+    )
+    change = {
+        "loss/kl_mean": 9.0,
+        "loss/v_loss": 4.5,
+        "loss/policy_dist_mean_std": 0.01,
+    }
     assert guards.warnings(FINE | change, config) == {}
 
 
@@ -362,7 +492,9 @@ def test_a_warning_is_said_once_until_it_has_been_away(monkeypatch):
     monkeypatch.setattr(log, "summarize", lambda means: means)
     lines = log.Log(monitor, TINY, log.Unlogged())
     for step, present in enumerate((kl, kl | falls, kl, {}, kl)):
-        monkeypatch.setattr(guards, "warnings", lambda means, ppo, present=present: present)
+        monkeypatch.setattr(
+            guards, "warnings", lambda means, ppo, present=present: present
+        )
         lines.add({NOT_FINITE: jnp.zeros(())})
         lines.close(step)
         lines.flush()

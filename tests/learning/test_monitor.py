@@ -15,7 +15,12 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.learning import writers
 from bp2_rl.learning.monitor import Monitor, count, duration, run_began
 
-HEADLINES = {"reward": 12.345, "falls": 0.0312, "speed_error": 0.409, "curriculum_level": 0.625}
+HEADLINES = {
+    "reward": 12.345,
+    "falls": 0.0312,
+    "speed_error": 0.409,
+    "curriculum_level": 0.625,
+}
 
 
 class Clock:
@@ -31,7 +36,13 @@ def pipe(clock: Callable[[], float] = time.monotonic) -> Console:
 
 
 def terminal(clock: Callable[[], float]) -> Console:
-    return Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None, get_time=clock)
+    return Console(
+        file=io.StringIO(),
+        width=80,
+        force_terminal=True,
+        color_system=None,
+        get_time=clock,
+    )
 
 
 def shown(console: Console) -> str:
@@ -40,12 +51,19 @@ def shown(console: Console) -> str:
 
 
 def records(run_dir: Path) -> list[dict]:
-    return [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+    return [
+        json.loads(line)
+        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
+    ]
 
 
 def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
     """(tag, step, value) of every TensorBoard scalar."""
-    return [(value.tag, event.step, value.simple_value) for event in events(run_dir) for value in event.summary.value]
+    return [
+        (value.tag, event.step, value.simple_value)
+        for event in events(run_dir)
+        for value in event.summary.value
+    ]
 
 
 def events(run_dir: Path) -> list:
@@ -76,10 +94,16 @@ def test_tensorboard_gets_every_finite_scalar(tmp_path: Path):
     with Monitor(tmp_path, 100, console=pipe()) as monitor:
         monitor.log(10, {"reward": 1.5, "loss/value": 0.25})
         monitor.log(20, {"reward": math.nan, "loss/value": 0.5})
-    assert scalars(tmp_path) == [("reward", 10, 1.5), ("loss/value", 10, 0.25), ("loss/value", 20, 0.5)]
+    assert scalars(tmp_path) == [
+        ("reward", 10, 1.5),
+        ("loss/value", 10, 0.25),
+        ("loss/value", 20, 0.5),
+    ]
 
 
-def test_the_monitor_of_a_clusters_further_process_leaves_no_trace(tmp_path: Path, monkeypatch, capsys):
+def test_the_monitor_of_a_clusters_further_process_leaves_no_trace(
+    tmp_path: Path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     with Monitor(None, 100, title="imitation") as monitor:
         monitor.log(10, {"reward": 1.5})
@@ -98,17 +122,25 @@ def test_resuming_drops_what_was_logged_after_the_checkpoint(tmp_path: Path):
         file.write('{"step": 50, "rew')  # killed while writing
     with Monitor(tmp_path, 100, start_step=20, console=pipe()) as monitor:
         monitor.log(30, {"reward": -30.0})
-    assert [(r["step"], r["reward"]) for r in records(tmp_path)] == [(10, 10.0), (20, 20.0), (30, -30.0)]
+    assert [(r["step"], r["reward"]) for r in records(tmp_path)] == [
+        (10, 10.0),
+        (20, 20.0),
+        (30, -30.0),
+    ]
 
 
 def test_a_line_torn_by_a_kill_is_dropped_even_if_its_step_is_early(tmp_path: Path):
-    (tmp_path / "metrics.jsonl").write_text('{"step": 10, "reward": 1}\n{"step": 20, "reward": 2}')
+    (tmp_path / "metrics.jsonl").write_text(
+        '{"step": 10, "reward": 1}\n{"step": 20, "reward": 2}'
+    )
     with Monitor(tmp_path, 100, start_step=20, console=pipe()):
         pass
     assert [r["step"] for r in records(tmp_path)] == [10]
 
 
-def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end(tmp_path: Path):
+def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end(
+    tmp_path: Path,
+):
     clock = Clock()
     console = pipe(clock)
     with Monitor(tmp_path, 50_000_000, console=console) as monitor:
@@ -118,7 +150,10 @@ def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end
     first, *lines = shown(console).splitlines()
     assert first == "training: waiting for the first step"
     assert [line.split()[0] for line in lines] == ["1%", "11%", "21%", "25%"]
-    assert lines[-1] == " 25% 12.5M/50.0M 500k/s 1:15 left reward 12.3 falls 3.1% error 0.41 level 0.62"
+    assert (
+        lines[-1]
+        == " 25% 12.5M/50.0M 500k/s 1:15 left reward 12.3 falls 3.1% error 0.41 level 0.62"
+    )
     assert all(len(line) <= 80 for line in lines)
     assert "\x1b" not in shown(console)
 
@@ -129,7 +164,9 @@ def test_the_last_plain_line_is_not_said_twice(tmp_path: Path):
     with Monitor(tmp_path, 10, console=console) as monitor:
         clock.now = 83.0
         monitor.log(10, HEADLINES)
-    assert shown(console).splitlines()[1:] == ["100% 10/10 in 1:23 reward 12.3 falls 3.1% error 0.41 level 0.62"]
+    assert shown(console).splitlines()[1:] == [
+        "100% 10/10 in 1:23 reward 12.3 falls 3.1% error 0.41 level 0.62"
+    ]
 
 
 def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
@@ -140,10 +177,15 @@ def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
         for second in range(26):
             clock.now = float(second)
             monitor.log((second + 1) * 500_000, HEADLINES)
-    bar, metrics = shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-2:]
+    bar, metrics = (
+        shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-2:]
+    )
     assert bar.split()[0].endswith("imitation")
     assert bar.endswith(" 26% 13.0M/50.0M 500k/s 1:14 left")
-    assert metrics.strip() == "reward 12.3   falls 3.1%   speed error 0.41 m/s   level 0.62"
+    assert (
+        metrics.strip()
+        == "reward 12.3   falls 3.1%   speed error 0.41 m/s   level 0.62"
+    )
     assert len(bar[bar.index("imitation") :]) <= 80
 
 
@@ -188,15 +230,22 @@ def test_a_record_goes_to_the_log_alone(tmp_path: Path):
 
 
 def test_tensorboard_hides_what_a_resume_repeats(tmp_path: Path):
-    """By its rule: a session that starts at a step purges what earlier files hold from there on."""
+    """By its rule: a session that starts at a step purges what earlier files hold from
+    there on."""
     for start in (0, 20):
         with Monitor(tmp_path, 100, start_step=start, console=pipe()) as monitor:
             monitor.log(start + 10, {"reward": 1.0})
-    starts = [(event.step, event.session_log.status) for event in events(tmp_path) if event.HasField("session_log")]
+    starts = [
+        (event.step, event.session_log.status)
+        for event in events(tmp_path)
+        if event.HasField("session_log")
+    ]
     assert starts == [(21, 1)]  # START
 
 
-def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     class Full(io.StringIO):
         def flush(self) -> None:
             raise OSError(28, "No space left on device")
@@ -229,7 +278,10 @@ def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):
 
     with pytest.raises(RuntimeError):
         train()
-    assert [line.split()[1] for line in shown(console).splitlines()[1:]] == ["1/10", "2/10"]
+    assert [line.split()[1] for line in shown(console).splitlines()[1:]] == [
+        "1/10",
+        "2/10",
+    ]
     assert len(records(tmp_path)) == 2
 
 
@@ -242,27 +294,56 @@ def test_a_run_folder_that_cannot_be_made_is_the_users_mistake(tmp_path: Path):
 @pytest.mark.parametrize(
     ("number", "text"),
     [
-        (0, "0"), (7.4, "7"), (999, "999"), (999.6, "1.00k"), (1000, "1.00k"), (9994, "9.99k"), (9996, "10.0k"),
-        (12_345, "12.3k"), (99_960, "100k"), (312_345, "312k"), (999_600, "1.00M"), (4e6, "4.00M"),
-        (50e6, "50.0M"), (1.234e9, "1.23G"), (9.9999e11, "1.0e+12"),
+        (0, "0"),
+        (7.4, "7"),
+        (999, "999"),
+        (999.6, "1.00k"),
+        (1000, "1.00k"),
+        (9994, "9.99k"),
+        (9996, "10.0k"),
+        (12_345, "12.3k"),
+        (99_960, "100k"),
+        (312_345, "312k"),
+        (999_600, "1.00M"),
+        (4e6, "4.00M"),
+        (50e6, "50.0M"),
+        (1.234e9, "1.23G"),
+        (9.9999e11, "1.0e+12"),
     ],
-)  # fmt: skip
+)
 def test_counts_are_short(number: float, text: str):
     assert count(number) == text
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0, "0:00"), (42.4, "0:42"), (59.6, "1:00"), (187, "3:07"), (8100, "2:15:00"), (3 * 86400 + 4 * 3600, "3d 4h"),
-     (-3, "0:00")],
-)  # fmt: skip
+    [
+        (0, "0:00"),
+        (42.4, "0:42"),
+        (59.6, "1:00"),
+        (187, "3:07"),
+        (8100, "2:15:00"),
+        (3 * 86400 + 4 * 3600, "3d 4h"),
+        (-3, "0:00"),
+    ],
+)
 def test_durations_are_short(seconds: float, text: str):
     assert duration(seconds) == text
 
 
-def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(tmp_path: Path):
-    lines = [b'{"step": 10, "reward": 1}', b'{"step": 2\xff, "rew', b'{"step": 20, "reward": 2}', b"[3]", b"[" * 9999]
-    (tmp_path / "metrics.jsonl").write_bytes(b"".join(line + b"\n" for line in [*lines, b'{"step": 30, "reward": 3}']))
+def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(
+    tmp_path: Path,
+):
+    lines = [
+        b'{"step": 10, "reward": 1}',
+        b'{"step": 2\xff, "rew',
+        b'{"step": 20, "reward": 2}',
+        b"[3]",
+        b"[" * 9999,
+    ]
+    (tmp_path / "metrics.jsonl").write_bytes(
+        b"".join(line + b"\n" for line in [*lines, b'{"step": 30, "reward": 3}'])
+    )
     for n, start in ((1, 20), (2, 10)):
         with Monitor(tmp_path, 100, start_step=start, console=pipe()):
             pass
@@ -270,25 +351,36 @@ def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(tmp
         aside = tmp_path / f"metrics.damaged-{n}.jsonl"
         if n == 1:
             assert aside.read_bytes().splitlines() == [lines[1], lines[3], lines[4]]
-            assert f"lines that cannot be read, now in {aside}" in (tmp_path / "log.txt").read_text()
+            assert (
+                f"lines that cannot be read, now in {aside}"
+                in (tmp_path / "log.txt").read_text()
+            )
         else:
             assert not aside.exists()
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write("not a line of ours\n")
     with Monitor(tmp_path, 100, start_step=20, console=pipe()):
         pass
-    assert (tmp_path / "metrics.damaged-1.jsonl").read_bytes().splitlines()[0] == lines[1]
+    assert (tmp_path / "metrics.damaged-1.jsonl").read_bytes().splitlines()[0] == lines[
+        1
+    ]
     assert (tmp_path / "metrics.damaged-2.jsonl").read_text() == "not a line of ours\n"
 
 
-def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alone(tmp_path: Path):
+def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alone(
+    tmp_path: Path,
+):
     clock = Clock()
     console = pipe(clock)
     with Monitor(tmp_path, 1000, console=console) as monitor:
         monitor.log(500, HEADLINES)
         monitor.add(300, {"judged/speed": 12.5, "judged/falls": math.nan})
     late = records(tmp_path)[-1]
-    assert (late["step"], late["judged/speed"], late["judged/falls"]) == (300, 12.5, None)
+    assert (late["step"], late["judged/speed"], late["judged/falls"]) == (
+        300,
+        12.5,
+        None,
+    )
     assert shown(console).splitlines()[-1].split()[:2] == ["50%", "500/1.00k"]
 
 
@@ -312,7 +404,10 @@ def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
     with Monitor(tmp_path / "seen", 1000, console=console) as monitor:
         monitor.log(100, HEADLINES)
         monitor.show("judged: 12.3 m/s at 300")
-    assert shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-1].strip() == "judged: 12.3 m/s at 300"
+    assert (
+        shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-1].strip()
+        == "judged: 12.3 m/s at 300"
+    )
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -327,7 +422,9 @@ def test_a_run_does_not_write_through_somebody_elses_link(tmp_path, there):
     if there:  # its lines are read, and written to a file of the run's own
         writers.MetricsFile(tmp_path, 0).close()
     else:
-        with pytest.raises(UserError, match=r"metrics\.jsonl is a link to elsewhere: remove it"):
+        with pytest.raises(
+            UserError, match=r"metrics\.jsonl is a link to elsewhere: remove it"
+        ):
             writers.MetricsFile(tmp_path, 0)
     assert victim.exists() is there
     assert not there or victim.read_text() == "theirs\n"
@@ -337,8 +434,13 @@ def test_metrics_and_log_without_an_end_are_not_read(tmp_path, monkeypatch):
     (tmp_path / "config.json").write_text("{}")
     monkeypatch.setattr(writers, "LARGEST_METRICS", 10)
     (tmp_path / "metrics.jsonl").write_text('{"step": 1}\n')
-    for read in (lambda: writers.read_metrics(tmp_path), lambda: writers.MetricsFile(tmp_path, 0)):
-        with pytest.raises(UserError, match=r"metrics\.jsonl has 12 bytes, 10 at most are read"):
+    for read in (
+        lambda: writers.read_metrics(tmp_path),
+        lambda: writers.MetricsFile(tmp_path, 0),
+    ):
+        with pytest.raises(
+            UserError, match=r"metrics\.jsonl has 12 bytes, 10 at most are read"
+        ):
             read()
     (tmp_path / "metrics.jsonl").unlink()
     for name in ("metrics.jsonl", "log.txt"):

@@ -23,7 +23,13 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import to_json
 from bp2_rl.env.observations import Entry
 from bp2_rl.learning.networks import dense_layers
-from bp2_rl.learning.policy import PolicyCard, PolicyError, load_policy, make_policy, save_policy
+from bp2_rl.learning.policy import (
+    PolicyCard,
+    PolicyError,
+    load_policy,
+    make_policy,
+    save_policy,
+)
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
 
@@ -39,7 +45,9 @@ ACTIVATIONS: dict[str, Callable] = {
 
 
 def export_policy(directory, *, params, normalizer, card):
-    return save_policy(directory, make_policy(dense_layers(params, {}), normalizer, card))
+    return save_policy(
+        directory, make_policy(dense_layers(params, {}), normalizer, card)
+    )
 
 
 def make_card(**changes: Any) -> PolicyCard:
@@ -75,16 +83,22 @@ def brax_network(activation: str = "swish") -> networks.FeedForwardNetwork:
 
 def brax_normalizer() -> running_statistics.RunningStatisticsState:
     """Running statistics that have seen data far from zero mean and unit deviation."""
-    state = running_statistics.init_state({"state": jnp.zeros(SIZE), "privileged_state": jnp.zeros(40)})
+    state = running_statistics.init_state(
+        {"state": jnp.zeros(SIZE), "privileged_state": jnp.zeros(40)}
+    )
     key = jax.random.key(1)
-    batch = {"state": 3 + 5 * jax.random.normal(key, (64, SIZE)), "privileged_state": jax.random.normal(key, (64, 40))}
+    batch = {
+        "state": 3 + 5 * jax.random.normal(key, (64, SIZE)),
+        "privileged_state": jax.random.normal(key, (64, 40)),
+    }
     return jax.jit(running_statistics.update)(state, batch)
 
 
 @pytest.fixture(scope="module")
 def brax_params() -> Any:
     params = jax.jit(brax_network().init)(jax.random.key(0))
-    return jax.tree.map(lambda x: x + 0.1, params)  # Brax starts biases at zero: let them count
+    # Brax starts biases at zero: let them count
+    return jax.tree.map(lambda x: x + 0.1, params)
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +107,13 @@ def normalizer() -> Any:
 
 
 @pytest.fixture(scope="module")
-def exported(brax_params: Any, normalizer: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported(
+    brax_params: Any, normalizer: Any, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     directory = tmp_path_factory.mktemp("run") / "policy"
-    export_policy(directory, params=brax_params, normalizer=normalizer, card=make_card())
+    export_policy(
+        directory, params=brax_params, normalizer=normalizer, card=make_card()
+    )
     return directory
 
 
@@ -105,62 +123,98 @@ def policy_dir(exported: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(exported, tmp_path / "policy"))
 
 
-# --- The function ---------------------------------------------------------------------------------------------
+# --- The function ---------------------------------------------------------------------
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize(
     ("deviations", "tolerance"),
     [
         (1.0, 1e-6),  # float32's rounding of sums of order one
-        (100.0, 1e-4),  # of sums of some hundreds, which may nearly cancel; a careless sigmoid would overflow here
+        # of sums of some hundreds, which may nearly cancel; a careless sigmoid would
+        # overflow here
+        (100.0, 1e-4),
     ],
 )
 def test_the_action_is_that_of_braxs_network(
-    activation: str, deviations: float, tolerance: float, brax_params: Any, normalizer: Any
+    activation: str,
+    deviations: float,
+    tolerance: float,
+    brax_params: Any,
+    normalizer: Any,
 ):
-    policy = make_policy(dense_layers(brax_params, {}), normalizer, make_card(activation=activation))
+    policy = make_policy(
+        dense_layers(brax_params, {}), normalizer, make_card(activation=activation)
+    )
     noise = deviations * jax.random.normal(jax.random.key(2), (100, SIZE))
     observation = normalizer.mean["state"] + noise * normalizer.std["state"]
     expected, _ = brax_network(activation).apply(
-        normalizer, brax_params, {"state": observation, "privileged_state": jnp.zeros((100, 40))}
+        normalizer,
+        brax_params,
+        {"state": observation, "privileged_state": jnp.zeros((100, 40))},
     )
     scale = np.maximum(1, np.abs(expected).max(axis=-1, keepdims=True))
-    for action in (policy(np.asarray(observation)), policy(observation), jax.jit(policy)(observation)):
+    for action in (
+        policy(np.asarray(observation)),
+        policy(observation),
+        jax.jit(policy)(observation),
+    ):
         assert action.dtype == np.float32
-        np.testing.assert_allclose(action / scale, expected / scale, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(
+            action / scale, expected / scale, rtol=0, atol=tolerance
+        )
 
 
 def test_the_action_keeps_the_observations_library_and_batch_shape(exported: Path):
     policy = load_policy(exported)
-    observation = np.random.default_rng(0).normal(size=(4, 5, SIZE))  # float64, as C MuJoCo gives it
+    # float64, as C MuJoCo gives it
+    observation = np.random.default_rng(0).normal(size=(4, 5, SIZE))
     action = policy(observation)
     assert isinstance(action, np.ndarray)
     assert action.shape == (4, 5, 12)
-    np.testing.assert_allclose(policy(observation[2, 3]), action[2, 3], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        policy(observation[2, 3]), action[2, 3], rtol=0, atol=1e-6
+    )
     assert isinstance(policy(jnp.asarray(observation)), jax.Array)
-    np.testing.assert_allclose(jax.vmap(jax.vmap(policy))(jnp.asarray(observation)), action, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        jax.vmap(jax.vmap(policy))(jnp.asarray(observation)), action, rtol=0, atol=1e-6
+    )
 
 
 def test_an_observation_of_another_size_is_refused(exported: Path):
     with pytest.raises(
-        PolicyError, match="has 17 numbers, but this policy reads 18: command 3, joint_position 12, up 3"
+        PolicyError,
+        match="has 17 numbers, but this policy reads 18: command 3, joint_position 12, up 3",
     ):
         load_policy(exported)(np.zeros(17))
 
 
-# --- The files ------------------------------------------------------------------------------------------------
-def test_what_is_loaded_is_what_was_exported(brax_params: Any, normalizer: Any, tmp_path: Path):
+# --- The files ------------------------------------------------------------------------
+def test_what_is_loaded_is_what_was_exported(
+    brax_params: Any, normalizer: Any, tmp_path: Path
+):
     card = make_card(
-        env=dataclasses.replace(EnvConfig(), control=dataclasses.replace(EnvConfig().control, stiffness=99.0))
+        env=dataclasses.replace(
+            EnvConfig(),
+            control=dataclasses.replace(EnvConfig().control, stiffness=99.0),
+        )
     )
-    made = export_policy(tmp_path / "p", params=brax_params, normalizer=normalizer, card=card)
+    made = export_policy(
+        tmp_path / "p", params=brax_params, normalizer=normalizer, card=card
+    )
     loaded = load_policy(tmp_path / "p")
     assert loaded.card == made.card
     assert dataclasses.replace(loaded.card, weights_sha256="") == card
     assert loaded.card.env.control.stiffness == 99.0
     np.testing.assert_array_equal(loaded.mean, normalizer.mean["state"])
-    np.testing.assert_array_equal(loaded.layers[0][0], brax_params["params"]["MLP_0"]["hidden_0"]["kernel"])
-    np.testing.assert_array_equal(loaded.layers[-1][1], brax_params["params"]["Dense_0"]["bias"])
-    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == ["card.json", "weights.npz"]
+    np.testing.assert_array_equal(
+        loaded.layers[0][0], brax_params["params"]["MLP_0"]["hidden_0"]["kernel"]
+    )
+    np.testing.assert_array_equal(
+        loaded.layers[-1][1], brax_params["params"]["Dense_0"]["bias"]
+    )
+    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == [
+        "card.json",
+        "weights.npz",
+    ]
 
 
 def test_statistics_of_the_policys_part_alone_will_do(
@@ -169,38 +223,56 @@ def test_statistics_of_the_policys_part_alone_will_do(
     export_policy(
         tmp_path / "p",
         params=brax_params,
-        normalizer=running_statistics.NestedMeanStd(mean=normalizer.mean["state"], std=normalizer.std["state"]),
+        normalizer=running_statistics.NestedMeanStd(
+            mean=normalizer.mean["state"], std=normalizer.std["state"]
+        ),
         card=make_card(),
     )
-    assert (tmp_path / "p/weights.npz").read_bytes() == (exported / "weights.npz").read_bytes()
+    assert (tmp_path / "p/weights.npz").read_bytes() == (
+        exported / "weights.npz"
+    ).read_bytes()
 
 
 def test_a_runs_policy_is_found_by_the_runs_folder(exported: Path):
     assert load_policy(exported.parent).card == load_policy(str(exported)).card
 
 
-def test_exporting_again_replaces_the_policy(brax_params: Any, normalizer: Any, policy_dir: Path):
-    export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card(seed=8))
+def test_exporting_again_replaces_the_policy(
+    brax_params: Any, normalizer: Any, policy_dir: Path
+):
+    export_policy(
+        policy_dir, params=brax_params, normalizer=normalizer, card=make_card(seed=8)
+    )
     assert load_policy(policy_dir).card.seed == 8
     assert [path.name for path in policy_dir.parent.iterdir()] == ["policy"]
 
 
-def test_saving_a_loaded_policy_changes_its_card_and_not_its_weights(exported: Path, tmp_path: Path):
+def test_saving_a_loaded_policy_changes_its_card_and_not_its_weights(
+    exported: Path, tmp_path: Path
+):
     policy = load_policy(exported)
-    measured = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results={"top_speed": 9.0}))
+    measured = dataclasses.replace(
+        policy, card=dataclasses.replace(policy.card, results={"top_speed": 9.0})
+    )
     saved = save_policy(tmp_path / "p", measured)
     assert load_policy(tmp_path / "p").card == saved.card == measured.card
-    assert (tmp_path / "p/weights.npz").read_bytes() == (exported / "weights.npz").read_bytes()
+    assert (tmp_path / "p/weights.npz").read_bytes() == (
+        exported / "weights.npz"
+    ).read_bytes()
 
 
-def test_a_policy_may_be_saved_where_it_lies(policy_dir: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_policy_may_be_saved_where_it_lies(
+    policy_dir: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(policy_dir)
     saved = save_policy(Path(), load_policy("."))
     assert load_policy(policy_dir).card == saved.card
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_policy_is_not_saved_through_a_link(exported: Path, tmp_path: Path, there: bool):
+def test_a_policy_is_not_saved_through_a_link(
+    exported: Path, tmp_path: Path, there: bool
+):
     elsewhere, link = tmp_path / "elsewhere", tmp_path / "policies" / "1024"
     link.parent.mkdir()
     if there:
@@ -215,23 +287,31 @@ def test_a_policy_is_not_saved_through_a_link(exported: Path, tmp_path: Path, th
 def test_weights_that_are_not_the_cards_are_not_saved(exported: Path, tmp_path: Path):
     policy = load_policy(exported)
     with pytest.raises(PolicyError, match="the network has 2 layers, its card says 3"):
-        save_policy(tmp_path / "p", dataclasses.replace(policy, layers=policy.layers[1:]))
+        save_policy(
+            tmp_path / "p", dataclasses.replace(policy, layers=policy.layers[1:])
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_policy_set_aside_by_a_killed_export_comes_back(
     brax_params: Any, normalizer: Any, policy_dir: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    policy_dir.rename(policy_dir.with_name(".policy.old"))  # killed between the two renames
-    monkeypatch.setattr(Path, "mkdir", _no_space)  # and the next export fails before it could write
+    # killed between the two renames
+    policy_dir.rename(policy_dir.with_name(".policy.old"))
+    # and the next export fails before it could write
+    monkeypatch.setattr(Path, "mkdir", _no_space)
     with pytest.raises(PolicyError, match="No space left"):
-        export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card())
+        export_policy(
+            policy_dir, params=brax_params, normalizer=normalizer, card=make_card()
+        )
     monkeypatch.undo()
     assert load_policy(policy_dir).card.seed == 7
 
 
 @pytest.mark.attack
-def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(policy_dir: Path, tmp_path: Path):
+def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(
+    policy_dir: Path, tmp_path: Path
+):
     (tmp_path / "run").mkdir()
     shutil.copytree(policy_dir, tmp_path / "run" / "policy")
     seeds = []
@@ -249,35 +329,59 @@ def _no_space(self: Path, *args: Any, **kwargs: Any) -> None:
         raise OSError(28, "No space left on device")
 
 
-def test_an_export_never_replaces_a_folder_that_is_no_policy(brax_params: Any, normalizer: Any, tmp_path: Path):
+def test_an_export_never_replaces_a_folder_that_is_no_policy(
+    brax_params: Any, normalizer: Any, tmp_path: Path
+):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis/chapter1.tex").write_text("mine")
     with pytest.raises(PolicyError, match="holds files that are no policy's"):
-        export_policy(tmp_path / "thesis", params=brax_params, normalizer=normalizer, card=make_card())
+        export_policy(
+            tmp_path / "thesis",
+            params=brax_params,
+            normalizer=normalizer,
+            card=make_card(),
+        )
     assert (tmp_path / "thesis/chapter1.tex").read_text() == "mine"
     assert [path.name for path in tmp_path.rglob("*")] == ["thesis", "chapter1.tex"]
 
 
-def test_a_network_that_is_not_the_cards_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
+def test_a_network_that_is_not_the_cards_is_not_exported(
+    brax_params: Any, normalizer: Any, policy_dir: Path
+):
     before = (policy_dir / "card.json").read_bytes()
-    with pytest.raises(PolicyError, match=r"layer_1/weight has shape \(32, 16\), its card says \(32, 20\)"):
+    with pytest.raises(
+        PolicyError,
+        match=r"layer_1/weight has shape \(32, 16\), its card says \(32, 20\)",
+    ):
         export_policy(
-            policy_dir, params=brax_params, normalizer=normalizer, card=make_card(hidden_layer_sizes=(32, 20))
+            policy_dir,
+            params=brax_params,
+            normalizer=normalizer,
+            card=make_card(hidden_layer_sizes=(32, 20)),
         )
     with pytest.raises(PolicyError, match="the network has 3 layers, its card says 2"):
-        export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card(hidden_layer_sizes=(32,)))
+        export_policy(
+            policy_dir,
+            params=brax_params,
+            normalizer=normalizer,
+            card=make_card(hidden_layer_sizes=(32,)),
+        )
     assert (policy_dir / "card.json").read_bytes() == before
 
 
-def test_a_policy_that_is_not_finite_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
+def test_a_policy_that_is_not_finite_is_not_exported(
+    brax_params: Any, normalizer: Any, policy_dir: Path
+):
     before = (policy_dir / "weights.npz").read_bytes()
     broken = jax.tree.map(lambda x: x * jnp.nan, brax_params)
     with pytest.raises(PolicyError, match="layer_0/weight is not finite"):
-        export_policy(policy_dir, params=broken, normalizer=normalizer, card=make_card())
+        export_policy(
+            policy_dir, params=broken, normalizer=normalizer, card=make_card()
+        )
     assert (policy_dir / "weights.npz").read_bytes() == before
 
 
-# --- What is refused, and in which words ----------------------------------------------------------------------
+# --- What is refused, and in which words ----------------------------------------------
 def refusal(path: Path, **options: Any) -> str:
     with pytest.raises(PolicyError) as error:
         load_policy(path, **options)
@@ -298,7 +402,10 @@ def test_no_such_folder(tmp_path: Path):
 
 
 def test_a_folder_without_a_policy(tmp_path: Path):
-    assert "expected card.json and weights.npz there or in its folder policy" in refusal(tmp_path)
+    assert (
+        "expected card.json and weights.npz there or in its folder policy"
+        in refusal(tmp_path)
+    )
 
 
 def test_a_file_instead_of_a_folder(policy_dir: Path):
@@ -321,9 +428,13 @@ def test_truncated_weights(policy_dir: Path):
     assert "truncated, damaged or from another policy" in refusal(policy_dir)
 
 
-def test_weights_of_another_policy(brax_params: Any, normalizer: Any, policy_dir: Path, tmp_path: Path):
+def test_weights_of_another_policy(
+    brax_params: Any, normalizer: Any, policy_dir: Path, tmp_path: Path
+):
     other = jax.tree.map(lambda x: x + 1, brax_params)
-    export_policy(tmp_path / "other", params=other, normalizer=normalizer, card=make_card())
+    export_policy(
+        tmp_path / "other", params=other, normalizer=normalizer, card=make_card()
+    )
     shutil.copy(tmp_path / "other/weights.npz", policy_dir)
     assert "from another policy" in refusal(policy_dir)
 
@@ -334,7 +445,9 @@ def forge(directory: Path, content: bytes) -> None:
     edit_card(directory, weights_sha256=hashlib.sha256(content).hexdigest())
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not really", b"not a zip at all"])
+@pytest.mark.parametrize(
+    "content", [b"", b"PK\x03\x04 not really", b"not a zip at all"]
+)
 def test_weights_that_are_no_archive(policy_dir: Path, content: bytes):
     forge(policy_dir, content)
     assert "weights.npz is damaged or no .npz file" in refusal(policy_dir)
@@ -352,7 +465,9 @@ def test_weights_that_hide_a_pickle(policy_dir: Path, tmp_path: Path):
 
 def test_a_foreign_archive(policy_dir: Path, tmp_path: Path):
     forge(policy_dir, archive(tmp_path, w=np.zeros(3, np.float32)))
-    assert "lacks the array mean: not the weights of card.json beside it" in refusal(policy_dir)
+    assert "lacks the array mean: not the weights of card.json beside it" in refusal(
+        policy_dir
+    )
 
 
 def test_an_archive_of_another_precision(policy_dir: Path, tmp_path: Path):
@@ -362,7 +477,10 @@ def test_an_archive_of_another_precision(policy_dir: Path, tmp_path: Path):
 
 def test_weights_of_another_shape(policy_dir: Path):
     edit_card(policy_dir, action_size=13)
-    assert "holds layer_2/weight as float32[16, 12], expected float32[16, 13]" in refusal(policy_dir)
+    assert (
+        "holds layer_2/weight as float32[16, 12], expected float32[16, 13]"
+        in refusal(policy_dir)
+    )
 
 
 def test_a_truncated_card(policy_dir: Path):
@@ -371,7 +489,9 @@ def test_a_truncated_card(policy_dir: Path):
     assert "card.json is damaged or not JSON" in refusal(policy_dir)
 
 
-@pytest.mark.parametrize("content", ["[1, 2]", '{"model": "gpt"}', '{"format_version": "1"}'])
+@pytest.mark.parametrize(
+    "content", ["[1, 2]", '{"model": "gpt"}', '{"format_version": "1"}']
+)
 def test_a_foreign_card(policy_dir: Path, content: str):
     (policy_dir / "card.json").write_text(content)
     assert "card.json is not of bp2_rl: it has no format_version" in refusal(policy_dir)
@@ -379,13 +499,18 @@ def test_a_foreign_card(policy_dir: Path, content: str):
 
 def test_a_newer_card(policy_dir: Path):
     edit_card(policy_dir, format_version=2)
-    assert "card.json has format 2, of bp2_rl 0.1.0; this one reads format 1: update bp2_rl" in refusal(policy_dir)
+    assert (
+        "card.json has format 2, of bp2_rl 0.1.0; this one reads format 1: update bp2_rl"
+        in refusal(policy_dir)
+    )
 
 
 def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
     card = json.loads((policy_dir / "card.json").read_text())
     edit_card(policy_dir, env=card["env"] | {"gravity": 1.62})
-    assert "card.json (written by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
+    assert "card.json (written by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(
+        policy_dir
+    )
 
 
 @pytest.mark.attack
@@ -395,7 +520,8 @@ def test_a_card_made_before_there_were_checksums_is_loaded(policy_dir: Path):
 
 
 def test_a_flipped_bit_of_the_card_is_seen(policy_dir: Path):
-    """None changes what is loaded; nearly all are refused in one line, the others are of no account."""
+    """None changes what is loaded; nearly all are refused in one line, the others are
+    of no account."""
     path, card = policy_dir / "card.json", load_policy(policy_dir).card
     loaded = 0
     for content in flipped_bits(path.read_bytes(), 200):
@@ -426,8 +552,11 @@ def test_whatever_a_card_holds_it_is_loaded_or_refused(policy_dir: Path):
     ],
     ids=["layers", "mathematics", "escape", "right to left"],
 )
-def test_what_no_network_or_title_or_terminal_can_take_is_refused(policy_dir: Path, changes: dict, words: str):
-    """The layers: with the weights for them, which are read in no time, the network would never be compiled."""
+def test_what_no_network_or_title_or_terminal_can_take_is_refused(
+    policy_dir: Path, changes: dict, words: str
+):
+    """The layers: with the weights for them, which are read in no time, the network
+    would never be compiled."""
     edit_card(policy_dir, **changes)
     assert words in refusal(policy_dir)
 
@@ -439,7 +568,10 @@ def test_a_robots_name_is_one_that_titles_and_terminals_can_show(policy_dir: Pat
     for name in ("$\\frac{$", "x" * 100_000, "", "a\nb"):
         env["hardware"]["body"]["name"] = name
         edit_card(policy_dir, env=env)
-        assert "a robot's name takes 1 to 80 printable letters and no $, got " in refusal(policy_dir)
+        assert (
+            "a robot's name takes 1 to 80 printable letters and no $, got "
+            in refusal(policy_dir)
+        )
 
 
 def test_versions_that_are_none_are_refused_by_name(policy_dir: Path):
@@ -448,11 +580,17 @@ def test_versions_that_are_none_are_refused_by_name(policy_dir: Path):
 
 
 def test_strangers_arrays_are_not_unpacked(policy_dir: Path, tmp_path: Path):
-    """Many zeros in the place of the mean, or under a name of their own, in a small file."""
+    """Many zeros in the place of the mean, or under a name of their own, in a small
+    file."""
     for name in ("mean", "other"):
         path = tmp_path / "bomb.npz"
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open(f"{name}.npy", "w") as member:
-            np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": (1 << 26,)})
+        with (
+            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bomb,
+            bomb.open(f"{name}.npy", "w") as member,
+        ):
+            np.lib.format.write_array_header_1_0(
+                member, {"descr": "<f4", "fortran_order": False, "shape": (1 << 26,)}
+            )
             for _ in range(32):
                 member.write(bytes(8 << 20))
         forge(policy_dir, path.read_bytes())
@@ -470,26 +608,45 @@ def test_strangers_arrays_are_not_unpacked(policy_dir: Path, tmp_path: Path):
         ("std", 1e-38, "std is so small that an observation may overflow"),
         ("mean", np.nan, "mean is not finite"),
         ("layer_1/weight", np.inf, "layer_1/weight is not finite"),
-        ("layer_0/weight", 3e38, "layer_0/weight is so large that an action may overflow"),
-        ("layer_2/weight", 1e36, "layer_2/weight is so large that an action may overflow"),
+        (
+            "layer_0/weight",
+            3e38,
+            "layer_0/weight is so large that an action may overflow",
+        ),
+        (
+            "layer_2/weight",
+            1e36,
+            "layer_2/weight is so large that an action may overflow",
+        ),
     ],
 )
 def test_numbers_that_no_action_can_come_of_are_refused_by_name(
-    exported: Path, policy_dir: Path, tmp_path: Path, name: str, value: float, words: str
+    exported: Path,
+    policy_dir: Path,
+    tmp_path: Path,
+    name: str,
+    value: float,
+    words: str,
 ):
     with np.load(exported / "weights.npz") as file:
         arrays = dict(file)
     arrays[name] = np.full_like(arrays[name], value)
     forge(policy_dir, archive(tmp_path, **arrays))
     assert words in refusal(policy_dir)
-    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(3))
-    broken = dataclasses.replace(load_policy(exported), mean=arrays["mean"], std=arrays["std"], layers=layers)
+    layers = tuple(
+        (arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(3)
+    )
+    broken = dataclasses.replace(
+        load_policy(exported), mean=arrays["mean"], std=arrays["std"], layers=layers
+    )
     with pytest.raises(PolicyError, match=f"not exported to .*: {words}"):
         save_policy(tmp_path / "p", broken)
     assert not (tmp_path / "p").exists()
 
 
-@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+@pytest.mark.parametrize(
+    "name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"]
+)
 def test_a_name_that_no_folder_can_have_is_refused_in_one_short_line(name: str):
     with pytest.raises(UserError, match="no file or folder can be called") as error:
         load_policy(name)
@@ -498,7 +655,10 @@ def test_a_name_that_no_folder_can_have_is_refused_in_one_short_line(name: str):
 
 def test_an_unknown_activation(policy_dir: Path):
     edit_card(policy_dir, activation="gelu")
-    assert "activation: expected 'swish' or 'elu' or 'tanh' or 'relu', got 'gelu'" in refusal(policy_dir)
+    assert (
+        "activation: expected 'swish' or 'elu' or 'tanh' or 'relu', got 'gelu'"
+        in refusal(policy_dir)
+    )
 
 
 @pytest.mark.parametrize(
@@ -508,16 +668,32 @@ def test_an_unknown_activation(policy_dir: Path):
             [("command", 3), ("joint_position", 12), ("up", 2)],
             "entry 2 is 'up' of size 3 there and 'up' of size 2 here",
         ),
-        ([("command", 3), ("phase", 2)], "entry 1 is 'joint_position' of size 12 there and 'phase' of size 2 here"),
-        ([("command", 3), ("joint_position", 12)], "entry 2 is 'up' of size 3 there and absent here"),
-        ([*LAYOUT, ("last_action", 12)], "entry 3 is absent there and 'last_action' of size 12 here"),
+        (
+            [("command", 3), ("phase", 2)],
+            "entry 1 is 'joint_position' of size 12 there and 'phase' of size 2 here",
+        ),
+        (
+            [("command", 3), ("joint_position", 12)],
+            "entry 2 is 'up' of size 3 there and absent here",
+        ),
+        (
+            [*LAYOUT, ("last_action", 12)],
+            "entry 3 is absent there and 'last_action' of size 12 here",
+        ),
     ],
 )
-def test_another_observation_layout_names_the_first_difference(policy_dir: Path, expected: list, words: str):
+def test_another_observation_layout_names_the_first_difference(
+    policy_dir: Path, expected: list, words: str
+):
     message = refusal(policy_dir, layout_of=lambda _: expected)
     assert words in message
     assert "use the bp2_rl that trained it (0.1.0)" in message
 
 
 def test_the_same_layout_of_named_tuples_is_accepted(exported: Path):
-    assert load_policy(exported, layout_of=lambda _: [Entry(*entry) for entry in LAYOUT]).card.observation_size == SIZE
+    assert (
+        load_policy(
+            exported, layout_of=lambda _: [Entry(*entry) for entry in LAYOUT]
+        ).card.observation_size
+        == SIZE
+    )

@@ -1,4 +1,5 @@
-"""Traced programs kept on disk: the same bits as without, and never those of other settings, robots or sources."""
+"""Traced programs kept on disk: the same bits as without, and never those of other
+settings, robots or sources."""
 
 import dataclasses
 import inspect
@@ -46,7 +47,9 @@ def use(folder, config=CONFIG, model=MODEL) -> PPO:
 def traced(monkeypatch):
     """The names of the programs that are traced."""
     names, trace = [], programs._trace
-    monkeypatch.setattr(programs, "_trace", lambda learner: names.append("traced") or trace(learner))
+    monkeypatch.setattr(
+        programs, "_trace", lambda learner: names.append("traced") or trace(learner)
+    )
     return names
 
 
@@ -71,7 +74,8 @@ def test_kept_programs_are_compiled_once(tmp_path):
 
 
 def test_a_process_that_traces_nothing_trains_to_the_same_bits(tmp_path):
-    """What a second command does: classes of the state, devices and JAX's options are made anew."""
+    """What a second command does: classes of the state, devices and JAX's options are
+    made anew."""
     program = f"""
 import hashlib, pathlib, sys
 sys.path[:0] = {[str(Path(__file__).parent), str(Path(inspect.getfile(Aim)).parent)]!r}
@@ -82,7 +86,9 @@ leaves = jax.tree.leaves(jax.device_get(learn(use(pathlib.Path({str(tmp_path)!r}
 print(hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest())
 """
     first, second = (
-        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout.split()
         for _ in range(2)
     )
     assert first == ["traced", *second]
@@ -104,7 +110,10 @@ def test_other_settings_have_programs_of_their_own(tmp_path, traced, change):
 
 def test_what_a_run_has_of_its_own_changes_no_program(tmp_path, traced):
     use(tmp_path)
-    use(tmp_path, dataclasses.replace(CONFIG, stage="relaxed", run=RunConfig(seed=7, steps=10)))
+    use(
+        tmp_path,
+        dataclasses.replace(CONFIG, stage="relaxed", run=RunConfig(seed=7, steps=10)),
+    )
     assert len(traced) == 1
 
 
@@ -137,7 +146,9 @@ def test_what_was_not_tried_is_traced_by_every_run(tmp_path, traced, monkeypatch
         monkeypatch.setattr(jax, "process_count", lambda: 2)
     else:
         gpus = np.array([types.SimpleNamespace(platform="gpu")] * 2)
-        monkeypatch.setattr(learner, "mesh", types.SimpleNamespace(size=2, devices=gpus))
+        monkeypatch.setattr(
+            learner, "mesh", types.SimpleNamespace(size=2, devices=gpus)
+        )
     own = learner.programs
     use_kept(learner, config, MODEL, tmp_path)
     assert learner.programs is own
@@ -172,13 +183,17 @@ def test_edited_sources_are_traced_anew(tmp_path, traced, monkeypatch):
     assert len(traced) == 2
 
 
-def test_programs_of_sources_edited_since_they_were_imported_are_not_kept(tmp_path, traced, monkeypatch):
+def test_programs_of_sources_edited_since_they_were_imported_are_not_kept(
+    tmp_path, traced, monkeypatch
+):
     monkeypatch.setattr(bp2_rl, "IMPORTED_AT", 0.0)
     use(tmp_path / "kept")
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.parametrize("content", [b"", b"no pickle", pickle.dumps({}), pickle.dumps([]), None])
+@pytest.mark.parametrize(
+    "content", [b"", b"no pickle", pickle.dumps({}), pickle.dumps([]), None]
+)
 def test_a_damaged_file_is_written_anew(tmp_path, traced, content):
     use(tmp_path)
     [file] = tmp_path.iterdir()

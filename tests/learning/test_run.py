@@ -1,4 +1,5 @@
-"""Runs on disk: exact resume, the relaxed stage's inheritance, and what a run leaves behind."""
+"""Runs on disk: exact resume, the relaxed stage's inheritance, and what a run leaves
+behind."""
 
 import dataclasses
 import functools
@@ -34,18 +35,34 @@ CLOCKS = ("wall_time", "steps_per_second")
 def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
     config = preset(stage, "smoke")
     ppo = dataclasses.replace(
-        config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
+        config.ppo,
+        num_envs=16,
+        unroll_length=4,
+        num_minibatches=2,
+        policy_layers=(16,),
+        value_layers=(16,),
     )
-    settings = {"steps": 4 * ppo.steps_per_train_step, "checkpoints": 2, "logs": 4} | run
-    return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
+    settings = {
+        "steps": 4 * ppo.steps_per_train_step,
+        "checkpoints": 2,
+        "logs": 4,
+    } | run
+    return dataclasses.replace(
+        config, ppo=ppo, run=dataclasses.replace(config.run, **settings)
+    )
 
 
 @pytest.fixture(autouse=True, scope="module")
 def shared_learners():
-    """Runs of the same environment and sizes share their compiled train step: it takes a minute to compile."""
+    """Runs of the same environment and sizes share their compiled train step: it takes
+    a minute to compile."""
     make = functools.cache(lambda env, ppo: make_learner(TrainConfig(env=env, ppo=ppo)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "make_learner", lambda config, _=None: make(config.env, config.ppo))
+        patch.setattr(
+            training,
+            "make_learner",
+            lambda config, _=None: make(config.env, config.ppo),
+        )
         yield
 
 
@@ -64,8 +81,14 @@ def leaves(run_dir, step):
 
 
 def metrics(run_dir):
-    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
-    return [{name: value for name, value in line.items() if name not in CLOCKS} for line in lines]
+    lines = [
+        json.loads(line)
+        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
+    ]
+    return [
+        {name: value for name, value in line.items() if name not in CLOCKS}
+        for line in lines
+    ]
 
 
 def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
@@ -74,9 +97,19 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert is_finished(run)
     lines = metrics(run)
     assert [line["step"] for line in lines] == [64, 128, 192, 256]
-    assert {"reward", "falls", "speed_error", "curriculum_level", "reward/tracking", "loss/kl_mean"} <= lines[0].keys()
+    assert {
+        "reward",
+        "falls",
+        "speed_error",
+        "curriculum_level",
+        "reward/tracking",
+        "loss/kl_mean",
+    } <= lines[0].keys()
     assert {"share/0", "falls_per_second"} <= lines[0].keys()
-    assert all("steps_per_second" in json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines())
+    assert all(
+        "steps_per_second" in json.loads(line)
+        for line in (run / "metrics.jsonl").read_text().splitlines()
+    )
     policy = load_policy(run / "policy", layout_of=layout_of)
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
@@ -93,20 +126,30 @@ def test_the_example_of_a_slow_trot_trains_a_run_and_reads_what_came_of_it(tmp_p
 
 
 def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
-    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    lines = [
+        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
+    ]
     seconds = [64 / line["steps_per_second"] for line in lines]
     # Lines are stamped to 1 ms, a moment after the interval's end.
-    np.testing.assert_allclose(seconds[1:], np.diff([line["wall_time"] for line in lines]), rtol=0.1, atol=0.02)
+    np.testing.assert_allclose(
+        seconds[1:], np.diff([line["wall_time"] for line in lines]), rtol=0.1, atol=0.02
+    )
 
 
 def test_the_exported_policy_acts_as_the_trained_network_does(run):
     config = training.load_run_config(run)
     learner = training.make_learner(config)
     _, state = restore_checkpoint(run, learner.shape)
-    observation = {"state": np.random.default_rng(0).normal(size=(8, 47)).astype(np.float32)}
-    mean, _ = learner.network.policy_network.apply(state.normalizer, state.params.policy, observation)
+    observation = {
+        "state": np.random.default_rng(0).normal(size=(8, 47)).astype(np.float32)
+    }
+    mean, _ = learner.network.policy_network.apply(
+        state.normalizer, state.params.policy, observation
+    )
     # Two implementations of the same float32 network.
-    np.testing.assert_allclose(load_policy(run)(observation["state"]), mean, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        load_policy(run)(observation["state"]), mean, rtol=1e-4, atol=1e-6
+    )
 
 
 def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
@@ -123,7 +166,9 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
 
 
 def test_a_tracker_follows_a_run_over_its_stops(run, tmp_path, monkeypatch):
-    mlflow = pytest.importorskip("mlflow", reason="MLflow is not installed (the extra `track`)")
+    mlflow = pytest.importorskip(
+        "mlflow", reason="MLflow is not installed (the extra `track`)"
+    )
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     stopped = tmp_path / "stopped"
     shutil.copytree(run, stopped)
@@ -132,16 +177,24 @@ def test_a_tracker_follows_a_run_over_its_stops(run, tmp_path, monkeypatch):
         training.resume(stopped, tracker="mlflow")
     followed = tracked(stopped)
     assert followed is not None
-    points = mlflow.MlflowClient(followed.place).get_metric_history(followed.run_id, "reward")
+    points = mlflow.MlflowClient(followed.place).get_metric_history(
+        followed.run_id, "reward"
+    )
     lines = {line["step"]: line["reward"] for line in metrics(run)}
-    assert [(point.step, point.value) for point in points] == [(step, lines[step]) for step in (192, 256)]
+    assert [(point.step, point.value) for point in points] == [
+        (step, lines[step]) for step in (192, 256)
+    ]
 
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
     learner = training.make_learner(tiny())
     _, old = restore_checkpoint(run, learner.shape)
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
-    old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
+    old = old.replace(
+        fleet=dataclasses.replace(
+            old.fleet, info={**old.fleet.info, "curriculum": levels}
+        )
+    )
     parent = tmp_path / "parent"
     parent.mkdir()
     training.save_config(parent / "config.json", tiny())
@@ -151,9 +204,15 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     with learner.compiling():
         fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = training._with_inherited(fresh, training._inherit(parent, config, learner.shape)[0])
+    adopted = training._with_inherited(
+        fresh, training._inherit(parent, config, learner.shape)[0]
+    )
     for name in ("params", "normalizer"):
-        for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
+        for a, b in zip(
+            jax.tree.leaves(getattr(adopted, name)),
+            jax.tree.leaves(getattr(old, name)),
+            strict=True,
+        ):
             np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(adopted.fleet.info["curriculum"], levels)
     np.testing.assert_array_equal(adopted.key, key)
@@ -167,17 +226,27 @@ def test_a_child_counts_its_parents_steps(run, tmp_path):
     config = dataclasses.replace(tiny(), stage="relaxed")
     child = training.start(config, tmp_path / "child", parent=run)
     parent = training.load_run_config(child).parent
-    assert parent == Parent(run="uninterrupted", config_hash=config_hash(tiny()), control_steps=4 * 64)
+    assert parent == Parent(
+        run="uninterrupted", config_hash=config_hash(tiny()), control_steps=4 * 64
+    )
     config = dataclasses.replace(tiny(steps=64), stage="relaxed")
     grandchild = training.start(config, tmp_path / "grandchild", parent=child)
-    steps = [load_policy(folder).card.physics_steps for folder in (run, child, grandchild)]
-    assert steps == [4 * 64 * 5, 8 * 64 * 5, 9 * 64 * 5]  # 5 physics steps a control step
+    steps = [
+        load_policy(folder).card.physics_steps for folder in (run, child, grandchild)
+    ]
+    # 5 physics steps a control step
+    assert steps == [4 * 64 * 5, 8 * 64 * 5, 9 * 64 * 5]
     # What is written before the first step is what was inherited.
     at_birth, at_death = leaves(child, 0), leaves(run, 4)
-    assert any(np.array_equal(a, b) and np.ndim(a) == 2 for a, b in zip(at_birth, at_death, strict=True))
+    assert any(
+        np.array_equal(a, b) and np.ndim(a) == 2
+        for a, b in zip(at_birth, at_death, strict=True)
+    )
 
 
-@pytest.mark.parametrize(("holds", "said"), [("config.json", "a run already"), ("thesis.tex", "other files")])
+@pytest.mark.parametrize(
+    ("holds", "said"), [("config.json", "a run already"), ("thesis.tex", "other files")]
+)
 def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said):
     folder = tmp_path / "mine"
     folder.mkdir()
@@ -195,14 +264,18 @@ def test_an_empty_folder_will_do(tmp_path):
 
 def test_a_parent_with_other_networks_is_refused_by_name(run, tmp_path):
     config = tiny("relaxed")
-    config = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, policy_layers=(8,)))
+    config = dataclasses.replace(
+        config, ppo=dataclasses.replace(config.ppo, policy_layers=(8,))
+    )
     with pytest.raises(UserError, match="policy_layers"):
         training.start(config, tmp_path / "other", parent=run)
     assert not (tmp_path / "other" / "config.json").exists()
 
 
 @pytest.mark.parametrize("what", ["no run", "no checkpoint", "truncated", "foreign"])
-def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp_path, what):
+def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(
+    run, tmp_path, what
+):
     broken = tmp_path / "run"
     if what == "no run":
         broken.mkdir()
@@ -212,24 +285,42 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp
     if what == "no checkpoint":
         shutil.rmtree(broken / "checkpoints")
     elif what == "truncated":
-        largest = max((broken / "checkpoints" / "2").rglob("*"), key=lambda path: path.stat().st_size)
+        largest = max(
+            (broken / "checkpoints" / "2").rglob("*"),
+            key=lambda path: path.stat().st_size,
+        )
         largest.write_bytes(largest.read_bytes()[:-10])
     elif what == "foreign":
         config = training.load_run_config(broken)
-        other = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, value_layers=(8,)))
+        other = dataclasses.replace(
+            config, ppo=dataclasses.replace(config.ppo, value_layers=(8,))
+        )
         training.save_config(broken / "config.json", other)
     before = {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()}
     with pytest.raises((UserError, CheckpointError)) as error:
         training.resume(broken)
     assert "\n" not in str(error.value)
     if what == "foreign":
-        assert "is of another training: ppo.value_layers is [16] there and [8] in config.json" in str(error.value)
-    assert {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()} == before
+        assert (
+            "is of another training: ppo.value_layers is [16] there and [8] in config.json"
+            in str(error.value)
+        )
+    assert {
+        path: path.stat().st_size for path in broken.rglob("*") if path.is_file()
+    } == before
 
 
 def test_summaries_turn_means_into_rates():
-    raw = {f"{kind}/{lower:g}": 0.0 for kind in ("share", "error") for lower in SPEED_BINS}
-    raw |= {"share/4": 0.25, "error/4": 0.05, "falls": 0.0003, "time_outs": 0.0001, "reward_square": 0.25}
+    raw = {
+        f"{kind}/{lower:g}": 0.0 for kind in ("share", "error") for lower in SPEED_BINS
+    }
+    raw |= {
+        "share/4": 0.25,
+        "error/4": 0.05,
+        "falls": 0.0003,
+        "time_outs": 0.0001,
+        "reward_square": 0.25,
+    }
     out = summarize(raw)
     assert out["speed_error/4"] == pytest.approx(0.2)
     assert out["falls"] == pytest.approx(0.75)
@@ -239,7 +330,9 @@ def test_summaries_turn_means_into_rates():
 
 
 @pytest.mark.parametrize("lost", [(256,), (128,), (128, 256)])
-def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(run, tmp_path, lost):
+def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(
+    run, tmp_path, lost
+):
     killed = tmp_path / "killed"
     shutil.copytree(run, killed)
     for steps in lost:
@@ -249,8 +342,13 @@ def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(run
         shutil.copytree(run / "policies" / "128", killed / "policy")
     training.resume(killed)
     for name in ("policies/128", "policies/256", "policy"):
-        assert (killed / name / "weights.npz").read_bytes() == (run / name / "weights.npz").read_bytes()
-        assert load_policy(killed / name).card.physics_steps == load_policy(run / name).card.physics_steps
+        assert (killed / name / "weights.npz").read_bytes() == (
+            run / name / "weights.npz"
+        ).read_bytes()
+        assert (
+            load_policy(killed / name).card.physics_steps
+            == load_policy(run / name).card.physics_steps
+        )
 
 
 def test_a_damaged_older_checkpoint_does_not_keep_a_run_from_going_on(run, tmp_path):
@@ -267,15 +365,27 @@ def test_a_second_process_is_refused_in_one_line_and_changes_nothing(run, tmp_pa
     shutil.copytree(run, copy)
     fresh.mkdir()
     before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
-    with lock_folder(copy, "busy"), pytest.raises(UserError, match=f"another process trains in {copy}: wait for it"):
+    with (
+        lock_folder(copy, "busy"),
+        pytest.raises(
+            UserError, match=f"another process trains in {copy}: wait for it"
+        ),
+    ):
         training.resume(copy)
-    with lock_folder(fresh, "busy"), pytest.raises(UserError, match="another process trains in"):
+    with (
+        lock_folder(fresh, "busy"),
+        pytest.raises(UserError, match="another process trains in"),
+    ):
         training.start(tiny(), fresh)
-    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before | {copy / ".lock": b""}
+    assert {
+        path: path.read_bytes() for path in copy.rglob("*") if path.is_file()
+    } == before | {copy / ".lock": b""}
     assert [path.name for path in fresh.iterdir()] == [".lock"]
 
 
-def test_a_resume_on_other_devices_says_that_it_is_not_bit_for_bit(run, tmp_path, monkeypatch):
+def test_a_resume_on_other_devices_says_that_it_is_not_bit_for_bit(
+    run, tmp_path, monkeypatch
+):
     """Sums in another order: `test_devices` has how much they differ."""
     said = "trained on 3 x TPU v9 before: what follows is not bit for bit what it had been there"
     with monkeypatch.context() as patch:
@@ -287,7 +397,8 @@ def test_a_resume_on_other_devices_says_that_it_is_not_bit_for_bit(run, tmp_path
 
 
 def test_somebody_elses_run_does_not_write_outside_its_folder(run, tmp_path):
-    """But for its checkpoints, which may lie on another disk; a run that is read may be made of links."""
+    """But for its checkpoints, which may lie on another disk; a run that is read may be
+    made of links."""
     copy, elsewhere = tmp_path / "copy", tmp_path / "elsewhere"
     shutil.copytree(run, copy)
     elsewhere.mkdir()
@@ -295,8 +406,12 @@ def test_somebody_elses_run_does_not_write_outside_its_folder(run, tmp_path):
         aside = copy / f"{name}.aside"
         if (copy / name).exists():
             (copy / name).rename(aside)
-        (copy / name).symlink_to(elsewhere / ("" if name in ("events", "policies") else name))
-        with pytest.raises(UserError, match=rf"{name} is a link to elsewhere: .*; remove it$"):
+        (copy / name).symlink_to(
+            elsewhere / ("" if name in ("events", "policies") else name)
+        )
+        with pytest.raises(
+            UserError, match=rf"{name} is a link to elsewhere: .*; remove it$"
+        ):
             training.resume(copy)
         (copy / name).unlink()
         if aside.exists():
@@ -310,8 +425,12 @@ def test_somebody_elses_run_does_not_write_outside_its_folder(run, tmp_path):
 
 
 @pytest.mark.parametrize("flag", ["--resume", "--replay", "--from", "--out"])
-@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
-def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(flag, name, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"]
+)
+def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(
+    flag, name, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert command.main([flag, name]) == 2
     error = capsys.readouterr().err
@@ -323,7 +442,10 @@ def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(flag, name, tmp
 
 def test_a_run_that_is_not_there_is_said_not_to_be_there(capsys):
     assert command.main(["--resume", "runs/doesnotexist"]) == 2
-    assert capsys.readouterr().err == "error: no training run at runs/doesnotexist: there is no such folder\n"
+    assert (
+        capsys.readouterr().err
+        == "error: no training run at runs/doesnotexist: there is no such folder\n"
+    )
 
 
 @pytest.mark.parametrize("seed", [-1, 2**32, 9223372036854775808])

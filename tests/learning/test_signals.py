@@ -52,7 +52,9 @@ def test_in_a_thread_of_its_own_a_training_leaves_the_handlers_alone():
 
     def train():
         with StopSignals(print, print) as signals:
-            seen.extend([signals.caught, [signal.getsignal(number) for number in STOPPING]])
+            seen.extend(
+                [signals.caught, [signal.getsignal(number) for number in STOPPING]]
+            )
 
     thread = threading.Thread(target=train)
     thread.start()

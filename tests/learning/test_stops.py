@@ -1,4 +1,5 @@
-"""Training processes that are killed, asked to stop or run out of disk: nothing that was kept is lost or changed."""
+"""Training processes that are killed, asked to stop or run out of disk: nothing that
+was kept is lost or changed."""
 
 import contextlib
 import json
@@ -25,7 +26,8 @@ PER_STEP = 16 * 4  # control steps
 
 @contextlib.contextmanager
 def running(*arguments, pause=0.0):
-    """The process, killed at the end: a failed test must not wait until it has trained."""
+    """The process, killed at the end: a failed test must not wait until it has
+    trained."""
     with begin(*arguments, pause=pause) as process:
         try:
             yield process
@@ -55,9 +57,17 @@ def total(pytestconfig):
 
 @pytest.fixture(scope="module")
 def new(total):
-    """Arguments of a run that saves every 5 train steps and writes a line of metrics every 7."""
+    """Arguments of a run that saves every 5 train steps and writes a line of metrics
+    every 7."""
     sizes = {"steps": total * PER_STEP, "checkpoints": total // 5, "logs": total // 7}
-    return [*aim_run.SMALL, *(word for name, size in sizes.items() for word in (f"--run.{name}", str(size)))]
+    return [
+        *aim_run.SMALL,
+        *(
+            word
+            for name, size in sizes.items()
+            for word in (f"--run.{name}", str(size))
+        ),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -69,23 +79,36 @@ def uninterrupted(new, tmp_path_factory):
 
 def arrays(run):
     with np.load(run / "checkpoints" / str(latest_step(run)) / "state.npz") as file:
-        return {name: (file[name].dtype, file[name].shape, file[name].tobytes()) for name in file.files}
+        return {
+            name: (file[name].dtype, file[name].shape, file[name].tobytes())
+            for name in file.files
+        }
 
 
 def metrics(run):
-    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
-    return [{name: value for name, value in line.items() if name not in CLOCKS} for line in lines]
+    lines = [
+        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
+    ]
+    return [
+        {name: value for name, value in line.items() if name not in CLOCKS}
+        for line in lines
+    ]
 
 
 def assert_same_run(run, other):
     """Bit for bit, but for clocks."""
     assert arrays(run) == arrays(other)
     assert metrics(run) == metrics(other)
-    assert (run / "policy/weights.npz").read_bytes() == (other / "policy/weights.npz").read_bytes()
+    assert (run / "policy/weights.npz").read_bytes() == (
+        other / "policy/weights.npz"
+    ).read_bytes()
 
 
-def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupted, new, total, tmp_path, pytestconfig):
-    """SIGKILL at any time between two saves, and, every other time, within one: writing takes more than 0.12 s."""
+def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(
+    uninterrupted, new, total, tmp_path, pytestconfig
+):
+    """SIGKILL at any time between two saves, and, every other time, within one: writing
+    takes more than 0.12 s."""
     moments, run, within_saves = random.Random(0), tmp_path / "run", 0
     arguments, kills = [*new, "--out", run], pytestconfig.getoption("--kills")
     for kill in range(kills):
@@ -109,9 +132,12 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
 
 
 @pytest.mark.parametrize(
-    ("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM\n"), (signal.SIGINT, "interrupted\n")]
+    ("number", "line"),
+    [(signal.SIGTERM, "stopped by SIGTERM\n"), (signal.SIGINT, "interrupted\n")],
 )
-def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(number, line, new, tmp_path):
+def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(
+    number, line, new, tmp_path
+):
     run = tmp_path / "runs" / "run"
     with running(*new, "--out", run, pause=2.0) as process:
         wait_for((run / "config.json").exists, process)
@@ -121,7 +147,9 @@ def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(number, line, 
     assert list(tmp_path.rglob("*")) == [tmp_path / "runs"]
 
 
-def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(uninterrupted, new, total, tmp_path):
+def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
+    uninterrupted, new, total, tmp_path
+):
     run = tmp_path / "run"
     arguments, saved = [*new, "--out", run], 0
     for number, status in ((signal.SIGTERM, 143), (signal.SIGINT, 130)):
@@ -131,7 +159,10 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
             _, error = process.communicate(timeout=60)
         assert process.returncode == status
         saved = latest_step(run) or 0
-        assert error == f"stopped by {number.name}, kept step {saved} of {total}: python train.py --resume {run}\n"
+        assert (
+            error
+            == f"stopped by {number.name}, kept step {saved} of {total}: python train.py --resume {run}\n"
+        )
         assert error.strip() in (run / "log.txt").read_text()
         assert load_policy(run).card.physics_steps == saved * PER_STEP * 5
         arguments = ["--resume", run]
@@ -140,17 +171,28 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
 
 
 @pytest.mark.parametrize("heeded", [True, False], ids=["heeded", "nohup"])
-def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(heeded, uninterrupted, new, total, tmp_path):
-    """The terminal is a pseudo-terminal's other end; the kernel sends SIGHUP, and what is printed then fails."""
+def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(
+    heeded, uninterrupted, new, total, tmp_path
+):
+    """The terminal is a pseudo-terminal's other end; the kernel sends SIGHUP, and what
+    is printed then fails."""
     run = tmp_path / "run"
     ours, terminal = os.openpty()
-    here = signal.signal(signal.SIGHUP, signal.SIG_DFL if heeded else signal.SIG_IGN)  # the process inherits that
-    take = [sys.executable, "-c", "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-            "os.execv(sys.argv[1], sys.argv[1:])"]  # fmt: skip
+    # the process inherits that
+    here = signal.signal(signal.SIGHUP, signal.SIG_DFL if heeded else signal.SIG_IGN)
+    take = [
+        sys.executable,
+        "-c",
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+        "os.execv(sys.argv[1], sys.argv[1:])",
+    ]
     with subprocess.Popen(
-        [*take, *aim_run.command(*new, "--out", run, pause=0.04)], env=aim_run.ENVIRONMENT,
-        stdin=terminal, stdout=terminal, stderr=terminal,
-    ) as process:  # fmt: skip
+        [*take, *aim_run.command(*new, "--out", run, pause=0.04)],
+        env=aim_run.ENVIRONMENT,
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+    ) as process:
         signal.signal(signal.SIGHUP, here)
         os.close(terminal)
         reader = threading.Thread(target=read_all, args=(ours,), daemon=True)
@@ -166,7 +208,10 @@ def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(heeded, u
     log = (run / "log.txt").read_text()
     saved = latest_step(run) or 0
     if heeded:
-        assert f"stopped by SIGHUP, kept step {saved} of {total}: python train.py --resume {run}\n" in log
+        assert (
+            f"stopped by SIGHUP, kept step {saved} of {total}: python train.py --resume {run}\n"
+            in log
+        )
         assert 0 < saved < total
         finish("--resume", run)
     assert_same_run(run, uninterrupted)
@@ -182,7 +227,13 @@ def read_all(terminal):
 def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
     run = tmp_path / "run"
     with running(*new, "--out", run, pause=60) as process:
-        wait_for(lambda: (run / "log.txt").exists() and "command" in (run / "log.txt").read_text(), process)
+        wait_for(
+            lambda: (
+                (run / "log.txt").exists()
+                and "command" in (run / "log.txt").read_text()
+            ),
+            process,
+        )
         time.sleep(1)  # into the first train step
         for _ in range(2):
             process.send_signal(signal.SIGINT)
@@ -193,13 +244,18 @@ def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
     assert latest_step(run) == 0
 
 
-def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(uninterrupted, new, tmp_path):
+def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(
+    uninterrupted, new, tmp_path
+):
     run = tmp_path / "run"
     with running(*new, "--out", run, pause=60) as process:
         wait_for(lambda: latest_step(run) == 0, process)
         start_again = begin(*new, "--out", run)
         also = begin("--resume", run)
-        for other, why in ((start_again, "holds a run already"), (also, "another process trains in")):
+        for other, why in (
+            (start_again, "holds a run already"),
+            (also, "another process trains in"),
+        ):
             _, error = other.communicate(timeout=60)
             assert other.returncode == 2
             assert why in error
@@ -218,14 +274,23 @@ def test_a_run_whose_folder_is_deleted_ends_and_leaves_no_other(new, tmp_path):
         run.rename(tmp_path / "moved")
         _, error = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert error == f"the run's folder {run} is gone, deleted or moved: nothing more can be kept in it\n"
+    assert (
+        error
+        == f"the run's folder {run} is gone, deleted or moved: nothing more can be kept in it\n"
+    )
     assert not run.exists()
 
 
 def can_mount():
     """Whether this user may mount file systems in a namespace of their own."""
     unshare = shutil.which("unshare")
-    return bool(unshare) and subprocess.run([unshare, "-rm", "mount", "-t", "tmpfs", "t", "/mnt"]).returncode == 0
+    return (
+        bool(unshare)
+        and subprocess.run(
+            [unshare, "-rm", "mount", "-t", "tmpfs", "t", "/mnt"]
+        ).returncode
+        == 0
+    )
 
 
 @pytest.mark.skipif(not can_mount(), reason="needs a file system of its own to fill")
@@ -233,19 +298,23 @@ def test_a_full_disk_stops_the_run_with_its_last_good_checkpoint(new, total, tmp
     """A file system of 200 kB, which four checkpoints fill."""
     disk, copy = tmp_path / "disk", tmp_path / "copy"
     disk.mkdir()
-    script = (
-        'mount -t tmpfs -o size=200k t "$0"; copy="$1"; shift; "$@"; status=$?; cp -r "$0/run" "$copy"; exit $status'
-    )
+    script = 'mount -t tmpfs -o size=200k t "$0"; copy="$1"; shift; "$@"; status=$?; cp -r "$0/run" "$copy"; exit $status'
     arguments = aim_run.command(*new, "--out", disk / "run")
     done = subprocess.run(
         ["unshare", "-rm", "sh", "-c", script, disk, copy, *arguments],
-        env=aim_run.ENVIRONMENT, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        env=aim_run.ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 1
     kept = latest_step(copy)
     assert kept is not None
     assert "No space left on device" in done.stderr
-    assert f"kept step {kept} of {total}, mend that and go on: python train.py --resume {disk}/run\n" in done.stderr
+    assert (
+        f"kept step {kept} of {total}, mend that and go on: python train.py --resume {disk}/run\n"
+        in done.stderr
+    )
     assert done.stderr.count("\n") == 1
     finish("--resume", copy)
     assert latest_step(copy) == total

@@ -1,4 +1,5 @@
-"""W&B and MLflow, the real ones: what they have on disk is what the run logged, under one name for all its parts."""
+"""W&B and MLflow, the real ones: what they have on disk is what the run logged, under
+one name for all its parts."""
 
 import io
 import json
@@ -28,21 +29,35 @@ def run_dir(tmp_path: Path) -> Path:
     return tmp_path / "trot"
 
 
-def follow(tracker: Any, run_dir: Path, start: int, logs: dict[int, dict[str, float]]) -> None:
+def follow(
+    tracker: Any, run_dir: Path, start: int, logs: dict[int, dict[str, float]]
+) -> None:
     writers = open_tracker(tracker, run_dir, CONFIG)
-    with Monitor(run_dir, 40, start_step=start, writers=writers, console=Console(file=io.StringIO())) as monitor:
+    with Monitor(
+        run_dir,
+        40,
+        start_step=start,
+        writers=writers,
+        console=Console(file=io.StringIO()),
+    ) as monitor:
         for step, metrics in logs.items():
             monitor.log(step, metrics)
-        monitor.add(10, {"judged/speed": 3.0})  # of a policy that the run has left behind
+        # of a policy that the run has left behind
+        monitor.add(10, {"judged/speed": 3.0})
 
 
 def twice(tracker: Any, run_dir: Path) -> Tracked:
-    """A run that is stopped after step 30 and goes on from its checkpoint at step 20; what the tracker knows it by."""
+    """A run that is stopped after step 30 and goes on from its checkpoint at step 20;
+    what the tracker knows it by."""
     follow(
         tracker,
         run_dir,
         0,
-        {10: {"reward": 1.0, "reward/tracking": 0.5}, 20: {"reward": 2.0}, 30: {"reward": 3.0, "kl": float("nan")}},
+        {
+            10: {"reward": 1.0, "reward/tracking": 0.5},
+            20: {"reward": 2.0},
+            30: {"reward": 3.0, "kl": float("nan")},
+        },
     )
     first = tracked(run_dir)
     follow(tracker, run_dir, 20, {30: {"reward": 3.0}, 40: {"reward": 4.0}})
@@ -52,22 +67,33 @@ def twice(tracker: Any, run_dir: Path) -> Tracked:
 
 
 def test_mlflow_has_every_finite_metric_once_and_the_settings(run_dir, monkeypatch):
-    mlflow = pytest.importorskip("mlflow", reason="MLflow is not installed (the extra `track`)")
+    mlflow = pytest.importorskip(
+        "mlflow", reason="MLflow is not installed (the extra `track`)"
+    )
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     known = twice("mlflow", run_dir)
     client = mlflow.MlflowClient((run_dir.parent / "mlruns").as_uri())
     run = client.get_run(known.run_id)
     assert (run.info.run_name, run.info.status) == ("trot", "FINISHED")
     assert run.data.params["ppo.num_envs"] == "64"
-    history = {name: client.get_metric_history(known.run_id, name) for name in run.data.metrics}
-    points = {name: [(point.step, point.value) for point in history[name]] for name in history}
-    assert points == {"reward": [(10, 1.0), (20, 2.0), (30, 3.0), (40, 4.0)], "judged.speed": [(10, 3.0)]} | {
-        "reward.tracking": [(10, 0.5)]
+    history = {
+        name: client.get_metric_history(known.run_id, name) for name in run.data.metrics
     }
+    points = {
+        name: [(point.step, point.value) for point in history[name]] for name in history
+    }
+    assert points == {
+        "reward": [(10, 1.0), (20, 2.0), (30, 3.0), (40, 4.0)],
+        "judged.speed": [(10, 3.0)],
+    } | {"reward.tracking": [(10, 0.5)]}
 
 
-def test_a_server_that_is_gone_stops_the_tracking_and_not_the_training(run_dir, monkeypatch):
-    mlflow = pytest.importorskip("mlflow", reason="MLflow is not installed (the extra `track`)")
+def test_a_server_that_is_gone_stops_the_tracking_and_not_the_training(
+    run_dir, monkeypatch
+):
+    mlflow = pytest.importorskip(
+        "mlflow", reason="MLflow is not installed (the extra `track`)"
+    )
     writers = open_tracker("mlflow", run_dir, CONFIG)
 
     def gone(*_: object, **__: object) -> None:
@@ -96,14 +122,18 @@ def test_wandb_offline_keeps_every_metric_once_under_one_id(run_dir, monkeypatch
         (30, 3),
         (40, 4),
     ]
-    assert [(line["step"], line["judged/speed"]) for line in lines if "judged/speed" in line] == [(10, 3)]
+    assert [
+        (line["step"], line["judged/speed"]) for line in lines if "judged/speed" in line
+    ] == [(10, 3)]
 
 
 def wandb_history(file: Path) -> list[dict[str, Any]]:
-    """The history in W&B's own file: protobuf records in LevelDB's log format, after a header of 7 bytes.
+    """The history in W&B's own file: protobuf records in LevelDB's log format, after a
+    header of 7 bytes.
 
-    A block of 32 KiB holds pieces of records: checksum (4 bytes), length (2), kind (1: whole, 2 to 4: first, middle,
-    last), then the bytes; less than a piece's head at a block's end is padding.
+    A block of 32 KiB holds pieces of records: checksum (4 bytes), length (2), kind (1:
+    whole, 2 to 4: first, middle, last), then the bytes; less than a piece's head at a
+    block's end is padding.
     """
     from wandb.proto import wandb_internal_pb2  # pyright: ignore[reportMissingImports]
 
@@ -120,29 +150,49 @@ def wandb_history(file: Path) -> list[dict[str, Any]]:
             parsed, record = wandb_internal_pb2.Record.FromString(record), b""  # pyright: ignore[reportAttributeAccessIssue]
             if parsed.HasField("history"):
                 items = parsed.history.item
-                lines.append({"/".join(item.nested_key) or item.key: json.loads(item.value_json) for item in items})
+                lines.append(
+                    {
+                        "/".join(item.nested_key) or item.key: json.loads(
+                            item.value_json
+                        )
+                        for item in items
+                    }
+                )
     return lines
 
 
 def test_wandb_without_a_key_is_a_mistake_of_the_user(run_dir, monkeypatch, tmp_path):
-    wandb = pytest.importorskip("wandb", reason="W&B is not installed (the extra `track`)")
+    wandb = pytest.importorskip(
+        "wandb", reason="W&B is not installed (the extra `track`)"
+    )
     wandb.teardown()  # it remembers the mode of its first run
     for name in ("WANDB_MODE", "WANDB_API_KEY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
-    with pytest.raises(UserError, match="--track wandb does not work: UsageError: No API key configured"):
+    with pytest.raises(
+        UserError,
+        match="--track wandb does not work: UsageError: No API key configured",
+    ):
         open_tracker("wandb", run_dir, CONFIG)
     assert list(run_dir.iterdir()) == []
 
 
 @pytest.mark.parametrize("tracker", ["wandb", "mlflow"])
-def test_a_tracker_that_is_not_installed_is_one_line_before_training(tracker, tmp_path, monkeypatch, capsys):
+def test_a_tracker_that_is_not_installed_is_one_line_before_training(
+    tracker, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(tracking.importlib.util, "find_spec", lambda name: None)
     monkeypatch.chdir(tmp_path)
-    assert command.main(["--stage", "imitation", "--preset", "smoke", "--track", tracker]) == 2
+    assert (
+        command.main(["--stage", "imitation", "--preset", "smoke", "--track", tracker])
+        == 2
+    )
     install = 'pip install -c constraints.txt -e ".[track]"'
-    assert capsys.readouterr().err == f"error: --track {tracker} needs the package {tracker}: {install}\n"
+    assert (
+        capsys.readouterr().err
+        == f"error: --track {tracker} needs the package {tracker}: {install}\n"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -152,11 +202,15 @@ def test_a_resumed_run_keeps_its_tracker(run_dir, monkeypatch):
     assert choose_tracker("wandb", run_dir) == "wandb"
     save_config(run_dir / TRACKED, Tracked("mlflow", "12ab", "file:///runs/mlruns"))
     assert choose_tracker(None, run_dir) == "mlflow"
-    with pytest.raises(UserError, match="trot is tracked by mlflow, and goes on with that"):
+    with pytest.raises(
+        UserError, match="trot is tracked by mlflow, and goes on with that"
+    ):
         choose_tracker("wandb", run_dir)
 
 
 def test_a_damaged_tracker_file_is_a_line(run_dir):
-    (run_dir / TRACKED).write_text('{"tracker": "neptune", "run_id": "12ab", "place": ""}')
+    (run_dir / TRACKED).write_text(
+        '{"tracker": "neptune", "run_id": "12ab", "place": ""}'
+    )
     with pytest.raises(UserError, match=r"trot/tracker.json: tracker"):
         choose_tracker(None, run_dir)

@@ -1,4 +1,5 @@
-"""The nonlinear program and how it is solved; whether its solutions are true is test_verify's business."""
+"""The nonlinear program and how it is solved; whether its solutions are true is
+test_verify's business."""
 
 import dataclasses
 import importlib
@@ -16,20 +17,33 @@ from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import STRIDES, CostWeights, Problem, motor_coordinates
 from bp2_rl.optimiser.program import Program
-from bp2_rl.optimiser.solution import Motion, NotSolved, is_saved, load_solution, resample, sample, save_solution
+from bp2_rl.optimiser.solution import (
+    Motion,
+    NotSolved,
+    is_saved,
+    load_solution,
+    resample,
+    sample,
+    save_solution,
+)
 from bp2_rl.optimiser.transcription import SolveOptions
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
 
 
-# --- The sequence of contacts ---------------------------------------------------------------------------------
+# --- The sequence of contacts ---------------------------------------------------------
 def test_a_trot_is_half_a_cycle_and_its_mirror_image():
     assert TROT.cycles == 0.5
     assert TROT.touchdowns(0) == ("FL", "RR")
     assert TROT.liftoffs(0) == ("FL", "RR")
     assert TROT.touchdowns(1) == TROT.liftoffs(1) == ()
-    names = ["x", "z", "pitch", *(f"{leg} {part}" for leg in TROT.legs for part in ("hip", "knee", "spring"))]
+    names = [
+        "x",
+        "z",
+        "pitch",
+        *(f"{leg} {part}" for leg in TROT.legs for part in ("hip", "knee", "spring")),
+    ]
     follows = dict(zip(names, np.array(names)[TROT.next_coordinates], strict=True))
     assert follows["FR knee"] == "FL knee"
     assert follows["RR spring"] == "RL spring"
@@ -43,15 +57,19 @@ def test_the_two_leg_reading_is_a_whole_cycle():
 
 
 def test_feet_that_stay_down_do_not_land_again():
-    grounded = dataclasses.replace(TWO_LEG, standing=(("F",), ("F", "H"), ("H",), ("F", "H")))
+    grounded = dataclasses.replace(
+        TWO_LEG, standing=(("F",), ("F", "H"), ("H",), ("F", "H"))
+    )
     assert [grounded.touchdowns(i) for i in range(4)] == [(), ("H",), (), ("F",)]
     assert [grounded.liftoffs(i) for i in range(4)] == [(), ("F",), (), ("H",)]
 
 
-# --- Solutions ------------------------------------------------------------------------------------------------
+# --- Solutions ------------------------------------------------------------------------
 def test_a_cold_start_finds_a_trot(trot):
     assert trot.violation <= 1e-6
-    assert trot.problem.speed * trot.period / 2 == pytest.approx(trot.motion.q[-1, -1, 0], rel=1e-6)
+    assert trot.problem.speed * trot.period / 2 == pytest.approx(
+        trot.motion.q[-1, -1, 0], rel=1e-6
+    )
     # Wide: six intervals move the optimum. On 16 it is held to .25-.38 s and .16-.22.
     assert 0.2 < trot.period < 0.5
     assert 0.1 < trot.duty < 0.25
@@ -74,14 +92,22 @@ def test_torques_do_not_jump_between_segments(trot):
 
 @pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
 def test_the_cost_is_the_mean_of_r_as_the_scheme_integrates(scheme):
-    """Eq. R without its smoothness, each segment by itself, with the weights that the cycle is measured with."""
+    """Eq. R without its smoothness, each segment by itself, with the weights that the
+    cycle is measured with."""
     problem = Problem(scheme=scheme, intervals=6, weights=CostWeights(smoothness=0.0))
     solution = solve(problem)
     cycle, motors = whole_cycle(solution), motor_coordinates(TROT.legs)
     motion, hardware = cycle.motion, problem.hardware
-    load, torque = motion.force / problem.weights.force, motion.tau / hardware.joint_peak_torque
+    load, torque = (
+        motion.force / problem.weights.force,
+        motion.tau / hardware.joint_peak_torque,
+    )
     power = motion.v[..., motors] / hardware.joint_no_load_speed * torque
-    R = np.sum(power**2, axis=-1) + np.sum(torque**2, axis=-1) + np.sum(load**2, axis=-1)
+    R = (
+        np.sum(power**2, axis=-1)
+        + np.sum(torque**2, axis=-1)
+        + np.sum(load**2, axis=-1)
+    )
     means = np.sum(cycle.weights * R, axis=1) / motion.durations
     assert solution.cost == pytest.approx(np.mean(means), rel=1e-12)
 
@@ -89,7 +115,8 @@ def test_the_cost_is_the_mean_of_r_as_the_scheme_integrates(scheme):
 def test_a_finer_mesh_hardly_changes_the_cost(trot):
     finer = refine(trot, 9)
     assert finer.problem.intervals == 9
-    # Forces are quadratures of six and nine intervals; the mesh's share of the cost is within some per cent.
+    # Forces are quadratures of six and nine intervals; the mesh's share of the cost is
+    # within some per cent.
     assert finer.cost == pytest.approx(trot.cost, rel=0.05)
 
 
@@ -100,7 +127,9 @@ def test_the_two_leg_reading_pitches_more(trot):
 
 
 def test_less_torque_is_less_speed(trot):
-    weaker = dataclasses.replace(trot, problem=trot.problem.on(peak_torque=60.0, corner_speed=0.0))
+    weaker = dataclasses.replace(
+        trot, problem=trot.problem.on(peak_torque=60.0, corner_speed=0.0)
+    )
     strong, weak = fastest(trot), fastest(weaker)
     assert 13.2 < strong.problem.speed < 25.0
     assert weak.problem.speed < strong.problem.speed - 0.5
@@ -113,7 +142,10 @@ def test_the_best_of_several_starts_is_none_the_worse(trot):
 
 def test_staying_near_the_start_is_worth_something(trot):
     slower = trot.problem.at(9.5)
-    near, free = (solve(slower, trot.motion, SolveOptions(proximity=proximity)) for proximity in (1e3, 0.0))
+    near, free = (
+        solve(slower, trot.motion, SolveOptions(proximity=proximity))
+        for proximity in (1e3, 0.0)
+    )
 
     def distance(solution):
         return np.mean((solution.motion.q - trot.motion.q)[..., 1:] ** 2)
@@ -133,14 +165,18 @@ def test_guesses_are_runs_at_the_speed_asked_for(gait, seed):
     assert guess.force[..., 1::2].max() > 0.0
 
 
-# --- No solution ----------------------------------------------------------------------------------------------
+# --- No solution ----------------------------------------------------------------------
 def test_an_impossible_speed_is_said_so():
-    with pytest.raises(NotSolved, match=r"no trajectory at 40 m/s: IPOPT ended with .*; lower the speed"):
+    with pytest.raises(
+        NotSolved,
+        match=r"no trajectory at 40 m/s: IPOPT ended with .*; lower the speed",
+    ):
         solve(Problem(speed=40.0, intervals=2))
 
 
 def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
-    # As CasADi reports Ctrl-C within IPOPT: it must not be kept as a problem without a solution.
+    # As CasADi reports Ctrl-C within IPOPT: it must not be kept as a problem without a
+    # solution.
     found = Program.solve
 
     def interrupted(self, time_limit, perhaps_infeasible):
@@ -191,24 +227,31 @@ def test_without_ipopt_there_is_a_line_that_says_so(monkeypatch):
 def test_without_casadi_there_is_a_line_that_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
     monkeypatch.delitem(sys.modules, "bp2_rl.optimiser.sagittal")
-    with pytest.raises(UserError, match=r'needs the package casadi: pip install -c constraints.txt -e "\.\[trajopt\]"'):
+    with pytest.raises(
+        UserError,
+        match=r'needs the package casadi: pip install -c constraints.txt -e "\.\[trajopt\]"',
+    ):
         importlib.import_module("bp2_rl.optimiser.sagittal")
 
 
-# --- Between the points, and on disk --------------------------------------------------------------------------
+# --- Between the points, and on disk --------------------------------------------------
 def test_samples_at_the_points_are_the_points(trot):
     for segment in range(2):
         moment = sample(trot.problem, trot.motion, segment, trot.problem.points)
         for name in ("tau", "force", "a"):
-            assert getattr(moment, name) == pytest.approx(getattr(trot.motion, name)[segment])
-        # The middle of an interval is on the cubic of its ends as exactly as the defects are zero.
+            assert getattr(moment, name) == pytest.approx(
+                getattr(trot.motion, name)[segment]
+            )
+        # The middle of an interval is on the cubic of its ends as exactly as the
+        # defects are zero.
         assert moment.q == pytest.approx(trot.motion.q[segment], abs=1e-7)
         assert moment.v == pytest.approx(trot.motion.v[segment], abs=1e-5)
 
 
 @pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
 def test_samples_are_exact_for_what_the_scheme_integrates_exactly(scheme):
-    # Constant acceleration: exact for the first two schemes, and for the third in velocity and at the points.
+    # Constant acceleration: exact for the first two schemes, and for the third in
+    # velocity and at the points.
     problem = Problem(scheme=scheme, intervals=3)
     t = 0.2 * problem.points
     nq, speed, acceleration = 15, 3.0, -9.81
@@ -221,8 +264,12 @@ def test_samples_are_exact_for_what_the_scheme_integrates_exactly(scheme):
     share = np.linspace(0.0, 1.0, 23)
     moment = sample(problem, motion, 1, share)
     t = 0.2 * share[:, None]
-    assert moment.q == pytest.approx(np.broadcast_to(speed * t + 0.5 * acceleration * t**2, moment.q.shape))
-    assert moment.v == pytest.approx(np.broadcast_to(speed + acceleration * t, moment.v.shape))
+    assert moment.q == pytest.approx(
+        np.broadcast_to(speed * t + 0.5 * acceleration * t**2, moment.q.shape)
+    )
+    assert moment.v == pytest.approx(
+        np.broadcast_to(speed + acceleration * t, moment.v.shape)
+    )
     assert moment.tau == pytest.approx(1.0)
 
 
@@ -240,24 +287,43 @@ def test_a_solution_survives_the_disk(trot, tmp_path):
     assert again.checks == checked.checks
     assert again.cost == trot.cost
     for field in dataclasses.fields(Motion):
-        assert np.array_equal(getattr(again.motion, field.name), getattr(trot.motion, field.name))
+        assert np.array_equal(
+            getattr(again.motion, field.name), getattr(trot.motion, field.name)
+        )
 
 
-def test_a_save_that_is_killed_between_its_files_is_no_save(trot, tmp_path, monkeypatch):
+def test_a_save_that_is_killed_between_its_files_is_no_save(
+    trot, tmp_path, monkeypatch
+):
     path = tmp_path / "speed"
     save_solution(path, trot)
-    monkeypatch.setattr("bp2_rl.base.serialization.save_config", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(
+        "bp2_rl.base.serialization.save_config",
+        lambda *_: (_ for _ in ()).throw(KeyboardInterrupt),
+    )
     with pytest.raises(KeyboardInterrupt):
-        save_solution(path, dataclasses.replace(trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)))
+        save_solution(
+            path,
+            dataclasses.replace(
+                trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)
+            ),
+        )
     assert not is_saved(path)
 
 
 def test_arrays_under_another_solutions_card_are_refused(trot, tmp_path):
     path, other = tmp_path / "speed", tmp_path / "other"
     save_solution(path, trot)
-    save_solution(other, dataclasses.replace(trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)))
+    save_solution(
+        other,
+        dataclasses.replace(
+            trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)
+        ),
+    )
     path.with_name("speed.npz").write_bytes(other.with_name("other.npz").read_bytes())
-    with pytest.raises(UserError, match="its arrays are not those that its card was written for"):
+    with pytest.raises(
+        UserError, match="its arrays are not those that its card was written for"
+    ):
         load_solution(path)
     card = json.loads(path.with_name("speed.json").read_text())
     del card["arrays_sha256"]  # as earlier versions wrote it
@@ -280,17 +346,31 @@ def test_broken_solutions_are_refused(trot, tmp_path):
     path.with_name("speed.json").write_text(card.replace('"format": 1', '"format": 99'))
     with pytest.raises(UserError, match="has format 99, this version reads 1"):
         load_solution(path)
-    path.with_name("speed.json").write_text(card.replace('"speed": 10.0', '"speed": -10.0'))
+    path.with_name("speed.json").write_text(
+        card.replace('"speed": 10.0', '"speed": -10.0')
+    )
     with pytest.raises(UserError, match="speed must be from"):
         load_solution(path)
-    for wrong in ("[" * 100_000, "[]", "null", card.replace('"iterations": ', '"iterations": 1' + "0" * 5000)):
+    for wrong in (
+        "[" * 100_000,
+        "[]",
+        "null",
+        card.replace('"iterations": ', '"iterations": 1' + "0" * 5000),
+    ):
         path.with_name("speed.json").write_text(wrong)
-        with pytest.raises(UserError, match=r"solution .*speed cannot be read .*: solve it again"):
+        with pytest.raises(
+            UserError, match=r"solution .*speed cannot be read .*: solve it again"
+        ):
             load_solution(path)
     path.with_name("speed.json").write_text(card)
-    other = dataclasses.replace(trot, motion=resample(trot.problem, trot.motion, trot.problem.on_mesh(3)))
+    other = dataclasses.replace(
+        trot, motion=resample(trot.problem, trot.motion, trot.problem.on_mesh(3))
+    )
     save_solution(path, other)
-    with pytest.raises(UserError, match=r"holds q as float64\[2, 7, 15\], expected floating\[2, 13, 15\]"):
+    with pytest.raises(
+        UserError,
+        match=r"holds q as float64\[2, 7, 15\], expected floating\[2, 13, 15\]",
+    ):
         load_solution(path)
     holed = dataclasses.replace(trot.motion, v=np.full_like(trot.motion.v, np.nan))
     save_solution(path, dataclasses.replace(trot, motion=holed))
@@ -324,9 +404,15 @@ def test_the_model_of_other_hardware_is_another_model():
 
     q, v = np.full(15, 0.1), np.zeros(15)
     stiff, soft = (
-        np.array(sagittal.build_model(hardware=IDEAL).passive(q, v, sagittal.design_vector(hardware))).ravel()
+        np.array(
+            sagittal.build_model(hardware=IDEAL).passive(
+                q, v, sagittal.design_vector(hardware)
+            )
+        ).ravel()
         for hardware in (IDEAL, HardwareSpec(spring_stiffness=3000.0))
     )
     assert stiff[5] - soft[5] == pytest.approx(-300.0)
     damped = sagittal.build_model(hardware=HardwareSpec(spring_damping=0.0))
-    assert damped.passive(q, v + 1.0, sagittal.design_vector(IDEAL))[5] - stiff[5] == pytest.approx(0.0, abs=1e-9)
+    assert damped.passive(q, v + 1.0, sagittal.design_vector(IDEAL))[5] - stiff[
+        5
+    ] == pytest.approx(0.0, abs=1e-9)

@@ -6,12 +6,25 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import to_json
 from bp2_rl.cli.trajopt.solutions import load_family, save_family
-from bp2_rl.optimiser.family import FamilyConfig, arrays_of, build_family, provenance_of, steps_of
+from bp2_rl.optimiser.family import (
+    FamilyConfig,
+    arrays_of,
+    build_family,
+    provenance_of,
+    steps_of,
+)
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Motion, save_solution, speed_name
 from bp2_rl.reference.library.file import MotionLibrary, load_library, save_library
 
-SETTINGS = FamilyConfig(slowest=9.6, fastest=10.4, step=0.4, starts=1, coarse=5, problem=Problem(intervals=6))
+SETTINGS = FamilyConfig(
+    slowest=9.6,
+    fastest=10.4,
+    step=0.4,
+    starts=1,
+    coarse=5,
+    problem=Problem(intervals=6),
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +32,13 @@ def built(tmp_path_factory):
     """A family of three speeds and the folder of its solutions."""
     folder = tmp_path_factory.mktemp("family")
     told = []
-    return build_family(SETTINGS, folder, report=lambda done, total: told.append((done, total))), folder, told
+    return (
+        build_family(
+            SETTINGS, folder, report=lambda done, total: told.append((done, total))
+        ),
+        folder,
+        told,
+    )
 
 
 def test_the_family_has_the_speeds_asked_for(built):
@@ -39,7 +58,9 @@ def test_neighbours_are_near(built):
 
 def test_steps_measure_what_they_say(built):
     slower = built[0][0]
-    motion = dataclasses.replace(slower.motion, durations=1.1 * slower.motion.durations, q=slower.motion.q.copy())
+    motion = dataclasses.replace(
+        slower.motion, durations=1.1 * slower.motion.durations, q=slower.motion.q.copy()
+    )
     motion.q[..., 4] += 0.2  # one knee
     (step,) = steps_of([slower, dataclasses.replace(slower, motion=motion)])
     assert step.period == pytest.approx(0.1)
@@ -104,15 +125,31 @@ def test_a_broken_library_is_refused(built, tmp_path):
     ("change", "message"),
     [
         (lambda old: {"made": "by a test"}, "made: unknown key"),
-        (lambda old: old | {"solutions": old["solutions"][:1]}, "3 speeds, and statistics of 1"),
-        (lambda old: old | {"solutions": [None] * 3}, r"solutions\[0\]: expected an object"),
+        (
+            lambda old: old | {"solutions": old["solutions"][:1]},
+            "3 speeds, and statistics of 1",
+        ),
+        (
+            lambda old: old | {"solutions": [None] * 3},
+            r"solutions\[0\]: expected an object",
+        ),
         (lambda old: old | {"versions": None}, "versions: expected an object"),
-        (lambda old: old | {"settings": old["settings"] | {"step": "far"}}, "settings.step: expected a number"),
-        (lambda old: old | {"settings": to_json(FamilyConfig())}, "q is .* at each speed, its settings say"),
+        (
+            lambda old: old | {"settings": old["settings"] | {"step": "far"}},
+            "settings.step: expected a number",
+        ),
+        (
+            lambda old: old | {"settings": to_json(FamilyConfig())},
+            "q is .* at each speed, its settings say",
+        ),
     ],
 )
-def test_a_provenance_that_is_not_the_arrays_is_refused(built, tmp_path, change, message):
-    library = MotionLibrary(**arrays_of(built[0]), provenance=change(provenance_of(built[0], SETTINGS)))
+def test_a_provenance_that_is_not_the_arrays_is_refused(
+    built, tmp_path, change, message
+):
+    library = MotionLibrary(
+        **arrays_of(built[0]), provenance=change(provenance_of(built[0], SETTINGS))
+    )
     save_library(tmp_path / "library.npz", library)
     with pytest.raises(UserError, match=f"{message}.*bp2 trajopt library build"):
         load_family(tmp_path / "library.npz")
@@ -161,7 +198,13 @@ def test_every_speed_has_a_file_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("speed", "name"), [(8.5, "speed-08.50"), (10.0, "speed-10.00"), (10.003, "speed-10.003"), (1e-5, "speed-00.00001")]
+    ("speed", "name"),
+    [
+        (8.5, "speed-08.50"),
+        (10.0, "speed-10.00"),
+        (10.003, "speed-10.003"),
+        (1e-5, "speed-00.00001"),
+    ],
 )
 def test_files_are_called_by_their_speed(speed, name):
     assert speed_name(speed) == name
@@ -172,5 +215,8 @@ def test_a_file_of_another_speed_is_refused_by_its_name(built, tmp_path):
     settings = dataclasses.replace(SETTINGS, step=0.2)
     for speed in settings.speeds:
         save_solution(tmp_path / speed_name(speed), built[0][1])
-    with pytest.raises(UserError, match=r"speed-09\.80 holds the solution of another problem, at 10 m/s"):
+    with pytest.raises(
+        UserError,
+        match=r"speed-09\.80 holds the solution of another problem, at 10 m/s",
+    ):
         build_family(settings, tmp_path)

@@ -1,4 +1,5 @@
-"""What a stride is asked to look like: each limit as MuJoCo and SciPy measure it, and the slow end that sets them."""
+"""What a stride is asked to look like: each limit as MuJoCo and SciPy measure it, and
+the slow end that sets them."""
 
 import dataclasses
 import math
@@ -33,14 +34,27 @@ def highest_trunk(solution):
 
 def highest_step(solution):
     model, motion = PlanarModel.of(solution.problem), solution.motion
-    heights = np.array([[model.terms(q, 0.0 * q).contact[1::2] for q in segment] for segment in motion.q])
+    heights = np.array(
+        [
+            [model.terms(q, 0.0 * q).contact[1::2] for q in segment]
+            for segment in motion.q
+        ]
+    )
     return float(max(np.max(heights[0][:, SWINGING]), np.max(heights[1])))
 
 
 def hardest_landing(solution):
     motion, order = solution.motion, solution.problem.stride.next_coordinates
-    before = PlanarModel.of(solution.problem).terms(motion.q[-1, -1, order], motion.v[-1, -1, order])
-    return float(np.max(np.abs(before.jacobian @ motion.v[-1, -1, order]).reshape(4, 2)[list(STANDING)]))
+    before = PlanarModel.of(solution.problem).terms(
+        motion.q[-1, -1, order], motion.v[-1, -1, order]
+    )
+    return float(
+        np.max(
+            np.abs(before.jacobian @ motion.v[-1, -1, order]).reshape(4, 2)[
+                list(STANDING)
+            ]
+        )
+    )
 
 
 def fastest_release(solution):
@@ -68,7 +82,9 @@ LIMITS = [
 @pytest.fixture(scope="module")
 def formed(trot):
     """A trot within all of them at once."""
-    form = Form(**{measure.__name__: change * measure(trot) for measure, change in LIMITS})
+    form = Form(
+        **{measure.__name__: change * measure(trot) for measure, change in LIMITS}
+    )
     return solve(dataclasses.replace(trot.problem, form=form), trot.motion)
 
 
@@ -86,25 +102,40 @@ def test_a_fast_trot_is_asked_for_no_form():
 
 
 def test_limits_go_along_a_line_and_stay_as_they_are_below_it():
-    duties = [FamilyConfig().at(speed).form.least_duty for speed in (0.5, 1.0, 2.0, 3.0, 4.0, 4.999)]
+    duties = [
+        FamilyConfig().at(speed).form.least_duty
+        for speed in (0.5, 1.0, 2.0, 3.0, 4.0, 4.999)
+    ]
     assert duties == pytest.approx([0.48, 0.48, 0.425, 0.37, 0.315, 0.26], abs=1e-4)
     assert FamilyConfig().at(3.0).torque_rate == pytest.approx(3500.0)
 
 
 def test_lengths_are_those_of_the_leg_and_tighter_limits_stay():
-    problem = Problem(speed=0.5, pitch_limit=0.01, torque_rate=500.0).on(leg_length=0.42)  # six fifths
+    # six fifths
+    problem = Problem(speed=0.5, pitch_limit=0.01, torque_rate=500.0).on(
+        leg_length=0.42
+    )
     limited = SLOW.limit(problem)
     assert limited.form.highest_trunk == pytest.approx(1.2 * 0.57)
     assert limited.form.highest_step == pytest.approx(1.2 * 0.10)
     assert (limited.form.least_duty, limited.form.longest_period) == (0.48, 0.44)
-    assert (limited.pitch_limit, limited.torque_rate, limited.speed_margin) == (0.01, 500.0, 0.5)
+    assert (limited.pitch_limit, limited.torque_rate, limited.speed_margin) == (
+        0.01,
+        500.0,
+        0.5,
+    )
 
 
-@pytest.mark.parametrize("open_end", [{"lower": Limits()}, {"upper": Limits()}, {"lower": Limits(), "upper": Limits()}])
+@pytest.mark.parametrize(
+    "open_end",
+    [{"lower": Limits()}, {"upper": Limits()}, {"lower": Limits(), "upper": Limits()}],
+)
 def test_between_a_limit_and_none_there_is_none(open_end):
     for speed in (1.5, 3.0, 4.9):
         form = dataclasses.replace(SLOW, **open_end).limit(Problem(speed=speed)).form
-        assert form.longest_period == form.highest_step == form.hardest_landing == math.inf
+        assert (
+            form.longest_period == form.highest_step == form.hardest_landing == math.inf
+        )
 
 
 def test_a_slow_end_that_ends_where_it_begins_is_a_step():
@@ -116,11 +147,23 @@ def test_a_slow_end_that_ends_where_it_begins_is_a_step():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Form(least_duty=0.5), "form.least_duty must be at least 0 and below 0.5, got 0.5"),
-        (lambda: Form(greatest_share=0.4), "form.greatest_share must be from 0.5 to 1, got 0.4"),
-        (lambda: Form(longest_period=math.nan), "form.longest_period must be from 0.01 to 10 or inf, got nan"),
+        (
+            lambda: Form(least_duty=0.5),
+            "form.least_duty must be at least 0 and below 0.5, got 0.5",
+        ),
+        (
+            lambda: Form(greatest_share=0.4),
+            "form.greatest_share must be from 0.5 to 1, got 0.4",
+        ),
+        (
+            lambda: Form(longest_period=math.nan),
+            "form.longest_period must be from 0.01 to 10 or inf, got nan",
+        ),
         (lambda: Limits(torque_rate=0.0), "torque_rate must be from 1 to"),
-        (lambda: SlowEnd(speeds=(5.0, 1.0)), r"slow.speeds must be a range \(low, high\)"),
+        (
+            lambda: SlowEnd(speeds=(5.0, 1.0)),
+            r"slow.speeds must be a range \(low, high\)",
+        ),
         (lambda: SlowEnd(proximity=-1.0), "slow.proximity must be from 0 to"),
     ],
 )

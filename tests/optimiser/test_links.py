@@ -1,4 +1,5 @@
-"""Legs in the sagittal plane against legs in space, and a foot's rate against a complex step."""
+"""Legs in the sagittal plane against legs in space, and a foot's rate against a complex
+step."""
 
 import numpy as np
 import pytest
@@ -13,23 +14,39 @@ from bp2_rl.robot.named import find_robot
 def _posture(seed: int = 0):
     """Pitch, hips, knees and compressions of the four legs, and their rates."""
     random = np.random.default_rng(seed)
-    joints = np.array([0.2]), random.uniform(-1.0, 2.0, 4), random.uniform(-2.5, -0.2, 4), random.uniform(0.0, 0.1, 4)
+    joints = (
+        np.array([0.2]),
+        random.uniform(-1.0, 2.0, 4),
+        random.uniform(-2.5, -0.2, 4),
+        random.uniform(0.0, 0.1, 4),
+    )
     return joints, (random.normal(size=1), *random.normal(size=(3, 4)))
 
 
 def test_a_leg_in_the_plane_is_the_leg_in_space_with_abduction_at_zero():
     (pitch, hip, knee, compression), _ = _posture()
-    p = kinematics.foot_position(np.stack([np.zeros(4), hip, knee], axis=-1), compression)
-    level = np.cos(pitch) * p[:, 0] + np.sin(pitch) * p[:, 2], np.cos(pitch) * p[:, 2] - np.sin(pitch) * p[:, 0]
+    p = kinematics.foot_position(
+        np.stack([np.zeros(4), hip, knee], axis=-1), compression
+    )
+    level = (
+        np.cos(pitch) * p[:, 0] + np.sin(pitch) * p[:, 2],
+        np.cos(pitch) * p[:, 2] - np.sin(pitch) * p[:, 0],
+    )
     lower = bp2.THIGH_LENGTH - compression
-    soles = [_sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)]
+    soles = [
+        _sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)
+    ]
     np.testing.assert_allclose(np.transpose(soles), level, atol=1e-15)
-    place, _ = foot_in_plane((pitch, hip, knee, lower), (pitch, hip, knee, lower), IDEAL.anatomy.geometry)
+    place, _ = foot_in_plane(
+        (pitch, hip, knee, lower), (pitch, hip, knee, lower), IDEAL.anatomy.geometry
+    )
     np.testing.assert_allclose(place, level, atol=1e-15)
 
 
 def _sole(trunk, index, joints, below, anatomy=IDEAL.anatomy):
-    return leg_links(np, trunk, leg_of(anatomy, conventions.LEGS[index]), joints, below).foot
+    return leg_links(
+        np, trunk, leg_of(anatomy, conventions.LEGS[index]), joints, below
+    ).foot
 
 
 def test_the_rate_of_a_planar_foot_is_its_derivative():
@@ -37,8 +54,12 @@ def test_the_rate_of_a_planar_foot_is_its_derivative():
     (pitch, hip, knee, compression), rates = _posture()
     joints = (pitch, hip, knee, bp2.THIGH_LENGTH - compression)
     _, rate = foot_in_plane(joints, rates, IDEAL.anatomy.geometry)
-    pitch, hip, knee, lower = (value + 1e-30j * change for value, change in zip(joints, rates, strict=True))
-    feet = [_sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)]
+    pitch, hip, knee, lower = (
+        value + 1e-30j * change for value, change in zip(joints, rates, strict=True)
+    )
+    feet = [
+        _sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)
+    ]
     np.testing.assert_allclose(rate, np.imag(np.transpose(feet)) / 1e-30, atol=1e-14)
 
 
@@ -50,5 +71,7 @@ def test_hip_and_knee_put_the_sole_where_it_was(robot, bend):
     leg, hip = anatomy.legs[1], np.array([0.3, 0.9, -0.2, 1.2])
     start = hip_of(leg)
     x, z = leg_links(np, (0.0, 0.0, 0.0), leg, (hip, knee), leg.lower_length).foot
-    found = hip_and_knee(x - start[0], z - start[1], leg.thigh_length, leg.lower_length, bend)
+    found = hip_and_knee(
+        x - start[0], z - start[1], leg.thigh_length, leg.lower_length, bend
+    )
     np.testing.assert_allclose(found, (hip, knee), atol=1e-12)

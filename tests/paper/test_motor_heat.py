@@ -1,4 +1,5 @@
-"""Heat in the motors: against closed forms, and a cold motor is the motor of before to the last bit."""
+"""Heat in the motors: against closed forms, and a cold motor is the motor of before to
+the last bit."""
 
 import dataclasses
 
@@ -19,7 +20,13 @@ from bp2_rl.paper.motor_heat import (
     warming,
 )
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot.actuator import Actuator, Bus, joint_torque, torque_limits, winding_heat
+from bp2_rl.robot.actuator import (
+    Actuator,
+    Bus,
+    joint_torque,
+    torque_limits,
+    winding_heat,
+)
 from bp2_rl.robot.hardware import BUILT, IDEAL
 
 MOTOR = MotorHeat()
@@ -33,7 +40,9 @@ def cold(shape: tuple[int, ...] = POWERS.shape) -> Temperatures:
     return Temperatures.uniform(MOTOR.air, shape)
 
 
-def course(network: Network, powers: np.ndarray, seconds: float, step: float = STEP) -> Temperatures:
+def course(
+    network: Network, powers: np.ndarray, seconds: float, step: float = STEP
+) -> Temperatures:
     now = cold(powers.shape)
     for _ in range(round(seconds / step)):
         now = advance(network, now, powers, step)
@@ -44,13 +53,21 @@ def test_constant_heat_warms_as_the_exponentials_of_the_2x2_matrix():
     n = EVEN.replace(iron_loss=12.0)
     matrix = np.array(
         [
-            [-1.0 / n.winding_to_case / n.winding_capacity, 1.0 / n.winding_to_case / n.winding_capacity],
-            [1.0 / n.winding_to_case / n.case_capacity, -(1 / n.winding_to_case + 1 / n.case_to_air) / n.case_capacity],
+            [
+                -1.0 / n.winding_to_case / n.winding_capacity,
+                1.0 / n.winding_to_case / n.winding_capacity,
+            ],
+            [
+                1.0 / n.winding_to_case / n.case_capacity,
+                -(1 / n.winding_to_case + 1 / n.case_to_air) / n.case_capacity,
+            ],
         ]
     )
     found = course(n, POWERS, 172.0)
     for i, power in enumerate(POWERS):
-        steady = -np.linalg.solve(matrix, [power / n.winding_capacity, 12.0 / n.case_capacity])
+        steady = -np.linalg.solve(
+            matrix, [power / n.winding_capacity, 12.0 / n.case_capacity]
+        )
         exact = steady - expm(172.0 * matrix) @ steady + MOTOR.air
         assert (found.winding[i], found.case[i]) == pytest.approx(exact, rel=1e-6)
 
@@ -60,32 +77,49 @@ def test_a_winding_that_gives_nothing_away_heats_ever_faster():
     shut = COOLED.replace(winding_to_case=1e12)
     a, rate = MOTOR.copper_growth, POWERS / MOTOR.winding_capacity
     exact = np.expm1(a * rate * 86.0) / a
-    np.testing.assert_allclose(course(shut, POWERS, 86.0).winding - MOTOR.air, exact, rtol=1e-6)
+    np.testing.assert_allclose(
+        course(shut, POWERS, 86.0).winding - MOTOR.air, exact, rtol=1e-6
+    )
 
 
 def test_the_heat_that_goes_in_in_the_end_goes_out_through_the_case():
-    """No change of the iron loss with temperature, none of the copper's: T_c = T_a + (P + P_fe) R_ca.
+    """No change of the iron loss with temperature, none of the copper's: T_c = T_a + (P
+    + P_fe) R_ca.
 
     After 20 times the slow time constant, which is 1.2 times that of the case alone.
     """
-    found = course(EVEN.replace(iron_loss=5.0), POWERS, 25.0 * MOTOR.case_capacity * MOTOR.case_to_air, step=10.0)
+    found = course(
+        EVEN.replace(iron_loss=5.0),
+        POWERS,
+        25.0 * MOTOR.case_capacity * MOTOR.case_to_air,
+        step=10.0,
+    )
     case = MOTOR.air + (POWERS + 5.0) * MOTOR.case_to_air
     np.testing.assert_allclose(found.case, case, rtol=1e-6)
-    np.testing.assert_allclose(found.winding, case + POWERS * EVEN.winding_to_case, rtol=1e-6)
+    np.testing.assert_allclose(
+        found.winding, case + POWERS * EVEN.winding_to_case, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("excess", [0.8, 1.2])
 def test_too_much_heat_has_no_steady_state(excess):
-    """With a P_0 (R_wc + R_ca) >= 1 the winding's own growth feeds more heat than a rise drives out."""
-    n = COOLED.replace(magnet_loss=0.0, winding_capacity=20.0, case_capacity=20.0)  # quick to settle
+    """With a P_0 (R_wc + R_ca) >= 1 the winding's own growth feeds more heat than a
+    rise drives out."""
+    # quick to settle
+    n = COOLED.replace(magnet_loss=0.0, winding_capacity=20.0, case_capacity=20.0)
     resistance = n.winding_to_case + n.case_to_air
     power = np.array([excess / n.copper_growth / resistance])
-    earlier, later = (course(n, power, seconds, step=2.0) for seconds in (1000.0, 4000.0))
+    earlier, later = (
+        course(n, power, seconds, step=2.0) for seconds in (1000.0, 4000.0)
+    )
     if excess < 1.0:
         rise = power * resistance / (1.0 - excess)
-        np.testing.assert_allclose(later.winding - n.air, rise, rtol=1e-6)  # e^-20: its slow time constant is 200 s
+        # e^-20: its slow time constant is 200 s
+        np.testing.assert_allclose(later.winding - n.air, rise, rtol=1e-6)
     else:
-        assert warming(n, later, power).winding > warming(n, earlier, power).winding > 1.0
+        assert (
+            warming(n, later, power).winding > warming(n, earlier, power).winding > 1.0
+        )
 
 
 def test_heat_is_stored_or_leaves_and_nothing_else():
@@ -97,40 +131,65 @@ def test_heat_is_stored_or_leaves_and_nothing_else():
         put_in += step * (POWERS * heat_ratio(n, middle) + 7.0)
         out += step * (middle.case - n.air) / n.case_to_air
     # The midpoint rule's error is that of 1/24 (step / time constant)^2.
-    stored = n.winding_capacity * (now.winding - n.air) + n.case_capacity * (now.case - n.air)
+    stored = n.winding_capacity * (now.winding - n.air) + n.case_capacity * (
+        now.case - n.air
+    )
     np.testing.assert_allclose(stored + out, put_in, rtol=1e-7)
 
 
-# --- The envelope ----------------------------------------------------------------------------------------------
+# --- The envelope ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("hardware", [IDEAL, BUILT, dataclasses.replace(BUILT, braking_speed=30.0, gear_ratio=9.1)])
+@pytest.mark.parametrize(
+    "hardware",
+    [IDEAL, BUILT, dataclasses.replace(BUILT, braking_speed=30.0, gear_ratio=9.1)],
+)
 def test_a_motor_at_the_envelopes_temperature_is_the_same_to_the_last_bit(hardware):
     motors = Actuator.from_hardware(hardware)
     same = heated(motors, COOLED, Temperatures.uniform(ENVELOPE_TEMPERATURE, (12,)))
     rng = np.random.default_rng(0)
-    before, q, qd, target = rng.normal(size=(4, 500, 12)) * np.array([80.0, 0.5, 12.0, 0.7])[:, None, None]
+    before, q, qd, target = (
+        rng.normal(size=(4, 500, 12)) * np.array([80.0, 0.5, 12.0, 0.7])[:, None, None]
+    )
     asked = before, q, qd, target, 0.0 * qd, 1e-3
-    np.testing.assert_array_equal(joint_torque(same, *asked), joint_torque(motors, *asked))
-    np.testing.assert_array_equal(np.array(torque_limits(same, qd, 0.9)), np.array(torque_limits(motors, qd, 0.9)))
-    np.testing.assert_array_equal(winding_heat(same, before), winding_heat(motors, before))
+    np.testing.assert_array_equal(
+        joint_torque(same, *asked), joint_torque(motors, *asked)
+    )
+    np.testing.assert_array_equal(
+        np.array(torque_limits(same, qd, 0.9)), np.array(torque_limits(motors, qd, 0.9))
+    )
+    np.testing.assert_array_equal(
+        winding_heat(same, before), winding_heat(motors, before)
+    )
 
 
 @pytest.mark.parametrize(
-    ("speed", "cold_torque", "hot_torque"), [(14.7, 120.0, 81.0), (18.0, 61.0, 50.0), (20.0, 25.0, 32.0)]
+    ("speed", "cold_torque", "hot_torque"),
+    [(14.7, 120.0, 81.0), (18.0, 61.0, 50.0), (20.0, 25.0, 32.0)],
 )
-def test_a_hot_motor_is_weaker_at_the_corner_and_stronger_near_its_no_load_speed(speed, cold_torque, hot_torque):
-    """The winding at +155 K, the magnets at +77 K; numbers worked out by hand to a newton metre."""
+def test_a_hot_motor_is_weaker_at_the_corner_and_stronger_near_its_no_load_speed(
+    speed, cold_torque, hot_torque
+):
+    """The winding at +155 K, the magnets at +77 K; numbers worked out by hand to a
+    newton metre."""
     motors = Actuator.from_hardware()
     hot = heated(motors, COOLED, Temperatures(np.array([180.0]), np.array([102.0])))
-    assert torque_limits(motors, np.array([speed]))[1] == pytest.approx(cold_torque, abs=0.6)
-    assert torque_limits(hot, np.array([speed]))[1] == pytest.approx(hot_torque, abs=0.6)
+    assert torque_limits(motors, np.array([speed]))[1] == pytest.approx(
+        cold_torque, abs=0.6
+    )
+    assert torque_limits(hot, np.array([speed]))[1] == pytest.approx(
+        hot_torque, abs=0.6
+    )
     assert np.all(hot.no_load_speed > motors.no_load_speed)
 
 
 def test_a_hot_envelope_is_the_motors_equation_with_its_resistance_and_flux():
-    """tau = kt (V - ke w) / R within the flux's share of the peak, from the constants of the cold motor."""
-    motors, t = Actuator.from_hardware(), Temperatures(np.array([140.0]), np.array([90.0]))
+    """tau = kt (V - ke w) / R within the flux's share of the peak, from the constants
+    of the cold motor."""
+    motors, t = (
+        Actuator.from_hardware(),
+        Temperatures(np.array([140.0]), np.array([90.0])),
+    )
     k = 1.0 - MOTOR.magnet_loss * (90.0 - 25.0)
     resistance = 1.0 + MOTOR.copper_growth * (140.0 - 25.0)
     cold_stall = motors.peak_torque / (1.0 - motors.corner_speed / motors.no_load_speed)
@@ -138,19 +197,30 @@ def test_a_hot_envelope_is_the_motors_equation_with_its_resistance_and_flux():
     line = cold_stall * k / resistance * (1.0 - k * qd / motors.no_load_speed)
     peak = k * motors.peak_torque
     found = torque_limits(heated(motors, COOLED, t), qd)
-    np.testing.assert_allclose(found[1], np.clip(line, -peak, peak), rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        found[1], np.clip(line, -peak, peak), rtol=1e-12, atol=1e-10
+    )
 
 
 def test_the_hot_motors_heat_is_the_networks():
-    motors, t = Actuator.from_hardware(), Temperatures(np.array([140.0, 60.0]), np.array([90.0, 30.0]))
+    motors, t = (
+        Actuator.from_hardware(),
+        Temperatures(np.array([140.0, 60.0]), np.array([90.0, 30.0])),
+    )
     torque = np.array([60.0, -90.0])
     heat = winding_heat(heated(motors, COOLED, t), torque)
-    np.testing.assert_allclose(heat, winding_heat(motors, torque) * heat_ratio(COOLED, t), rtol=1e-12)
+    np.testing.assert_allclose(
+        heat, winding_heat(motors, torque) * heat_ratio(COOLED, t), rtol=1e-12
+    )
 
 
 def test_a_hot_motor_takes_more_from_the_bus_and_gets_no_more_than_there_is():
     motors = dataclasses.replace(Actuator.from_hardware(), bus=Bus(3000.0, 1000.0, 0.0))
-    hot = heated(motors, COOLED, Temperatures(np.linspace(25.0, 180.0, 12), np.linspace(25.0, 60.0, 12)))
+    hot = heated(
+        motors,
+        COOLED,
+        Temperatures(np.linspace(25.0, 180.0, 12), np.linspace(25.0, 60.0, 12)),
+    )
     rest = np.zeros(12)
     asked = rest, rest, rest, np.full(12, 0.4), rest, 1e-3
     drawn = [np.sum(winding_heat(m, joint_torque(m, *asked))) for m in (motors, hot)]
@@ -165,16 +235,24 @@ def test_numpy_and_jax_are_the_same_motor():
     motors = Actuator.from_hardware()
 
     def laws(t, power, qd):
-        return advance(COOLED, t, power, 0.5), torque_limits(heated(motors, COOLED, t), qd)
+        return advance(COOLED, t, power, 0.5), torque_limits(
+            heated(motors, COOLED, t), qd
+        )
 
     with jax.enable_x64(True):
         found = jax.jit(laws)(*jax.tree.map(jnp.asarray, (t, power, qd)))
-    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(laws(t, power, qd)), strict=True):
+    for one, other in zip(
+        jax.tree.leaves(found), jax.tree.leaves(laws(t, power, qd)), strict=True
+    ):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
 
 
 def test_a_motor_that_may_not_even_be_as_warm_as_the_air_is_refused():
-    with pytest.raises(UserError, match=r"--heat.limit \(20 C\) must be above --heat.air \(25 C\)"):
+    with pytest.raises(
+        UserError, match=r"--heat.limit \(20 C\) must be above --heat.air \(25 C\)"
+    ):
         MotorHeat(limit=20.0)
-    with pytest.raises(UserError, match=r"--heat.winding-capacity must be from 10 to 1e\+06, got 0"):
+    with pytest.raises(
+        UserError, match=r"--heat.winding-capacity must be from 10 to 1e\+06, got 0"
+    ):
         MotorHeat(winding_capacity=0.0)

@@ -9,23 +9,38 @@ HEAD = "athlete,distance [m],time [s],reaction [s]\n"
 def test_table_s2_is_whole():
     standards = [(s.category, s.level, s.time) for s in read_standards()]
     assert standards == [
-        ("male", 1, 10.93), ("male", 2, 11.74), ("male", 3, 12.64),
-        ("female", 1, 12.33), ("female", 2, 13.04), ("female", 3, 14.04),
-    ]  # fmt: skip
+        ("male", 1, 10.93),
+        ("male", 2, 11.74),
+        ("male", 3, 12.64),
+        ("female", 1, 12.33),
+        ("female", 2, 13.04),
+        ("female", 3, 14.04),
+    ]
 
 
 @pytest.mark.parametrize(
     ("time", "men", "women"),
-    [(9.25, 1, 1), (10.05, 1, 1), (11.2, 2, 1), (11.74, 2, 1), (11.75, 3, 1), (12.2, 3, 1), (14.0, None, 3),
-     (16.1, None, None)],
-)  # fmt: skip
+    [
+        (9.25, 1, 1),
+        (10.05, 1, 1),
+        (11.2, 2, 1),
+        (11.74, 2, 1),
+        (11.75, 3, 1),
+        (12.2, 3, 1),
+        (14.0, None, 3),
+        (16.1, None, None),
+    ],
+)
 def test_a_time_meets_the_levels_that_ask_for_no_less(time, men, women):
     assert (best_level(time, "male"), best_level(time, "female")) == (men, women)
 
 
 def test_a_users_splits_become_races(tmp_path):
     path = tmp_path / "splits.csv"
-    path.write_text(HEAD + "A,50,6,0.15\nB,30,4,\nA,80,8.5,0.15\nB,60,7,\nA,100,10.2,0.15\nB,100,11,\n")
+    path.write_text(
+        HEAD
+        + "A,50,6,0.15\nB,30,4,\nA,80,8.5,0.15\nB,60,7,\nA,100,10.2,0.15\nB,100,11,\n"
+    )
     first, second = read_athletes(path)
     assert (first.name, first.time, first.reaction) == ("A", 10.2, 0.15)
     assert (first.distances, first.splits) == ((50.0, 80.0, 100.0), (6.0, 8.5, 10.2))

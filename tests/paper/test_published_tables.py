@@ -16,7 +16,9 @@ from bp2_rl.paper.robots import TABLE_S1, PublishedRobot
 @dataclasses.dataclass(frozen=True)
 class Boat:
     name: str
-    length: Annotated[float, Within(0.0, 500.0, open_below=True), ColumnHeading("length [m]")]
+    length: Annotated[
+        float, Within(0.0, 500.0, open_below=True), ColumnHeading("length [m]")
+    ]
     masts: Annotated[int | None, Within(0, 9)]
     afloat: bool
 
@@ -44,8 +46,10 @@ def test_cells_become_what_their_columns_hold(table):
 @pytest.mark.parametrize(
     "text",
     [
-        "afloat,masts,name,length [m],builder\nyes, 3 ,Fram,39,Archer\n",  # any order, more columns, spaces
-        GOOD.replace("\n", "\r\n") + "\r\n,,,\r\n",  # as spreadsheets end lines, and tables
+        # any order, more columns, spaces
+        "afloat,masts,name,length [m],builder\nyes, 3 ,Fram,39,Archer\n",
+        # as spreadsheets end lines, and tables
+        GOOD.replace("\n", "\r\n") + "\r\n,,,\r\n",
     ],
 )
 def test_a_table_may_be_laid_out_in_other_ways(table, text):
@@ -61,8 +65,12 @@ def test_a_byte_order_mark_is_no_part_of_the_first_heading(table):
     [
         ("", "holds no table"),
         ("name,length [m],masts,afloat\n", "holds no table"),
-        ("name,length,masts,afloat\nFram,39,3,yes\n", "needs one column 'length [m]'"),  # of which unit?
-        ("name,name,length [m],masts,afloat\nFram,Fram,39,3,yes\n", "needs one column 'name'"),
+        # of which unit?
+        ("name,length,masts,afloat\nFram,39,3,yes\n", "needs one column 'length [m]'"),
+        (
+            "name,name,length [m],masts,afloat\nFram,Fram,39,3,yes\n",
+            "needs one column 'name'",
+        ),
         (GOOD + "Gjoa,21\n", "line 3 has 2 cells, the line of headings 4"),
         (GOOD + "Gjoa,long,1,yes\n", "line 3: length [m] takes a number, got 'long'"),
         (GOOD + "Gjoa,21,1.5,yes\n", "line 3: masts takes a whole number, got '1.5'"),
@@ -102,11 +110,16 @@ def test_the_headings_are_those_of_the_tables_that_ship():
 
 @pytest.mark.attack
 def test_a_damaged_table_is_read_or_refused(tmp_path):
-    whole, path, chance = asset_path(TABLE_S1).read_bytes(), tmp_path / "robots.csv", random.Random(0)
+    whole, path, chance = (
+        asset_path(TABLE_S1).read_bytes(),
+        tmp_path / "robots.csv",
+        random.Random(0),
+    )
     for _ in range(500):
         damaged = bytearray(whole[: chance.randrange(1, len(whole))])
         for _ in range(chance.randrange(4)):
             damaged[chance.randrange(len(damaged))] = chance.randrange(256)
         path.write_bytes(bytes(damaged))
-        with contextlib.suppress(UserError):  # anything else would end the command with a traceback
+        # anything else would end the command with a traceback
+        with contextlib.suppress(UserError):
             assert read_table(path, PublishedRobot)

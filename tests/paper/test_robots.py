@@ -4,12 +4,19 @@ import math
 import numpy as np
 import pytest
 
-from bp2_rl.paper.robots import PAPER_GRAVITY, power_demand, read_mammals, read_robots, speed_law
+from bp2_rl.paper.robots import (
+    PAPER_GRAVITY,
+    power_demand,
+    read_mammals,
+    read_robots,
+    speed_law,
+)
 from bp2_rl.robot import bp2
 
 
 def test_the_law_is_that_of_the_source():
-    # By hand with the paper's formula, in km/h: 25.5 x 2.53886 x 0.92288 and 25.5 x 3.70472 x 0.65744.
+    # By hand with the paper's formula, in km/h: 25.5 x 2.53886 x 0.92288 and 25.5 x
+    # 3.70472 x 0.65744.
     assert speed_law(36.0) == pytest.approx(16.60, abs=0.005)
     assert speed_law(154.0) == pytest.approx(17.25, abs=0.005)
 
@@ -19,7 +26,8 @@ def test_the_law_peaks_where_its_slope_is_zero():
     peak = float(mass[np.argmax(speed_law(mass))])
     # d ln v / d m = 0: 0.26 (e^y - 1) = 0.6 y with y = 22 m^-0.6
     y = 22.0 * peak**-0.6
-    assert 0.26 * math.expm1(y) == pytest.approx(0.6 * y, rel=1e-3)  # the grid is 5e-5 fine
+    # the grid is 5e-5 fine
+    assert 0.26 * math.expm1(y) == pytest.approx(0.6 * y, rel=1e-3)
 
 
 def test_table_s1_is_whole():
@@ -30,7 +38,11 @@ def test_table_s1_is_whole():
     assert sum(r.peak_torque or 0.0 for r in robots) == pytest.approx(1964.1)
     assert sum(r.no_load_speed or 0.0 for r in robots) == pytest.approx(801.12)
     assert sum(r.top_speed for r in robots) == pytest.approx(121.26)
-    assert [r.robot for r in robots if r.wheels] == ["Unitree Go2-W", "Unitree B2-W", "DeepRobotics Lynx M20"]
+    assert [r.robot for r in robots if r.wheels] == [
+        "Unitree Go2-W",
+        "Unitree B2-W",
+        "DeepRobotics Lynx M20",
+    ]
     assert [r.robot for r in robots if r.demand() is None] == ["WildCat"]
     assert all(r.source.startswith("paper, Table S1") for r in robots)
 
@@ -38,7 +50,10 @@ def test_table_s1_is_whole():
 def test_bp2_is_the_one_that_is_built_here():
     published = next(robot for robot in read_robots() if robot.robot == "BP2")
     assert published.mass == bp2.TOTAL_MASS
-    assert (published.peak_torque, published.no_load_speed) == (bp2.PEAK_TORQUE, bp2.NO_LOAD_SPEED)
+    assert (published.peak_torque, published.no_load_speed) == (
+        bp2.PEAK_TORQUE,
+        bp2.NO_LOAD_SPEED,
+    )
     assert published.top_speed == bp2.OUTDOOR_TOP_SPEED
 
 
@@ -46,7 +61,9 @@ def test_the_papers_ratio_needs_its_own_gravity():
     bp2 = next(robot for robot in read_robots() if robot.robot == "BP2")
     assert bp2.demand(PAPER_GRAVITY) == pytest.approx(1.475, abs=5e-4)  # as printed
     assert bp2.demand() == pytest.approx(1.477, abs=5e-4)
-    assert dataclasses.replace(bp2, mass=35.8).demand() == pytest.approx(1.469, abs=5e-4)
+    assert dataclasses.replace(bp2, mass=35.8).demand() == pytest.approx(
+        1.469, abs=5e-4
+    )
     assert power_demand(2.0, 10.0, 3.0, 4.0, 5.0) == 3.0
 
 
@@ -54,4 +71,8 @@ def test_a_users_mammals_are_read_in_their_units(tmp_path):
     path = tmp_path / "mammals.csv"
     path.write_text("species,mass [kg],top speed [km/h]\nAcinonyx jubatus,50,110\n")
     (cheetah,) = read_mammals(path)
-    assert (cheetah.species, cheetah.mass, cheetah.top_speed) == ("Acinonyx jubatus", 50.0, 110.0)
+    assert (cheetah.species, cheetah.mass, cheetah.top_speed) == (
+        "Acinonyx jubatus",
+        50.0,
+        110.0,
+    )

@@ -14,7 +14,8 @@ from bp2_rl.robot.hardware import IDEAL
 def standing():
     policy = load_policy(asset_path("policies/ideal"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)  # s: it need not be quite still
+        # s: it need not be quite still
+        patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
         return Session(policy, IDEAL)
 
 

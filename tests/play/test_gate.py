@@ -1,4 +1,5 @@
-"""What a browser sends, by a real websocket: it moves the page's widgets to values that they can have, or nothing."""
+"""What a browser sends, by a real websocket: it moves the page's widgets to values that
+they can have, or nothing."""
 
 import math
 import random
@@ -7,7 +8,10 @@ import time
 
 import pytest
 
-pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
+pytest.importorskip(
+    "viser",
+    reason='needs the package viser: pip install -c constraints.txt -e ".[play]"',
+)
 import msgspec
 import viser
 from websockets.sync.client import connect
@@ -18,13 +22,45 @@ from bp2_rl.play.pace import Pace
 from bp2_rl.play.web import SLOWER, Page
 
 CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [1, -2, 1], "look_at": [0, 0, 0],
-    "up_direction": [0, 0, 1], "fov": 0.8, "near": 0.1, "far": 100, "image_height": 600, "image_width": 800,
-}  # fmt: skip
+    "type": "ViewerCameraMessage",
+    "wxyz": [1, 0, 0, 0],
+    "position": [1, -2, 1],
+    "look_at": [0, 0, 0],
+    "up_direction": [0, 0, 1],
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 100,
+    "image_height": 600,
+    "image_width": 800,
+}
 ODD = (
-    None, True, False, -1, 0, 1e300, -1e300, 2**63, math.nan, math.inf, -math.inf, "", "x", "nan", "0.5", "1/3",
-    "stand\0", "__class__", "x" * 100_000, b"", b"1", [], [1.0], ["stand"], {}, {"value": 1.0},
-)  # fmt: skip
+    None,
+    True,
+    False,
+    -1,
+    0,
+    1e300,
+    -1e300,
+    2**63,
+    math.nan,
+    math.inf,
+    -math.inf,
+    "",
+    "x",
+    "nan",
+    "0.5",
+    "1/3",
+    "stand\0",
+    "__class__",
+    "x" * 100_000,
+    b"",
+    b"1",
+    [],
+    [1.0],
+    ["stand"],
+    {},
+    {"value": 1.0},
+)
 
 
 @pytest.fixture
@@ -39,7 +75,11 @@ def page(session):
 
 def browser(page):
     page_of_viser = Subprotocol(f"viser-v{viser.__version__}")
-    return connect(f"ws://127.0.0.1:{page.server.get_port()}", subprotocols=[page_of_viser], max_size=None)
+    return connect(
+        f"ws://127.0.0.1:{page.server.get_port()}",
+        subprotocols=[page_of_viser],
+        max_size=None,
+    )
 
 
 def moved(uuid, value, name="value"):
@@ -67,27 +107,53 @@ def hostile(page):
     widgets = [*page._widgets, "", "nobody", "x" * 100_000]
     for uuid in widgets:
         right = values(page).get(uuid)
-        yield from (encode(moved(uuid, odd)) for odd in ODD if not fits(page, uuid, odd))
         yield from (
-            encode(moved(uuid, right, name)) for name in ("_value", "uuid", "removed", "props", "min", "nothing")
+            encode(moved(uuid, odd)) for odd in ODD if not fits(page, uuid, odd)
         )
-    yield from (encode({"type": kind, "uuid": name_of(page, page._slower), **rest}) for kind, rest in OTHERS.items())
-    yield from (encode(CAMERA | {name: odd}) for name in CAMERA for odd in ODD if not fits_camera(name, odd))
-    yield from (encode(CAMERA | {"wxyz": [odd, 0, 0, 0]}) for odd in (math.nan, math.inf, None, "x", [1]))
+        yield from (
+            encode(moved(uuid, right, name))
+            for name in ("_value", "uuid", "removed", "props", "min", "nothing")
+        )
+    yield from (
+        encode({"type": kind, "uuid": name_of(page, page._slower), **rest})
+        for kind, rest in OTHERS.items()
+    )
+    yield from (
+        encode(CAMERA | {name: odd})
+        for name in CAMERA
+        for odd in ODD
+        if not fits_camera(name, odd)
+    )
+    yield from (
+        encode(CAMERA | {"wxyz": [odd, 0, 0, 0]})
+        for odd in (math.nan, math.inf, None, "x", [1])
+    )
     yield from (encode(odd) for odd in ODD)
     yield from (b"\x91" * 100_000, b"\xdf\xff\xff\xff\xff", b"\xc1", "text", "")
     rng, whole = random.Random(0), encode(moved(name_of(page, page._slower), "1/2"))
     yield from (
-        flipped for _ in range(500) if (flipped := flip(rng, whole)) and not is_understood(flipped, page._widgets)
+        flipped
+        for _ in range(500)
+        if (flipped := flip(rng, whole)) and not is_understood(flipped, page._widgets)
     )
 
 
 OTHERS = {
-    "GuiUpdateMessage": {}, "GuiButtonHoldMessage": {"frequency": math.nan}, "GuiFormSubmitMessage": {},
-    "GuiFormDirtyMessage": {}, "ShareUrlRequest": {}, "ShareUrlDisconnect": {}, "CommandTriggerMessage": {"times": 3},
-    "FileTransferStartUpload": {}, "FileTransferPart": {}, "GuiCloseModalMessage": {}, "RemoveSceneNodeMessage": {},
-    "Message": {}, "no such": {}, "": {},
-}  # fmt: skip
+    "GuiUpdateMessage": {},
+    "GuiButtonHoldMessage": {"frequency": math.nan},
+    "GuiFormSubmitMessage": {},
+    "GuiFormDirtyMessage": {},
+    "ShareUrlRequest": {},
+    "ShareUrlDisconnect": {},
+    "CommandTriggerMessage": {"times": 3},
+    "FileTransferStartUpload": {},
+    "FileTransferPart": {},
+    "GuiCloseModalMessage": {},
+    "RemoveSceneNodeMessage": {},
+    "Message": {},
+    "no such": {},
+    "": {},
+}
 
 
 def fits(page, uuid, value):
@@ -95,7 +161,11 @@ def fits(page, uuid, value):
     widget = page._widgets.get(uuid)
     if widget is page._ghost or widget is page._forces:
         return isinstance(value, bool)
-    if hasattr(widget, "min") and isinstance(value, int | float) and not isinstance(value, bool):
+    if (
+        hasattr(widget, "min")
+        and isinstance(value, int | float)
+        and not isinstance(value, bool)
+    ):
         return widget.min <= value <= widget.max
     return False
 
@@ -104,7 +174,10 @@ def fits_camera(name, value):
     number = isinstance(value, int | float) and not isinstance(value, bool)
     whole = name not in ("image_height", "image_width") or value == 0
     return (
-        name not in ("type", "wxyz", "position", "look_at", "up_direction") and number and abs(value) <= 1e9 and whole
+        name not in ("type", "wxyz", "position", "look_at", "up_direction")
+        and number
+        and abs(value) <= 1e9
+        and whole
     )
 
 
@@ -114,12 +187,17 @@ def flip(rng, content):
     return bytes(flipped)
 
 
-def test_no_message_of_a_browser_ends_or_changes_more_than_its_own_widgets(page, session, capfd):
+def test_no_message_of_a_browser_ends_or_changes_more_than_its_own_widgets(
+    page, session, capfd
+):
     pace, before = Pace(), values(page)
     with browser(page) as ours, browser(page) as theirs:
         ours.send(msgspec.msgpack.encode(CAMERA))
         theirs.send(
-            msgspec.msgpack.encode(CAMERA | {"wxyz": [0, 0, 0, math.nan], "image_height": -1, "image_width": -2})
+            msgspec.msgpack.encode(
+                CAMERA
+                | {"wxyz": [0, 0, 0, math.nan], "image_height": -1, "image_width": -2}
+            )
         )
         wait_until(lambda: len(page.server.get_clients()) == 2)
         count = 0
@@ -127,15 +205,19 @@ def test_no_message_of_a_browser_ends_or_changes_more_than_its_own_widgets(page,
             theirs.send(message)
             count += 1
         assert count > 500
-        theirs.send(msgspec.msgpack.encode(moved(name_of(page, page._slower), "1/5")))  # the last word, a right one
+        # the last word, a right one
+        theirs.send(msgspec.msgpack.encode(moved(name_of(page, page._slower), "1/5")))
         wait_until(lambda: page._slower.value == "1/5")
         assert page.show(pace)
         changed = {name_of(page, page._slower)}
-        assert {uuid: value for uuid, value in values(page).items() if uuid not in changed} == {
-            uuid: value for uuid, value in before.items() if uuid not in changed
-        }
+        assert {
+            uuid: value for uuid, value in values(page).items() if uuid not in changed
+        } == {uuid: value for uuid, value in before.items() if uuid not in changed}
         assert pace.slow == SLOWER["1/5"]
-        ours.send(msgspec.msgpack.encode(moved(name_of(page, page._sliders["speed"]), 1)))  # JavaScript's 1.0
+        # JavaScript's 1.0
+        ours.send(
+            msgspec.msgpack.encode(moved(name_of(page, page._sliders["speed"]), 1))
+        )
         wait_until(lambda: page._sliders["speed"].value == 1.0)
         assert page.show(pace)
         assert session.wish.speed == 1.0
@@ -151,20 +233,32 @@ def test_every_widget_and_key_does_what_a_browser_asks(page, session):
         tab.send(encode(CAMERA | {"image_height": 800, "image_width": 600}))
         wait_until(lambda: page.server.get_clients())
         for uuid, widget in page._widgets.items():
-            options, least = getattr(widget, "options", None), getattr(widget, "min", None)
-            value = options[-1] if options else (not widget.value if least is None else least)
+            options, least = (
+                getattr(widget, "options", None),
+                getattr(widget, "min", None),
+            )
+            value = (
+                options[-1]
+                if options
+                else (not widget.value if least is None else least)
+            )
             tab.send(encode(moved(uuid, value)))
             wait_until(lambda widget=widget, value=value: widget.value == value)
         for uuid in page.server.gui._command_handle_from_uuid:
             tab.send(encode({"type": "CommandTriggerMessage", "uuid": uuid}))
-        wait_until(lambda: page._wanted.qsize() >= len(page.server.gui._command_handle_from_uuid))
+        wait_until(
+            lambda: (
+                page._wanted.qsize() >= len(page.server.gui._command_handle_from_uuid)
+            )
+        )
         assert page.show(pace)
     assert session.friction == 0.1
     assert pace.slow == 10.0
 
 
 def test_a_flood_of_wishes_does_not_keep_the_robot_from_running(page, session):
-    """As many as came before are heard, and what comes meanwhile at the next picture."""
+    """As many as came before are heard, and what comes meanwhile at the next
+    picture."""
     heard = []
 
     def once_more(_):

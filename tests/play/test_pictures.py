@@ -1,4 +1,5 @@
-"""What is drawn: the robot's bodies where C MuJoCo has them, and the chart of its motors."""
+"""What is drawn: the robot's bodies where C MuJoCo has them, and the chart of its
+motors."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -12,7 +13,10 @@ from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import load_model
 
-pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"')
+pytest.importorskip(
+    "trimesh",
+    reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"',
+)
 
 from bp2_rl.play.chart import CENTER, COLORS, REACH, TorqueSpeed
 from bp2_rl.play.looks import Looks
@@ -33,8 +37,12 @@ def test_bodies_are_where_mujoco_has_them_with_the_trunk_above_the_origin(looks)
     mujoco.mj_forward(model, data)
     for name, position, wxyz in zip(looks.bodies, *looks.place(qpos), strict=True):
         turn = Rotation.from_quat(wxyz, scalar_first=True)
-        np.testing.assert_allclose(position, data.body(name).xpos - np.array([*qpos[:2], 0.0]), atol=1e-12)
-        np.testing.assert_allclose(turn.as_matrix().ravel(), data.body(name).xmat, atol=1e-12)
+        np.testing.assert_allclose(
+            position, data.body(name).xpos - np.array([*qpos[:2], 0.0]), atol=1e-12
+        )
+        np.testing.assert_allclose(
+            turn.as_matrix().ravel(), data.body(name).xmat, atol=1e-12
+        )
     assert len(looks.bodies) == 1 + 4 * len(LEGS)
 
 
@@ -44,9 +52,13 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
     data = looks.data
     data.qpos[:] = looks.model.key("stand").qpos
     mujoco.mj_kinematics(looks.model, data)
-    corners = [part.mesh.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body] for part in parts]
+    corners = [
+        part.mesh.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body]
+        for part in parts
+    ]
     low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
-    assert low[2] == pytest.approx(0.0, abs=0.02)  # soles on the ground, springs unloaded
+    # soles on the ground, springs unloaded
+    assert low[2] == pytest.approx(0.0, abs=0.02)
     assert 0.6 < high[2] < 0.75
     assert 0.84 < high[0] - low[0] < 1.1
     assert 0.3 < high[1] - low[1] < 0.6
@@ -55,7 +67,8 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
 def test_the_chart_has_every_motor_inside_its_envelope():
     chart = TorqueSpeed(Actuator.from_hardware(IDEAL, stiffness=250.0, damping=3.0))
     worked = np.zeros((250, 2, 12))
-    worked[-1, :, 1] = IDEAL.no_load_speed, 0.0  # FR's hip, at the end of the envelope's line
+    # FR's hip, at the end of the envelope's line
+    worked[-1, :, 1] = IDEAL.no_load_speed, 0.0
     root = ElementTree.fromstring(chart.svg(worked))
     groups = root.findall(".//{*}g/{*}path")
     assert [path.get("stroke") for path in groups] == list(COLORS.values())
@@ -63,7 +76,10 @@ def test_the_chart_has_every_motor_inside_its_envelope():
     assert all(len(marks) == 250 // 5 * 4 for marks in dots.values())
     outline = root.find("{*}path")
     assert outline is not None
-    edge = [tuple(map(float, point.split())) for point in outline.get("d", "").strip("MZ").split(" L")]
+    edge = [
+        tuple(map(float, point.split()))
+        for point in outline.get("d", "").strip("MZ").split(" L")
+    ]
     x, y = map(float, dots[COLORS["hip"]][0].removesuffix("h0").split())
     assert x - CENTER[0] == pytest.approx(REACH[0] / 1.4, abs=0.1)
     assert y == CENTER[1]

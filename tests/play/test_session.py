@@ -35,19 +35,27 @@ def test_it_runs_as_the_judge_has_it_run(session):
     ramp = Ramp((0.6, 0.0, 0.0), COMMAND_ACCELERATION, hold=0.15)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
-        judged = run_one(session._policy, ramp, session.config, hardware=session.hardware)
+        judged = run_one(
+            session._policy, ramp, session.config, hardware=session.hardware
+        )
     session.wish = Wish(0.6)
     run(session, ramp.duration - CONTROL_STEP)
-    k = len(judged) - round(CONTROL_STEP / judged.dt)  # a sample is the state at the beginning of its millisecond
-    # Sums of ramps differ in their last digits, and a policy in float32 makes 1e-7 of that each step.
+    # a sample is the state at the beginning of its millisecond
+    k = len(judged) - round(CONTROL_STEP / judged.dt)
+    # Sums of ramps differ in their last digits, and a policy in float32 makes 1e-7 of
+    # that each step.
     np.testing.assert_allclose(session.qpos, judged.qpos[k], atol=1e-4)
     np.testing.assert_allclose(session.worked[-1, 1], judged.torque[k - 1], atol=0.05)
 
 
-def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(session):
+def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
+    session,
+):
     session.wish = Wish(2.0)
     commands = run(session, 2.0)
-    assert np.diff(commands[:, 0]).max() == pytest.approx(COMMAND_ACCELERATION * CONTROL_STEP, rel=1e-3)
+    assert np.diff(commands[:, 0]).max() == pytest.approx(
+        COMMAND_ACCELERATION * CONTROL_STEP, rel=1e-3
+    )
     assert session.velocity[0] == pytest.approx(2.0, abs=0.5)
     session.wish = Wish(2.0, turn=0.8)
     run(session, 1.0)
@@ -55,7 +63,9 @@ def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
     session.wish = Wish(1.0)
     commands = run(session, 0.5)
     braking = COMMAND_ACCELERATION if session.config.control.stopping_time else BRAKING
-    assert np.diff(commands[:, 0]).min() == pytest.approx(-braking * CONTROL_STEP, rel=1e-3)
+    assert np.diff(commands[:, 0]).min() == pytest.approx(
+        -braking * CONTROL_STEP, rel=1e-3
+    )
     x, y, yaw = session._line
     assert abs(yaw) > 0.1  # the line that it keeps to now is the one on which it was
     across = np.cos(yaw) * (session.qpos[1] - y) - np.sin(yaw) * (session.qpos[0] - x)
@@ -63,16 +73,29 @@ def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
     assert session.falls == 0
 
 
-def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_stop_comes_at_once(session):
-    control = dataclasses.replace(session.config.control, launching=6.0, launching_speed=18.0)
-    own, session.config = session.config, dataclasses.replace(session.config, control=control)
+def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_stop_comes_at_once(
+    session,
+):
+    control = dataclasses.replace(
+        session.config.control, launching=6.0, launching_speed=18.0
+    )
+    own, session.config = (
+        session.config,
+        dataclasses.replace(session.config, control=control),
+    )
     try:
-        told, tell = np.zeros(3, np.float32), jax.jit(lambda told, asked: eased(told, asked, control))
+        told, tell = (
+            np.zeros(3, np.float32),
+            jax.jit(lambda told, asked: eased(told, asked, control)),
+        )
         for wish, steps in ((15.0, 520), (0.0, 40)):
             session.wish = Wish(wish)
             for _ in range(steps):
                 session._lead()
-                before, told = told, np.asarray(tell(told, np.asarray(session._asked, np.float32)))
+                before, told = (
+                    told,
+                    np.asarray(tell(told, np.asarray(session._asked, np.float32))),
+                )
                 assert told[0] == pytest.approx(session._asked[0], abs=1e-3)
             if wish:
                 assert 10.0 < told[0] < 11.0  # 18 (1 - exp(-2.6 / 3))
@@ -87,7 +110,9 @@ def test_no_more_turn_is_asked_for_than_friction_holds(session):
     limits = session.config.commands
     for _ in range(400):
         session._lead()
-    assert session._asked[2] == pytest.approx(limits.max_turn / session._asked[0], rel=0.02)
+    assert session._asked[2] == pytest.approx(
+        limits.max_turn / session._asked[0], rel=0.02
+    )
     assert session._asked[2] < limits.max_yaw_rate
 
 
@@ -97,10 +122,18 @@ def test_a_wish_and_the_steps_of_keys_keep_to_what_the_policy_was_trained_for(se
     assert session.wish == (0.0, limits.max_lateral, 0.0)
     session.step(speed=1, left=-1)
     session.step(turn=-1)
-    assert session.wish == (STEP.speed, pytest.approx(limits.max_lateral - STEP.left), -STEP.turn)
+    assert session.wish == (
+        STEP.speed,
+        pytest.approx(limits.max_lateral - STEP.left),
+        -STEP.turn,
+    )
     for _ in range(100):
         session.step(speed=1, left=-1, turn=-1)
-    assert session.wish == (limits.max_forward, -limits.max_lateral, -limits.max_yaw_rate)
+    assert session.wish == (
+        limits.max_forward,
+        -limits.max_lateral,
+        -limits.max_yaw_rate,
+    )
     session.stand()
     assert session.wish == Wish()
 
@@ -110,8 +143,12 @@ def test_it_goes_sideways_and_then_keeps_to_the_line_that_it_has_come_to(session
     commands = run(session, 2.0)
     # As in training: up to half as much at speed.
     limits = session.config.commands
-    assert commands[-1, 1] == pytest.approx(0.5 * (1.0 - 0.5 * 1.0 / limits.max_forward), rel=1e-3)
-    assert np.diff(commands[:, 1]).max() == pytest.approx(limits.turn_acceleration * CONTROL_STEP, rel=1e-3)
+    assert commands[-1, 1] == pytest.approx(
+        0.5 * (1.0 - 0.5 * 1.0 / limits.max_forward), rel=1e-3
+    )
+    assert np.diff(commands[:, 1]).max() == pytest.approx(
+        limits.turn_acceleration * CONTROL_STEP, rel=1e-3
+    )
     assert session.velocity[1] == pytest.approx(0.5, abs=0.3)
     session.wish = Wish(1.0)
     run(session, 0.5)
@@ -130,7 +167,9 @@ def test_the_clock_runs_from_the_first_command_to_the_finish(session, monkeypatc
         times.append(session.sprint)
         assert len(times) < 400
     assert session.qpos[0] == pytest.approx(0.5, abs=0.05)
-    np.testing.assert_allclose(times, CONTROL_STEP * np.arange(1, len(times) + 1), atol=1e-9)
+    np.testing.assert_allclose(
+        times, CONTROL_STEP * np.arange(1, len(times) + 1), atol=1e-9
+    )
     first = session.best
     run(session, 0.1)
     assert session.sprint == session.best == first == times[-1]
@@ -145,10 +184,13 @@ def test_the_clock_runs_from_the_first_command_to_the_finish(session, monkeypatc
 
 def test_a_push_is_a_jump_of_velocity_along_the_heading(session):
     data = session.data
-    mujoco.mju_axisAngle2Quat(data.qpos[3:7], np.array([0.0, 0.0, 1.0]), np.pi / 2)  # it looks along y
+    # it looks along y
+    mujoco.mju_axisAngle2Quat(data.qpos[3:7], np.array([0.0, 0.0, 1.0]), np.pi / 2)
     before = data.qvel.copy()
     session.push(0.5, 0.2)
-    np.testing.assert_allclose(data.qvel - before, [-0.2, 0.5, *np.zeros(20)], atol=1e-12)
+    np.testing.assert_allclose(
+        data.qvel - before, [-0.2, 0.5, *np.zeros(20)], atol=1e-12
+    )
 
 
 def test_friction_bounds_what_feet_can_push_with(session):
@@ -164,7 +206,9 @@ def test_friction_bounds_what_feet_can_push_with(session):
     assert max(ratios) > 0.14  # and it slides
 
 
-def test_after_a_fall_it_lies_a_while_and_stands_again_without_a_wish(session, monkeypatch):
+def test_after_a_fall_it_lies_a_while_and_stands_again_without_a_wish(
+    session, monkeypatch
+):
     monkeypatch.setattr("bp2_rl.play.session.DOWN", DOWN)
     stand = session.qpos.copy()
     session.wish = Wish(12.0, turn=1.0)
@@ -217,17 +261,21 @@ def test_the_ghost_is_the_reference_under_the_robots_heading(session):
     np.testing.assert_allclose(up[2], np.asarray(reference.up)[0, 2], atol=1e-6)
     assert np.linalg.norm(ghost[3:7]) == pytest.approx(1.0)
     legs = ghost[7:].reshape(4, 4)
-    np.testing.assert_allclose(legs[:, :3].ravel(), np.asarray(reference.joint_position)[0])
-    # A policy that has learnt from the motion is near it: more than the trot's 1 rad of swing is another motion.
+    np.testing.assert_allclose(
+        legs[:, :3].ravel(), np.asarray(reference.joint_position)[0]
+    )
+    # A policy that has learnt from the motion is near it: more than the trot's 1 rad of
+    # swing is another motion.
     assert np.abs(legs - session.qpos[7:].reshape(4, 4)).max() < 1.0
 
 
-# --- Real time ---------------------------------------------------------------------------------------------------
+# --- Real time ------------------------------------------------------------------------
 
 
 @dataclasses.dataclass
 class Wall:
-    """A clock that goes on while one sleeps, while the robot moves, and while nobody looks."""
+    """A clock that goes on while one sleeps, while the robot moves, and while nobody
+    looks."""
 
     now: float = 0.0
     step: float = 0.0  # s that a control step takes
@@ -258,7 +306,8 @@ class Wall:
 
 
 @pytest.mark.parametrize(
-    ("step", "slow", "factor"), [(0.002, 1.0, 1.0), (0.002, 5.0, 1.0), (0.010, 1.0, 0.5), (0.010, 2.0, 1.0)]
+    ("step", "slow", "factor"),
+    [(0.002, 1.0, 1.0), (0.002, 5.0, 1.0), (0.010, 1.0, 0.5), (0.010, 2.0, 1.0)],
 )
 def test_the_pace_is_the_walls_or_the_machines(step, slow, factor):
     wall = Wall(step=step)
@@ -280,8 +329,10 @@ def test_it_stands_still_while_nobody_looks_and_goes_on_at_once():
     wall = Wall(step=0.002, away=(1.0, 601.0))
     pace = wall.pace()
     play_on(wall.tick, wall, pace, seconds=602.0)
-    assert wall.ticks * CONTROL_STEP == pytest.approx(2.0, abs=0.05)  # it does not catch up either
-    assert pace.factor == pytest.approx(1.0, abs=0.01)  # of the time in which somebody looked
+    # it does not catch up either
+    assert wall.ticks * CONTROL_STEP == pytest.approx(2.0, abs=0.05)
+    # of the time in which somebody looked
+    assert pace.factor == pytest.approx(1.0, abs=0.01)
     after = [frame for frame in wall.frames if frame > 1.0 + 1.0 / FRAMES]
     assert after[0] == pytest.approx(601.0, abs=2.0 / FRAMES)
 
@@ -307,7 +358,13 @@ def test_what_a_page_says_of_a_stand_a_sprint_and_a_fall(session):
     session.wish = Wish(2.0)
     run(session, 0.5)
     assert readings(session, pace)["100 m"] == "0.50 s, 100 m left"
-    session.finished, session.sprint, session.best, session.down_since, session.falls = True, 11.25, 9.74, 0.5, 1
+    (
+        session.finished,
+        session.sprint,
+        session.best,
+        session.down_since,
+        session.falls,
+    ) = True, 11.25, 9.74, 0.5, 1
     session.distance = 70.4
     said = readings(session, pace)
     assert said["100 m"] == "11.25 s; reset for another"
@@ -323,7 +380,8 @@ def test_speeds_are_means_over_a_stride(session):
 
 
 def test_another_robot_is_played_within_its_own_speeds(make_card, monkeypatch):
-    """A policy that follows the kinematic trot, as nobody trained it: what is asked for is clipped at its top speed."""
+    """A policy that follows the kinematic trot, as nobody trained it: what is asked for
+    is clipped at its top speed."""
     monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
     card = make_card(env=preset("imitation", "smoke", robot="go1").env)
     size = card.observation_size
@@ -331,12 +389,16 @@ def test_another_robot_is_played_within_its_own_speeds(make_card, monkeypatch):
         (np.zeros((size, 4), np.float32), np.zeros(4, np.float32)),
         (np.zeros((4, 12), np.float32), np.zeros(12, np.float32)),
     )
-    session = Session(Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers))
+    session = Session(
+        Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
+    )
     assert session.hardware.anatomy.name == "Unitree Go1"
     for _ in range(40):
         session.step(speed=1, turn=1)
     commands = card.env.commands
-    assert session.wish == pytest.approx((commands.max_forward, 0.0, commands.max_yaw_rate))
+    assert session.wish == pytest.approx(
+        (commands.max_forward, 0.0, commands.max_yaw_rate)
+    )
     assert commands.max_forward < 3.0  # of BP2's 3
     session.wish = Wish(0.3)
     run(session, 0.5)

@@ -16,7 +16,10 @@ from browser import browsing, find_browser
 
 from bp2_rl.base.errors import UserError
 
-pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
+pytest.importorskip(
+    "viser",
+    reason='needs the package viser: pip install -c constraints.txt -e ".[play]"',
+)
 BROWSER = find_browser()
 SPEED = "parseFloat(document.querySelector('[data-reading=speed]')?.textContent)"
 SLIDER = "[...document.querySelectorAll('[role=slider]')][0]"
@@ -28,11 +31,25 @@ def served():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "bp2_rl", "play", "--web", "--robot", "ideal", "--port", str(port)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "bp2_rl",
+        "play",
+        "--web",
+        "--robot",
+        "ideal",
+        "--port",
+        str(port),
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     assert process.stdout is not None
     lines = iter(process.stdout.readline, "")
-    said = next(filter(None, (re.search(r"open (http://\S+);", line) for line in lines)), None)
+    said = next(
+        filter(None, (re.search(r"open (http://\S+);", line) for line in lines)), None
+    )
     assert said is not None, "the command ended early"
     yield process, said[1]
     process.terminate()
@@ -45,7 +62,12 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
     process, url = served
     assert BROWSER is not None
     with browsing(BROWSER, url, tmp_path / "profile", 700, 450) as tab:
-        for part in ("[data-reading=speed]", "[data-chart=torque-speed]", "[role=slider]", "canvas"):
+        for part in (
+            "[data-reading=speed]",
+            "[data-chart=torque-speed]",
+            "[role=slider]",
+            "canvas",
+        ):
             tab.wait(f"Boolean(document.querySelector('{part}'))")
         for _ in range(60):
             seen = tab.screenshot()
@@ -57,22 +79,33 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
         )
         x, y, width, height = where
         tab.click(x + 0.25 * width, y + 0.5 * height)
-        told = tab.wait("Number(/told ([1-9][0-9.]*)/.exec(document.body.innerText)?.[1])")
+        told = tab.wait(
+            "Number(/told ([1-9][0-9.]*)/.exec(document.body.innerText)?.[1])"
+        )
         assert told >= 1.0
         assert tab.wait(f"{SPEED} > 1.0") is True
-        tab.value("[...document.querySelectorAll('button')].find(b => b.innerText == 'reset').click()")
-        assert tab.wait(f"{SLIDER}.getAttribute('aria-valuenow') == '0'") is True  # the slider follows
+        tab.value(
+            "[...document.querySelectorAll('button')].find(b => b.innerText == 'reset').click()"
+        )
+        # the slider follows
+        assert tab.wait(f"{SLIDER}.getAttribute('aria-valuenow') == '0'") is True
         assert tab.wait("document.body.innerText.includes('ready')") is True
         assert process.poll() is None
 
 
-@pytest.mark.skipif(BROWSER is None or not Path("/proc/self/stat").exists(), reason="needs a Chromium and /proc")
+@pytest.mark.skipif(
+    BROWSER is None or not Path("/proc/self/stat").exists(),
+    reason="needs a Chromium and /proc",
+)
 def test_it_rests_while_no_browser_shows_it(served):
     process, _ = served  # the tab of the test before is closed
 
     def busy():
-        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # s, of processor time
+        fields = (
+            Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        )
+        # s, of processor time
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     for _ in range(50):
         before = busy()
@@ -85,8 +118,14 @@ def test_it_rests_while_no_browser_shows_it(served):
 def answer(url, **headers):
     """The status of a request with these headers."""
     place = urlsplit(url)
-    connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=60)
-    connection.request("GET", "/", headers={name.replace("_", "-"): value for name, value in headers.items()})
+    connection = http.client.HTTPConnection(
+        place.hostname or "", place.port, timeout=60
+    )
+    connection.request(
+        "GET",
+        "/",
+        headers={name.replace("_", "-"): value for name, value in headers.items()},
+    )
     response = connection.getresponse()
     response.read()
     connection.close()
@@ -97,28 +136,54 @@ def test_pages_of_other_sites_are_refused(served):
     _, url = served
     port = urlsplit(url).port
     assert answer(url) == 200
-    for host in ("localhost", f"127.0.0.1:{port}", "[::1]:80", "LOCALHOST:9000"):  # an ssh tunnel has a port of its own
+    # an ssh tunnel has a port of its own
+    for host in ("localhost", f"127.0.0.1:{port}", "[::1]:80", "LOCALHOST:9000"):
         assert answer(url, Host=host) == 200
-    for host in ("example.org", f"example.org:{port}", "localhost.example.org", "127.0.0.1.example.org", "[", ""):
+    for host in (
+        "example.org",
+        f"example.org:{port}",
+        "localhost.example.org",
+        "127.0.0.1.example.org",
+        "[",
+        "",
+    ):
         assert answer(url, Host=host) == 403
-    socket = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec_WebSocket_Version": "13"}
+    socket = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec_WebSocket_Version": "13",
+    }
     socket["Sec_WebSocket_Key"] = "AAAAAAAAAAAAAAAAAAAAAA=="
     assert answer(url, **socket, Origin=f"http://localhost:{port}") == 101
-    for origin in ("https://example.org", f"http://localhost.example.org:{port}", "null", "file://"):
+    for origin in (
+        "https://example.org",
+        f"http://localhost.example.org:{port}",
+        "null",
+        "file://",
+    ):
         assert answer(url, **socket, Origin=origin) == 403
 
 
-@pytest.mark.parametrize("host", ["nowhere.invalid", "203.0.113.7"])  # no name, and an address kept for examples
+# no name, and an address kept for examples
+@pytest.mark.parametrize("host", ["nowhere.invalid", "203.0.113.7"])
 def test_an_address_that_is_not_this_machines_is_refused(session, host):
     from bp2_rl.play.web import Page
 
-    with pytest.raises(UserError, match=rf"cannot listen at {host}:8080: .*; choose another --host or --port"):
+    with pytest.raises(
+        UserError,
+        match=rf"cannot listen at {host}:8080: .*; choose another --host or --port",
+    ):
         Page(session, host=host, port=8080)
 
 
 def visible(picture: np.ndarray) -> bool:
-    """Whether the robot's orange back and its light shell are to be seen on the red ground."""
+    """Whether the robot's orange back and its light shell are to be seen on the red
+    ground."""
     red, green, blue = (picture[:, :400, k].astype(int) for k in range(3))
-    orange = (red > 170) & (green > 60) & (green < 150) & (blue < 110) & (red - blue > 90)
-    shell = (abs(red - green) < 25) & (abs(green - blue) < 30) & (red > 110) & (red < 235)
+    orange = (
+        (red > 170) & (green > 60) & (green < 150) & (blue < 110) & (red - blue > 90)
+    )
+    shell = (
+        (abs(red - green) < 25) & (abs(green - blue) < 30) & (red > 110) & (red < 235)
+    )
     return orange.sum() > 40 and shell.sum() > 800

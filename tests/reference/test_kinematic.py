@@ -1,4 +1,5 @@
-"""The kinematic gait: exact where it says so, within reach everywhere, smooth in time and in the command."""
+"""The kinematic gait: exact where it says so, within reach everywhere, smooth in time
+and in the command."""
 
 import dataclasses
 import functools
@@ -17,26 +18,40 @@ from bp2_rl.reference.stepping import TROT
 from bp2_rl.robot import bp2, conventions, kinematics
 from bp2_rl.robot.hardware import IDEAL
 
-SOLE_CLEARANCE = bp2.FOOT_RADIUS * (1.0 - np.cos(bp2.STAND_HIP))  # m, of a leaning leg's sole
+# m, of a leaning leg's sole
+SOLE_CLEARANCE = bp2.FOOT_RADIUS * (1.0 - np.cos(bp2.STAND_HIP))
 GAIT = KinematicGait()
 
 commands = st.tuples(st.floats(-2.0, 13.2), st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 phases = st.floats(-50.0, 50.0)
-# Corners and the neighbourhood of standing are where a gait breaks, and uniform draws seldom go there.
-_EDGES = np.meshgrid([-2.0, 0.0, 1e-3, 0.05, 0.2, 1.0, 3.0, 13.2], [-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0])
-_DRAWN = np.random.default_rng(0).uniform((-2.0, -1.0, -2.0), (13.2, 1.0, 2.0), (128, 3))
+# Corners and the neighbourhood of standing are where a gait breaks, and uniform draws
+# seldom go there.
+_EDGES = np.meshgrid(
+    [-2.0, 0.0, 1e-3, 0.05, 0.2, 1.0, 3.0, 13.2], [-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0]
+)
+_DRAWN = np.random.default_rng(0).uniform(
+    (-2.0, -1.0, -2.0), (13.2, 1.0, 2.0), (128, 3)
+)
 COMMANDS = np.concatenate([np.reshape(_EDGES, (3, -1)).T, _DRAWN])  # 200
 
 
-pytestmark = pytest.mark.usefixtures("double_precision")  # one test below holds float32 to the same answers
+# one test below holds float32 to the same answers
+pytestmark = pytest.mark.usefixtures("double_precision")
 
 
 def sample(command, phase, gait=GAIT):
-    """The reference over arrays of commands and phases as NumPy, joints as legs x (abad, hip, knee)."""
+    """The reference over arrays of commands and phases as NumPy, joints as legs x
+    (abad, hip, knee)."""
     shape = np.broadcast_shapes(np.shape(command)[:-1], np.shape(phase))
     command = np.broadcast_to(command, (*shape, 3)).astype(float)
-    reference = jax.tree.map(np.asarray, _reference(gait, command, np.broadcast_to(phase, shape).astype(float)))
-    by_leg = {name: getattr(reference, name).reshape(*shape, 4, 3) for name in ("joint_position", "joint_velocity")}
+    reference = jax.tree.map(
+        np.asarray,
+        _reference(gait, command, np.broadcast_to(phase, shape).astype(float)),
+    )
+    by_leg = {
+        name: getattr(reference, name).reshape(*shape, 4, 3)
+        for name in ("joint_position", "joint_velocity")
+    }
     return reference.replace(**by_leg)
 
 
@@ -50,14 +65,16 @@ def rate(command, gait=GAIT):
 
 
 def soles(reference, hardware=IDEAL):
-    return kinematics.foot_position(reference.joint_position, reference.spring_compression, hardware)
+    return kinematics.foot_position(
+        reference.joint_position, reference.spring_compression, hardware
+    )
 
 
 def stance_time(command, gait=GAIT):
     return 1.0 / rate(command, gait) - gait.swing_time
 
 
-# --- Stance ------------------------------------------------------------------------------------------------------
+# --- Stance ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -70,17 +87,31 @@ def stance_time(command, gait=GAIT):
     ],
 )
 def test_a_stance_foot_moves_with_the_ground(gait):
-    """p' = -v - omega x p to 1e-6 m/s (required: 1e-3), by central differences of FK(q_ref) over 2 us."""
+    """p' = -v - omega x p to 1e-6 m/s (required: 1e-3), by central differences of
+    FK(q_ref) over 2 us."""
     step = 1e-6
     for leg in range(4):
         share = np.linspace(0.02, 0.98, 7)[:, None]
         phase = share * stance_time(COMMANDS, gait) * rate(COMMANDS, gait) - TROT[leg]
-        now, before, after = (sample(COMMANDS, phase + dt * rate(COMMANDS, gait), gait) for dt in (0.0, -step, step))
+        now, before, after = (
+            sample(COMMANDS, phase + dt * rate(COMMANDS, gait), gait)
+            for dt in (0.0, -step, step)
+        )
         assert (now.contact[..., leg] == 1).all()
         robot = gait.hardware
-        sole, velocity = soles(now, robot)[..., leg, :], (soles(after, robot) - soles(before, robot)) / (2 * step)
+        sole, velocity = (
+            soles(now, robot)[..., leg, :],
+            (soles(after, robot) - soles(before, robot)) / (2 * step),
+        )
         vx, vy, yaw_rate = COMMANDS.T
-        ground = np.stack([-vx + yaw_rate * sole[..., 1], -vy - yaw_rate * sole[..., 0], -now.height_velocity], axis=-1)
+        ground = np.stack(
+            [
+                -vx + yaw_rate * sole[..., 1],
+                -vy - yaw_rate * sole[..., 0],
+                -now.height_velocity,
+            ],
+            axis=-1,
+        )
         np.testing.assert_allclose(velocity[..., leg, :], ground, rtol=0, atol=1e-6)
 
 
@@ -90,57 +121,88 @@ def test_a_stance_sole_stays_on_the_ground_that_the_height_is_measured_from():
     clearance = soles(reference)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
     assert clearance.min() > -1e-12
     moving = np.abs(COMMANDS).max(axis=1) > 0.2  # slower, every foot counts as standing
-    np.testing.assert_allclose(clearance[:, moving][reference.contact[:, moving] == 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        clearance[:, moving][reference.contact[:, moving] == 1], 0.0, atol=1e-12
+    )
 
 
 def test_feet_pass_below_the_hips_in_the_middle_of_stance():
     for leg in range(4):
         middle = 0.5 * stance_time(COMMANDS) * rate(COMMANDS) - TROT[leg]
         sole = soles(sample(COMMANDS, middle))[:, leg]
-        nominal = kinematics.leg_origins()[leg] + np.array([0.0, IDEAL.anatomy.geometry.lateral[leg], 0.0])
-        np.testing.assert_allclose(sole[:, :2], np.tile(nominal[:2], (len(sole), 1)), atol=1e-9)
+        nominal = kinematics.leg_origins()[leg] + np.array(
+            [0.0, IDEAL.anatomy.geometry.lateral[leg], 0.0]
+        )
+        np.testing.assert_allclose(
+            sole[:, :2], np.tile(nominal[:2], (len(sole), 1)), atol=1e-9
+        )
 
 
 def test_the_springs_carry_the_weight():
-    """Mean spring force over a stride = weight x AXIAL_SHARE, to the 1 % that the soft limit at the stop takes."""
+    """Mean spring force over a stride = weight x AXIAL_SHARE, to the 1 % that the soft
+    limit at the stop takes."""
     for speed in (0.0, 3.0, 6.0, 10.0):
         phase = np.linspace(0.0, 1.0, 4000, endpoint=False)
-        force = bp2.SPRING_STIFFNESS * sample([speed, 0.0, 0.0], phase).spring_compression.sum(axis=1).mean()
-        assert force == pytest.approx(AXIAL_SHARE * bp2.TOTAL_MASS * conventions.GRAVITY, rel=0.01)
+        force = (
+            bp2.SPRING_STIFFNESS
+            * sample([speed, 0.0, 0.0], phase).spring_compression.sum(axis=1).mean()
+        )
+        assert force == pytest.approx(
+            AXIAL_SHARE * bp2.TOTAL_MASS * conventions.GRAVITY, rel=0.01
+        )
 
 
-# --- Time --------------------------------------------------------------------------------------------------------
+# --- Time -----------------------------------------------------------------------------
 
 
 def test_velocities_are_the_derivatives_of_positions():
-    """Central differences over 2 us at random phases; 1e-4 relative is required, 1e-6 holds."""
+    """Central differences over 2 us at random phases; 1e-4 relative is required, 1e-6
+    holds."""
     step, phase = 1e-6, np.random.default_rng(1).uniform(-3.0, 3.0, (40, 1))
-    now, before, after = (sample(COMMANDS, phase + dt * rate(COMMANDS)) for dt in (0.0, -step, step))
-    for position, velocity in (("joint_position", "joint_velocity"), ("height", "height_velocity")):
+    now, before, after = (
+        sample(COMMANDS, phase + dt * rate(COMMANDS)) for dt in (0.0, -step, step)
+    )
+    for position, velocity in (
+        ("joint_position", "joint_velocity"),
+        ("height", "height_velocity"),
+    ):
         slope = (getattr(after, position) - getattr(before, position)) / (2 * step)
         np.testing.assert_allclose(getattr(now, velocity), slope, rtol=1e-6, atol=1e-6)
-    inside = (now.contact == before.contact) & (now.contact == after.contact)  # springs meet the ground with a jerk
+    # springs meet the ground with a jerk
+    inside = (now.contact == before.contact) & (now.contact == after.contact)
     slope = (after.spring_compression - before.spring_compression) / (2 * step)
-    np.testing.assert_allclose(now.spring_velocity[inside], slope[inside], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        now.spring_velocity[inside], slope[inside], rtol=1e-6, atol=1e-6
+    )
     np.testing.assert_allclose(now.velocity[..., 2], now.height_velocity)
 
 
 @pytest.mark.parametrize("event", ["lift-off", "touchdown"])
 def test_joint_velocity_is_continuous_where_a_foot_meets_or_leaves_the_ground(event):
-    """One-sided differences of second order on either side, each against qd_ref on its side and on the other."""
+    """One-sided differences of second order on either side, each against qd_ref on its
+    side and on the other."""
     step = 1e-6
     for leg in range(4):
-        phase = (stance_time(COMMANDS) * rate(COMMANDS) if event == "lift-off" else 0.0) - TROT[leg]
+        phase = (
+            stance_time(COMMANDS) * rate(COMMANDS) if event == "lift-off" else 0.0
+        ) - TROT[leg]
         for side in (1.0, -1.0):
             at, near, far = (
-                sample(COMMANDS, phase + side * k * step * rate(COMMANDS)).joint_position[:, leg] for k in range(3)
+                sample(
+                    COMMANDS, phase + side * k * step * rate(COMMANDS)
+                ).joint_position[:, leg]
+                for k in range(3)
             )
             slope = side * (-3.0 * at + 4.0 * near - far) / (2.0 * step)
             for offset in (1e-9, -1e-9):  # cycles
                 velocity = sample(COMMANDS, phase + offset).joint_velocity[:, leg]
                 np.testing.assert_allclose(velocity, slope, rtol=1e-6, atol=1e-5)
-        jump = [sample(COMMANDS, phase + offset).contact[:, leg] for offset in (-1e-9, 1e-9)]
-        standing = (COMMANDS[:, :2] ** 2).sum(axis=1) + (0.4 * COMMANDS[:, 2]) ** 2 < 0.1**2
+        jump = [
+            sample(COMMANDS, phase + offset).contact[:, leg] for offset in (-1e-9, 1e-9)
+        ]
+        standing = (COMMANDS[:, :2] ** 2).sum(axis=1) + (
+            0.4 * COMMANDS[:, 2]
+        ) ** 2 < 0.1**2
         assert (jump[0] != jump[1])[~standing].all()  # that is where the event is
 
 
@@ -154,7 +216,8 @@ def test_the_motion_repeats_every_cycle(command, phase, cycles):
 
 @pytest.mark.parametrize("speed", [3.0, 10.0])
 def test_the_trunk_is_lowest_while_its_legs_push(speed):
-    """Its mean is the configured height and it rises and falls twice a stride, by about a centimetre."""
+    """Its mean is the configured height and it rises and falls twice a stride, by about
+    a centimetre."""
     command = np.array([speed, 0.0, 0.0])
     middle = 0.5 * stance_time(command) * rate(command)
     reference = sample(command, middle + np.linspace(0.0, 1.0, 400, endpoint=False))
@@ -162,11 +225,14 @@ def test_the_trunk_is_lowest_while_its_legs_push(speed):
     assert np.argmin(reference.height[:200]) == 0
     assert reference.height[100] == pytest.approx(reference.height.max())
     assert 0.005 < np.ptp(reference.height) / 2 < 0.02
-    np.testing.assert_allclose(reference.height[:200], reference.height[200:], atol=1e-12)
+    np.testing.assert_allclose(
+        reference.height[:200], reference.height[200:], atol=1e-12
+    )
 
 
 def test_stance_time_follows_the_reach():
-    """Slow: the time asked for. Fast: the sweep over the speed. Always less than either, falling with speed."""
+    """Slow: the time asked for. Fast: the sweep over the speed. Always less than
+    either, falling with speed."""
     speed = np.linspace(0.0, 13.2, 200)
     stance = stance_time(np.stack([speed, 0 * speed, 0 * speed], axis=-1))
     assert stance[0] == pytest.approx(GAIT.slow_stance)
@@ -181,10 +247,11 @@ def test_diagonal_legs_move_together_half_a_cycle_from_the_others():
     np.testing.assert_allclose(fr, rl, atol=1e-12)
     np.testing.assert_allclose(fl, rr, atol=1e-12)
     np.testing.assert_allclose(fl[:3], fr[3:], atol=1e-12)
-    assert reference.contact[0].tolist() == [0.0, 1.0, 1.0, 0.0]  # FL and RR touch down at phase 0
+    # FL and RR touch down at phase 0
+    assert reference.contact[0].tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
-# --- Commands ----------------------------------------------------------------------------------------------------
+# --- Commands -------------------------------------------------------------------------
 
 
 @settings(max_examples=300, deadline=None)
@@ -197,7 +264,9 @@ def test_no_command_exceeds_reach_or_ranges_or_gives_nan(command, phase):
     reference = sample(command, phase)
     for name, leaf in vars(reference).items():
         assert np.isfinite(leaf).all(), name
-    for joint, (low, high) in enumerate((bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)):
+    for joint, (low, high) in enumerate(
+        (bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)
+    ):
         angle = reference.joint_position[:, joint]
         assert low < angle.min() <= angle.max() < high
     assert reference.spring_compression.min() >= 0.0
@@ -212,13 +281,21 @@ def test_no_command_exceeds_reach_or_ranges_or_gives_nan(command, phase):
 
 @settings(deadline=None)
 @given(command=commands, phase=phases)
-def test_a_mirrored_command_gives_the_mirrored_motion_half_a_cycle_later(command, phase):
+def test_a_mirrored_command_gives_the_mirrored_motion_half_a_cycle_later(
+    command, phase
+):
     vx, vy, yaw_rate = command
     right, left = sample(command, phase), sample((vx, -vy, -yaw_rate), phase + 0.5)
     swap, flip = [1, 0, 3, 2], np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(left.joint_position, right.joint_position[swap] * flip, atol=1e-9)
-    np.testing.assert_allclose(left.joint_velocity, right.joint_velocity[swap] * flip, atol=1e-7)
-    np.testing.assert_allclose(left.spring_compression, right.spring_compression[swap], atol=1e-9)
+    np.testing.assert_allclose(
+        left.joint_position, right.joint_position[swap] * flip, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        left.joint_velocity, right.joint_velocity[swap] * flip, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        left.spring_compression, right.spring_compression[swap], atol=1e-9
+    )
     np.testing.assert_allclose(left.height, right.height, atol=1e-9)
 
 
@@ -233,27 +310,40 @@ def test_at_zero_command_the_robot_stands(phase):
     np.testing.assert_allclose(soles(reference)[:, :2], nominal, atol=1e-12)
     weight = bp2.TOTAL_MASS * conventions.GRAVITY
     np.testing.assert_allclose(
-        4 * reference.spring_compression * bp2.SPRING_STIFFNESS, AXIAL_SHARE * weight, rtol=1e-12
+        4 * reference.spring_compression * bp2.SPRING_STIFFNESS,
+        AXIAL_SHARE * weight,
+        rtol=1e-12,
     )
 
 
 def test_lift_grows_smoothly_out_of_standing():
     """Quadratically at first, never falling below 6 cm again once on the move."""
-    speed = np.array([0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 13.2])
-    reference = sample(np.stack([speed, 0 * speed, 0 * speed], axis=-1), np.linspace(0.0, 1.0, 401)[:, None])
-    lift = (soles(reference)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE).max(axis=(0, 2))
+    speed = np.array(
+        [0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 13.2]
+    )
+    reference = sample(
+        np.stack([speed, 0 * speed, 0 * speed], axis=-1),
+        np.linspace(0.0, 1.0, 401)[:, None],
+    )
+    lift = (
+        soles(reference)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
+    ).max(axis=(0, 2))
     assert lift[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(lift[1:4] / speed[1:4] ** 2, lift[1] / speed[1] ** 2, rtol=0.05)
+    np.testing.assert_allclose(
+        lift[1:4] / speed[1:4] ** 2, lift[1] / speed[1] ** 2, rtol=0.05
+    )
     assert (np.diff(lift[:8]) > 0).all()
     assert lift[7:].min() > 0.06
     assert lift.max() < 0.35
 
 
 def test_joint_angles_are_smooth_in_the_command():
-    """Their derivative by the command is bounded and continuous, across lift-off and touchdown and at standing.
+    """Their derivative by the command is bounded and continuous, across lift-off and
+    touchdown and at standing.
 
-    The steepest and the most curved is the knee's flexion F s^2 / (s^2 + s0^2) with F = 0.8 rad and s0 = 0.2 m/s:
-    slope 0.65 F / s0 = 2.6 rad per m/s and curvature 2 F / s0^2 = 40; the sweep of the leg adds to it.
+    The steepest and the most curved is the knee's flexion F s^2 / (s^2 + s0^2) with F =
+    0.8 rad and s0 = 0.2 m/s: slope 0.65 F / s0 = 2.6 rad per m/s and curvature 2 F /
+    s0^2 = 40; the sweep of the leg adds to it.
     """
     rng = np.random.default_rng(2)
     command = np.repeat(COMMANDS, 10, axis=0)
@@ -271,39 +361,54 @@ def test_joint_angles_are_smooth_in_the_command():
 def test_velocity_and_attitude_are_those_commanded():
     reference = sample(COMMANDS, 0.3)
     np.testing.assert_array_equal(reference.velocity[:, :2], COMMANDS[:, :2])
-    np.testing.assert_array_equal(reference.up, np.tile([0.0, 0.0, 1.0], (len(COMMANDS), 1)))
+    np.testing.assert_array_equal(
+        reference.up, np.tile([0.0, 0.0, 1.0], (len(COMMANDS), 1))
+    )
     assert not reference.pitch.any()
     assert not reference.torque.any()
 
 
-# --- What the motors are asked for -------------------------------------------------------------------------------
+# --- What the motors are asked for ----------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("speed", "hip", "knee"), [(3.0, 9.6, 9.6), (6.0, 12.8, 11.0), (8.0, 15.1, 11.6), (10.0, 19.2, 11.3)]
+    ("speed", "hip", "knee"),
+    [(3.0, 9.6, 9.6), (6.0, 12.8, 11.0), (8.0, 15.1, 11.6), (10.0, 19.2, 11.3)],
 )
 def test_joint_speeds_stay_inside_the_motors(speed, hip, knee):
-    """Bounds just above what was found (docs/notes/kinematic_gait.md); the no-load speed is 21.4 rad/s."""
-    peak = np.abs(sample([speed, 0.0, 0.0], np.linspace(0.0, 1.0, 2001)).joint_velocity).max(axis=(0, 1))
+    """Bounds just above what was found (docs/notes/kinematic_gait.md); the no-load
+    speed is 21.4 rad/s."""
+    peak = np.abs(
+        sample([speed, 0.0, 0.0], np.linspace(0.0, 1.0, 2001)).joint_velocity
+    ).max(axis=(0, 1))
     assert peak[0] < 1e-9
     assert peak[1] < hip < bp2.NO_LOAD_SPEED
     assert peak[2] < knee < bp2.NO_LOAD_SPEED
 
 
 def test_single_precision_gives_the_same_motion():
-    """What training uses. 2e-5 rad and 2e-3 rad/s are float32's resolution times the slopes of the motion."""
+    """What training uses. 2e-5 rad and 2e-3 rad/s are float32's resolution times the
+    slopes of the motion."""
     phase = np.random.default_rng(3).uniform(0.0, 1.0, (50, 1)).astype(np.float32)
     command = COMMANDS.astype(np.float32)
     exact = sample(command, phase)
     shape = (50, len(command))
     with jax.enable_x64(False):
         single = _reference(
-            GAIT, jnp.asarray(np.broadcast_to(command, (*shape, 3))), jnp.asarray(np.broadcast_to(phase, shape))
+            GAIT,
+            jnp.asarray(np.broadcast_to(command, (*shape, 3))),
+            jnp.asarray(np.broadcast_to(phase, shape)),
         )
         assert single.joint_position.dtype == jnp.float32
-    np.testing.assert_allclose(single.joint_position.reshape(*shape, 4, 3), exact.joint_position, atol=2e-5)
-    np.testing.assert_allclose(single.joint_velocity.reshape(*shape, 4, 3), exact.joint_velocity, atol=2e-3)
-    np.testing.assert_allclose(single.spring_compression, exact.spring_compression, atol=1e-6)
+    np.testing.assert_allclose(
+        single.joint_position.reshape(*shape, 4, 3), exact.joint_position, atol=2e-5
+    )
+    np.testing.assert_allclose(
+        single.joint_velocity.reshape(*shape, 4, 3), exact.joint_velocity, atol=2e-3
+    )
+    np.testing.assert_allclose(
+        single.spring_compression, exact.spring_compression, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -324,7 +429,11 @@ def test_other_hardware_is_within_its_own_reach(change):
     assert np.isfinite(reference.joint_velocity).all()
     assert reference.joint_position[..., 2].max() < bp2.KNEE_RANGE[1]
     assert reference.spring_compression.max() < 1.25 * hardware.spring_travel
-    clearance = soles(reference, hardware)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
+    clearance = (
+        soles(reference, hardware)[..., 2]
+        + reference.height[..., None]
+        - SOLE_CLEARANCE
+    )
     assert clearance.min() > -1e-12
 
 

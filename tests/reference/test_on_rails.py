@@ -1,9 +1,11 @@
-"""BP2 on rails: can its motors follow the reference, and does the reference carry the robot?
+"""BP2 on rails: can its motors follow the reference, and does the reference carry the
+robot?
 
-In C MuJoCo the trunk is led along the reference while the joints follow by the PD law and the torque-speed
-envelope, with an offset to their targets that is learnt from stride to stride, as a policy would learn it. What
-remains is the reference's own merit: how closely it can be followed, with what torque, and the force that the
-ground gives back, whose mean should be the robot's weight upwards and nothing forwards.
+In C MuJoCo the trunk is led along the reference while the joints follow by the PD law
+and the torque-speed envelope, with an offset to their targets that is learnt from
+stride to stride, as a policy would learn it. What remains is the reference's own merit:
+how closely it can be followed, with what torque, and the force that the ground gives
+back, whose mean should be the robot's weight upwards and nothing forwards.
 
     python tests/reference/test_on_rails.py      prints the table of docs/notes/kinematic_gait.md
 """
@@ -61,23 +63,42 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
     for stride in range(STRIDES):
         error, error_rate = np.zeros((steps, 12)), np.zeros((steps, 12))
         for k in range(steps):
-            data.qpos[:7] = speed * data.time, 0.0, reference.height[k], 1.0, 0.0, 0.0, 0.0
+            data.qpos[:7] = (
+                speed * data.time,
+                0.0,
+                reference.height[k],
+                1.0,
+                0.0,
+                0.0,
+                0.0,
+            )
             data.qvel[:6] = speed, 0.0, reference.height_velocity[k], 0.0, 0.0, 0.0
             q, qd = data.qpos[model.MOTOR_QPOS], data.qvel[model.MOTOR_QVEL]
             error[k], error_rate[k] = q_ref[k] - q, qd_ref[k] - qd
             if k % conventions.SUBSTEPS == 0:
                 target, target_rate = q_ref[k] + offset[k], qd_ref[k]
-            torque = actuator.joint_torque(motors, torque, q, qd, target, target_rate, conventions.PHYSICS_STEP)
+            torque = actuator.joint_torque(
+                motors, torque, q, qd, target, target_rate, conventions.PHYSICS_STEP
+            )
             data.ctrl[:] = torque
             mujoco.mj_step(robot, data)
             if stride >= STRIDES - MEASURED:
                 rows.append(
-                    (error[k], error_rate[k], qd, torque, data.qpos[model.SPRING_QPOS], data.qfrc_constraint[:3].copy())
+                    (
+                        error[k],
+                        error_rate[k],
+                        qd,
+                        torque,
+                        data.qpos[model.SPRING_QPOS],
+                        data.qfrc_constraint[:3].copy(),
+                    )
                 )
         correction = np.roll(GAIN * (error + RATE_GAIN * error_rate), -LEAD, axis=0)
         offset = _smooth(0.995 * offset + correction)
 
-    e, ed, qd, tau, spring, force = (np.array(column) for column in zip(*rows, strict=True))
+    e, ed, qd, tau, spring, force = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     lower, upper = actuator.torque_limits(motors, qd)
     at_limit = (tau <= lower + 1e-9) | (tau >= upper - 1e-9)
     _, hip_speed, knee_speed = _peaks(qd)
@@ -100,10 +121,13 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
 
 
 def sample_stride(gait: KinematicGait, speed: float, step: float) -> Reference:
-    """One stride straight ahead, sampled about every `step` seconds: a whole number of samples."""
+    """One stride straight ahead, sampled about every `step` seconds: a whole number of
+    samples."""
     command = jnp.array([speed, 0.0, 0.0])
     samples = round(1.0 / float(gait.phase_rate(command)) / step)
-    stride = jax.jit(gait)(jnp.broadcast_to(command, (samples, 3)), jnp.arange(samples) / samples)
+    stride = jax.jit(gait)(
+        jnp.broadcast_to(command, (samples, 3)), jnp.arange(samples) / samples
+    )
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), stride)
 
 
@@ -119,13 +143,16 @@ def _rms(x):
 def _smooth(offset):
     """A stride's offsets without what is faster than a few milliseconds."""
     for _ in range(4):
-        offset = 0.5 * offset + 0.25 * (np.roll(offset, 1, axis=0) + np.roll(offset, -1, axis=0))
+        offset = 0.5 * offset + 0.25 * (
+            np.roll(offset, 1, axis=0) + np.roll(offset, -1, axis=0)
+        )
     return offset
 
 
 @pytest.mark.parametrize("speed", [6.0, 10.0])
 def test_the_motors_can_follow_and_the_ground_bears_the_weight(speed):
-    """Bounds are twice what was found: 5 mrad, 0.9 rad/s, 0.03 % at the envelope, 2 % of lift, 3 % of thrust."""
+    """Bounds are twice what was found: 5 mrad, 0.9 rad/s, 0.03 % at the envelope, 2 %
+    of lift, 3 % of thrust."""
     run = run_on_rails(KinematicGait(), speed)
     assert run.position_error < 0.01
     assert run.velocity_error < 1.8
@@ -138,15 +165,25 @@ def test_the_motors_can_follow_and_the_ground_bears_the_weight(speed):
 
 def print_reference_speeds() -> None:
     rigid = dataclasses.replace(IDEAL, spring_stiffness=1e7)
-    print("| m/s | period s | duty | hip | knee | abad (turning 2 rad/s) | hip, gentle landing | hip, rigid leg |")
+    print(
+        "| m/s | period s | duty | hip | knee | abad (turning 2 rad/s) | hip, gentle landing | hip, rigid leg |"
+    )
     print("| ---: " * 8 + "|")
     for speed in (3.0, 6.0, 8.0, 10.0, 11.0, 13.0):
         gait = KinematicGait()
-        stride, period = sample_stride(gait, speed, 1e-4), 1.0 / float(gait.phase_rate(jnp.array([speed, 0.0, 0.0])))
+        stride, period = (
+            sample_stride(gait, speed, 1e-4),
+            1.0 / float(gait.phase_rate(jnp.array([speed, 0.0, 0.0]))),
+        )
         _, hip, knee = _peaks(stride.joint_velocity)
         others = (KinematicGait(landing=0.0), KinematicGait(hardware=rigid))
-        gentle, stiff = (_peaks(sample_stride(other, speed, 1e-4).joint_velocity)[1] for other in others)
-        turning = gait(jnp.tile(jnp.array([speed, 0.0, 2.0]), (2000, 1)), jnp.arange(2000) / 2000)
+        gentle, stiff = (
+            _peaks(sample_stride(other, speed, 1e-4).joint_velocity)[1]
+            for other in others
+        )
+        turning = gait(
+            jnp.tile(jnp.array([speed, 0.0, 2.0]), (2000, 1)), jnp.arange(2000) / 2000
+        )
         abad = _peaks(np.asarray(turning.joint_velocity))[0]
         print(
             f"| {speed:.0f} | {period:.3f} | {stride.contact.mean():.3f} | {hip:.1f} | {knee:.1f} "

@@ -1,4 +1,5 @@
-"""One truth: the numbers in the XML are those of bp2.py, and bp2.py's are the paper's."""
+"""One truth: the numbers in the XML are those of bp2.py, and bp2.py's are the
+paper's."""
 
 import functools
 import math
@@ -29,11 +30,17 @@ def test_table_s3_is_a_quarter_of_the_robot():
 
 
 def test_scaling_numbers_of_the_paper():
-    """m g v / (tau w) and the Froude number at 10.74 m/s follow from the published parts."""
+    """m g v / (tau w) and the Froude number at 10.74 m/s follow from the published
+    parts."""
     v = bp2.OUTDOOR_TOP_SPEED
-    power_ratio = bp2.TOTAL_MASS * conventions.GRAVITY * v / (bp2.PEAK_TORQUE * bp2.NO_LOAD_SPEED)
-    assert power_ratio == pytest.approx(1.475, rel=2e-3)  # 1.477; with g = 9.80 the printed number
-    assert v**2 / (conventions.GRAVITY * bp2.STANDING_HEIGHT) == pytest.approx(21.4, abs=0.05)
+    power_ratio = (
+        bp2.TOTAL_MASS * conventions.GRAVITY * v / (bp2.PEAK_TORQUE * bp2.NO_LOAD_SPEED)
+    )
+    # 1.477; with g = 9.80 the printed number
+    assert power_ratio == pytest.approx(1.475, rel=2e-3)
+    assert v**2 / (conventions.GRAVITY * bp2.STANDING_HEIGHT) == pytest.approx(
+        21.4, abs=0.05
+    )
 
 
 def test_corner_speed_is_the_least_that_gives_the_published_power():
@@ -59,7 +66,9 @@ def test_xml_applying_the_default_hardware_changes_nothing(xml):
 
 @pytest.mark.parametrize("leg", LEGS)
 def test_xml_leg_masses_and_inertias(xml, leg):
-    thigh, shank, toe, abad = (xml.body(f"{leg}_{part}") for part in ("thigh", "shank", "toe", "abad"))
+    thigh, shank, toe, abad = (
+        xml.body(f"{leg}_{part}") for part in ("thigh", "shank", "toe", "abad")
+    )
     fore = 1.0 if leg[0] == "F" else -1.0
     assert [b.mass[0] for b in (abad, thigh, shank, toe)] == [
         bp2.ABAD_MASS,
@@ -68,8 +77,12 @@ def test_xml_leg_masses_and_inertias(xml, leg):
         bp2.TOE_MASS,
     ]
     assert_same(abad.inertia, [bp2.ABAD_INERTIA] * 3)
-    assert_same(thigh.inertia, [bp2.THIGH_INERTIA, bp2.THIGH_INERTIA, bp2.THIGH_TWIST_INERTIA])
-    assert_same(shank.inertia, [bp2.SHANK_INERTIA, bp2.SHANK_INERTIA, bp2.SHANK_TWIST_INERTIA])
+    assert_same(
+        thigh.inertia, [bp2.THIGH_INERTIA, bp2.THIGH_INERTIA, bp2.THIGH_TWIST_INERTIA]
+    )
+    assert_same(
+        shank.inertia, [bp2.SHANK_INERTIA, bp2.SHANK_INERTIA, bp2.SHANK_TWIST_INERTIA]
+    )
     assert_same(toe.inertia, [bp2.TOE_INERTIA] * 3)
     assert_same(abad.ipos, [fore * bp2.ABAD_COM_FORE_AFT, 0, 0])
     assert_same(thigh.ipos, [0, 0, -bp2.THIGH_COM])
@@ -81,7 +94,9 @@ def test_xml_leg_masses_and_inertias(xml, leg):
 def test_xml_leg_geometry(xml, leg):
     fore, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
     lateral = abs(IDEAL.bp2.hip_laterals[conventions.LEGS.index(leg)])
-    assert_same(xml.body(f"{leg}_abad").pos, [fore * bp2.HIP_FORE_AFT, side * lateral, 0])
+    assert_same(
+        xml.body(f"{leg}_abad").pos, [fore * bp2.HIP_FORE_AFT, side * lateral, 0]
+    )
     assert_same(xml.body(f"{leg}_thigh").pos, [0, side * bp2.THIGH_LATERAL, 0])
     assert_same(xml.body(f"{leg}_shank").pos, [0, 0, -bp2.THIGH_LENGTH])
     toe = bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH
@@ -94,12 +109,18 @@ def test_xml_leg_geometry(xml, leg):
 
 @pytest.mark.parametrize("leg", LEGS)
 def test_xml_solid_legs(xml, leg):
-    """Radius, where the axis begins and ends below the joint above it; of the toe, below the knee at rest."""
+    """Radius, where the axis begins and ends below the joint above it; of the toe,
+    below the knee at rest."""
     toe = bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH
     for part, radius, start, end in (
         ("thigh", bp2.THIGH_RADIUS, 0.0, bp2.THIGH_LENGTH),
         ("shank", bp2.LOWER_LEG_RADIUS, 0.0, bp2.SHANK_REACH),
-        ("toe", bp2.LOWER_LEG_RADIUS, bp2.RODS_BELOW_KNEE - toe, bp2.TOE_LENGTH - bp2.FOOT_RADIUS),
+        (
+            "toe",
+            bp2.LOWER_LEG_RADIUS,
+            bp2.RODS_BELOW_KNEE - toe,
+            bp2.TOE_LENGTH - bp2.FOOT_RADIUS,
+        ),
     ):
         geom = xml.geom(f"{leg}_solid_{part}")
         assert_same(geom.size[:2], [radius, (end - start) / 2])
@@ -111,9 +132,21 @@ def test_xml_solid_legs(xml, leg):
 
 def test_xml_trunk(xml):
     trunk = xml.body("trunk")
-    abads = 4 * (bp2.ABAD_INERTIA + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2)
-    assert trunk.mass[0] == pytest.approx(4 * (bp2.TRUNK_QUARTER_MASS - bp2.ABAD_MASS), rel=1e-12)
-    assert_same(trunk.inertia, [bp2.TRUNK_ROLL_INERTIA, bp2.TRUNK_PITCH_INERTIA - abads, bp2.TRUNK_YAW_INERTIA])
+    abads = 4 * (
+        bp2.ABAD_INERTIA
+        + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2
+    )
+    assert trunk.mass[0] == pytest.approx(
+        4 * (bp2.TRUNK_QUARTER_MASS - bp2.ABAD_MASS), rel=1e-12
+    )
+    assert_same(
+        trunk.inertia,
+        [
+            bp2.TRUNK_ROLL_INERTIA,
+            bp2.TRUNK_PITCH_INERTIA - abads,
+            bp2.TRUNK_YAW_INERTIA,
+        ],
+    )
     assert_same(trunk.ipos, 0.0)
     for name, side in (("trunk_right", -1.0), ("trunk_left", 1.0)):
         geom = xml.geom(name)
@@ -130,9 +163,14 @@ def test_xml_joints_springs_motors_and_friction(xml):
             ("knee", bp2.KNEE_RANGE),
         ):
             assert_same(xml.joint(f"{leg}_{joint}").range, joint_range)
-            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(IDEAL.reflected_inertia, rel=1e-12)
+            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(
+                IDEAL.reflected_inertia, rel=1e-12
+            )
         spring, stop = xml.joint(f"{leg}_spring"), xml.tendon(f"{leg}_stop").id
-        assert (spring.stiffness[0], spring.damping[0]) == (bp2.SPRING_STIFFNESS, bp2.SPRING_DAMPING)
+        assert (spring.stiffness[0], spring.damping[0]) == (
+            bp2.SPRING_STIFFNESS,
+            bp2.SPRING_DAMPING,
+        )
         assert xml.tendon_stiffness[stop] == bp2.SPRING_STOP_STIFFNESS
         assert_same(xml.tendon_lengthspring[stop], [0.0, bp2.SPRING_TRAVEL])
     assert [xml.actuator(i).name for i in range(xml.nu)] == list(MOTOR_NAMES)
@@ -156,7 +194,10 @@ def test_every_number_has_a_unit_and_a_source():
         ({"gear_ratio": 0.0}, "gear_ratio must be from 0.1 to 1000, got 0"),
         ({"leg_length": float("nan")}, "leg_length must be from 0 to 10, got nan"),
         ({"leg_length": 0.2}, "leg_length .* must exceed shank"),
-        ({"spring_stiffness": -1.0}, "spring_stiffness must be from 100 to 1e.07, got -1"),
+        (
+            {"spring_stiffness": -1.0},
+            "spring_stiffness must be from 100 to 1e.07, got -1",
+        ),
         ({"corner_speed": 21.4}, "corner_speed .* must be below no_load_speed"),
         ({"mass_scale": float("inf")}, "mass_scale must be from 0.01 to 100, got inf"),
         *(
@@ -164,7 +205,10 @@ def test_every_number_has_a_unit_and_a_source():
             for name in ("leg_length", "mass_scale", "friction")
         ),
         ({"rotor_inertia": 1e308}, "rotor_inertia must be from 0 to 10"),
-        ({"thigh_mass": 7.0}, r"thigh_mass \(7\) and toe_mass \(0.5\) must leave the trunk 7.2 kg: .* at most 7.05 kg"),
+        (
+            {"thigh_mass": 7.0},
+            r"thigh_mass \(7\) and toe_mass \(0.5\) must leave the trunk 7.2 kg: .* at most 7.05 kg",
+        ),
     ],
 )
 def test_impossible_hardware_is_refused_in_one_line(change, says):

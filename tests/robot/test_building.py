@@ -1,4 +1,5 @@
-"""A model built from an Anatomy is BP2's hand-written one where the Anatomy is BP2's, and any other stands, too."""
+"""A model built from an Anatomy is BP2's hand-written one where the Anatomy is BP2's,
+and any other stands, too."""
 
 import dataclasses
 from pathlib import Path
@@ -48,7 +49,10 @@ def accelerations(model: mujoco.MjModel, seed: int) -> np.ndarray:
     """Return what a random state with loaded feet does under random torques."""
     draws, data = np.random.default_rng(seed), mujoco.MjData(model)
     data.qpos[:] = load_model().key("stand").qpos + 0.02 * draws.normal(size=model.nq)
-    data.qvel[:], data.ctrl[:] = draws.normal(size=model.nv), 10.0 * draws.normal(size=model.nu)
+    data.qvel[:], data.ctrl[:] = (
+        draws.normal(size=model.nv),
+        10.0 * draws.normal(size=model.nu),
+    )
     mujoco.mj_normalizeQuat(model, data.qpos)
     mujoco.mj_forward(model, data)
     assert data.ncon > 0
@@ -59,35 +63,74 @@ def test_the_model_built_of_bp2s_numbers_is_bp2s(bp2: Anatomy):
     named = dataclasses.replace(bp2, name="bp2 on flat ground")
     built, written = build_spec(named).compile(), load_model(solid_free(IDEAL))
     assert (built.nq, built.nv, built.nu) == (written.nq, written.nv, written.nu)
-    for kind, count in (("body", "nbody"), ("joint", "njnt"), ("actuator", "nu"), ("sensor", "nsensor"),
-                        ("site", "nsite"), ("tendon", "ntendon"), ("camera", "ncam"), ("light", "nlight")):  # fmt: skip
-        assert names(built, kind, getattr(built, count)) == names(written, kind, getattr(written, count))
-    assert set(names(built, "geom", built.ngeom)) == set(names(written, "geom", written.ngeom))
+    for kind, count in (
+        ("body", "nbody"),
+        ("joint", "njnt"),
+        ("actuator", "nu"),
+        ("sensor", "nsensor"),
+        ("site", "nsite"),
+        ("tendon", "ntendon"),
+        ("camera", "ncam"),
+        ("light", "nlight"),
+    ):
+        assert names(built, kind, getattr(built, count)) == names(
+            written, kind, getattr(written, count)
+        )
+    assert set(names(built, "geom", built.ngeom)) == set(
+        names(written, "geom", written.ngeom)
+    )
     for i in range(1, built.nbody):
         ours, theirs = built.body(i), written.body(i)
         assert ours.mass == pytest.approx(theirs.mass, rel=1e-12)
-        for field in ("pos", "ipos") if i > 1 else ("ipos",):  # the trunk is placed by the keyframe
-            np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-12)
-        np.testing.assert_allclose(inertia_in_body(built, i), inertia_in_body(written, i), rtol=1e-12, atol=1e-18)
+        # the trunk is placed by the keyframe
+        for field in ("pos", "ipos") if i > 1 else ("ipos",):
+            np.testing.assert_allclose(
+                getattr(ours, field), getattr(theirs, field), atol=1e-12
+            )
+        np.testing.assert_allclose(
+            inertia_in_body(built, i),
+            inertia_in_body(written, i),
+            rtol=1e-12,
+            atol=1e-18,
+        )
     for name in names(built, "geom", built.ngeom):
         if name != "floor":
-            np.testing.assert_allclose(built.geom(name).size, written.geom(name).size, rtol=1e-12)
-            np.testing.assert_allclose(built.geom(name).pos, written.geom(name).pos, atol=1e-12)
-        for field in ("friction", "solref", "contype", "conaffinity", "priority", "condim"):
-            np.testing.assert_array_equal(getattr(built.geom(name), field), getattr(written.geom(name), field))
+            np.testing.assert_allclose(
+                built.geom(name).size, written.geom(name).size, rtol=1e-12
+            )
+            np.testing.assert_allclose(
+                built.geom(name).pos, written.geom(name).pos, atol=1e-12
+            )
+        for field in (
+            "friction",
+            "solref",
+            "contype",
+            "conaffinity",
+            "priority",
+            "condim",
+        ):
+            np.testing.assert_array_equal(
+                getattr(built.geom(name), field), getattr(written.geom(name), field)
+            )
 
 
 @settings(deadline=None, max_examples=30)  # the first example reads the scene
-@given(moments=st.tuples(st.floats(1e-6, 1.0), st.floats(1e-6, 1.0)), turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+@given(
+    moments=st.tuples(st.floats(1e-6, 1.0), st.floats(1e-6, 1.0)),
+    turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+)
 def test_a_flat_plate_is_built_however_it_is_turned(moments, turn):
-    """Of a plate the largest moment is the sum of the others, which rounding exceeds in two cases of five."""
+    """Of a plate the largest moment is the sum of the others, which rounding exceeds in
+    two cases of five."""
     axes = Rotation.from_euler("xyz", turn).as_matrix()
     plate = np.array([*moments, sum(moments)])
     go1 = load_robot(asset_path("robots/go1.toml")).anatomy
     trunk = dataclasses.replace(go1.trunk, inertia=six(axes @ np.diag(plate) @ axes.T))
     built = build_spec(dataclasses.replace(go1, trunk=trunk)).compile()
     # eigh loses 1e-16 of the largest moment.
-    np.testing.assert_allclose(np.sort(built.body("trunk").inertia), np.sort(plate), rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(
+        np.sort(built.body("trunk").inertia), np.sort(plate), rtol=1e-9, atol=1e-14
+    )
 
 
 def solid_free(hardware):
@@ -96,8 +139,12 @@ def solid_free(hardware):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_bp2_built_and_bp2_written_move_alike(bp2: Anatomy, seed: int):
-    ours, theirs = (accelerations(model, seed) for model in (build_spec(bp2).compile(), load_model()))
-    np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())  # the solver's own tolerance is 1e-8
+    ours, theirs = (
+        accelerations(model, seed)
+        for model in (build_spec(bp2).compile(), load_model())
+    )
+    # the solver's own tolerance is 1e-8
+    np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())
 
 
 def test_what_hardware_changes_in_bp2_it_changes_in_a_built_model(bp2: Anatomy):
@@ -111,14 +158,19 @@ def test_what_hardware_changes_in_bp2_it_changes_in_a_built_model(bp2: Anatomy):
     model = spec.compile()
     assert model.nsensordata == 12
     assert model.actuator_forcerange.max() == IDEAL.joint_peak_torque
-    assert model.ngeom == load_model(dataclasses.replace(IDEAL, solid_legs=True), visual=False).ngeom
+    assert (
+        model.ngeom
+        == load_model(dataclasses.replace(IDEAL, solid_legs=True), visual=False).ngeom
+    )
 
 
 def test_a_rigid_shank_has_no_spring(rigid: Anatomy):
     model = build_spec(rigid).compile()
     assert (model.nq, model.nv, model.nu) == (19, 18, 12)
     assert model.ntendon == 0
-    assert [model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)] == list(MOTOR_NAMES)
+    assert [
+        model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
+    ] == list(MOTOR_NAMES)
 
 
 def test_full_inertias_are_kept_and_scale_with_the_mass(rigid: Anatomy):
@@ -128,7 +180,12 @@ def test_full_inertias_are_kept_and_scale_with_the_mass(rigid: Anatomy):
         body.inertia = np.asarray(body.inertia) * 2.0
     once, twice = build_spec(rigid).compile(), spec.compile()
     for i in range(1, once.nbody):
-        np.testing.assert_allclose(inertia_in_body(twice, i), 2.0 * inertia_in_body(once, i), rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(
+            inertia_in_body(twice, i),
+            2.0 * inertia_in_body(once, i),
+            rtol=1e-9,
+            atol=1e-15,
+        )
 
 
 def test_the_keyframe_stands_on_the_ground(bp2: Anatomy, rigid: Anatomy):
@@ -137,9 +194,13 @@ def test_the_keyframe_stands_on_the_ground(bp2: Anatomy, rigid: Anatomy):
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
         mujoco.mj_forward(model, data)
-        soles = [data.geom(f"{leg}_foot").xpos[2] - model.geom(f"{leg}_foot").size[0] for leg in LEGS]
+        soles = [
+            data.geom(f"{leg}_foot").xpos[2] - model.geom(f"{leg}_foot").size[0]
+            for leg in LEGS
+        ]
         assert min(soles) == pytest.approx(0.0, abs=1e-12)
-        np.testing.assert_allclose(data.site("FR_sole").xpos[2], soles[0], atol=0.02)  # the toe's axis is tilted
+        # the toe's axis is tilted
+        np.testing.assert_allclose(data.site("FR_sole").xpos[2], soles[0], atol=0.02)
 
 
 def test_stiffer_springs_sag_less(bp2: Anatomy):

@@ -1,4 +1,5 @@
-"""The room between legs: the closed form against MuJoCo's own distances, and solid legs that stop each other."""
+"""The room between legs: the closed form against MuJoCo's own distances, and solid legs
+that stop each other."""
 
 import jax
 import jax.numpy as jnp
@@ -11,14 +12,25 @@ from bp2_rl.robot.clearance import clearance, segment_distance
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
-from bp2_rl.robot.model import FOOT_GEOMS, MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, TRUNK_GEOMS, let_converge, load_model
+from bp2_rl.robot.model import (
+    FOOT_GEOMS,
+    MOTOR_QPOS,
+    MOTOR_QVEL,
+    SPRING_QPOS,
+    TRUNK_GEOMS,
+    let_converge,
+    load_model,
+)
 
 SOLID = IDEAL.changed(solid_legs=True, hind_track=0.26, leg_length=0.36)
 FAR = 10.0  # m, up to which MuJoCo measures
 
 
-def postures(number: int, hardware: HardwareSpec = SOLID) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles all over their ranges, and compressions from topped out to on the stop: from apart to crossed."""
+def postures(
+    number: int, hardware: HardwareSpec = SOLID
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles all over their ranges, and compressions from topped out to on the
+    stop: from apart to crossed."""
     rng = np.random.default_rng(0)
     ranges = np.array([bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE])
     joints = rng.uniform(ranges[:, 0], ranges[:, 1], (number, 4, 3))
@@ -26,13 +38,26 @@ def postures(number: int, hardware: HardwareSpec = SOLID) -> tuple[np.ndarray, n
 
 
 def test_clearances_are_what_mujoco_measures():
-    """Over the pairs of the model's own capsules and spheres; 1e-6 m is the tolerance of MuJoCo's distance."""
+    """Over the pairs of the model's own capsules and spheres; 1e-6 m is the tolerance
+    of MuJoCo's distance."""
     model = load_model(SOLID, visual=False)
     data = mujoco.MjData(model)
-    parts = {leg: [model.geom(f"{leg}_{part}").id for part in ("solid_thigh", "solid_shank", "solid_toe", "foot")]
-             for leg in LEGS}  # fmt: skip
+    parts = {
+        leg: [
+            model.geom(f"{leg}_{part}").id
+            for part in ("solid_thigh", "solid_shank", "solid_toe", "foot")
+        ]
+        for leg in LEGS
+    }
     trunk = [model.geom(name).id for name in TRUNK_GEOMS]
-    pairs = [(a, b) for leg in LEGS for other in LEGS if leg < other for a in parts[leg] for b in parts[other]]
+    pairs = [
+        (a, b)
+        for leg in LEGS
+        for other in LEGS
+        if leg < other
+        for a in parts[leg]
+        for b in parts[other]
+    ]
     trunk_pairs = [(a, b) for leg in LEGS for a in parts[leg] for b in trunk]
     joints, compression = postures(200)
     measured = []
@@ -41,7 +66,10 @@ def test_clearances_are_what_mujoco_measures():
         data.qpos[MOTOR_QPOS], data.qpos[SPRING_QPOS] = q.ravel(), c
         mujoco.mj_kinematics(model, data)
         measured.append(
-            [min(mujoco.mj_geomDistance(model, data, a, b, FAR, None) for a, b in of) for of in (pairs, trunk_pairs)]
+            [
+                min(mujoco.mj_geomDistance(model, data, a, b, FAR, None) for a, b in of)
+                for of in (pairs, trunk_pairs)
+            ]
         )
     found = clearance(joints, compression, SOLID)
     for each in found:
@@ -55,7 +83,9 @@ def test_jax_says_the_same_in_float32():
     """1e-5 m: segments that are nearly parallel lose digits."""
     joints, compression = postures(1000)
     exact = clearance(joints, compression, SOLID)
-    found = jax.jit(lambda q, c: clearance(q, c, SOLID))(*(jnp.asarray(x, jnp.float32) for x in (joints, compression)))
+    found = jax.jit(lambda q, c: clearance(q, c, SOLID))(
+        *(jnp.asarray(x, jnp.float32) for x in (joints, compression))
+    )
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5)
 
 
@@ -71,11 +101,14 @@ def test_jax_says_the_same_in_float32():
     ],
 )
 def test_distance_of_segments_that_one_can_see(segments, distance):
-    assert segment_distance(*np.array(segments, float)) == pytest.approx(distance, abs=1e-12)
+    assert segment_distance(*np.array(segments, float)) == pytest.approx(
+        distance, abs=1e-12
+    )
 
 
 def press(hardware: HardwareSpec) -> tuple[np.ndarray, np.ndarray, int]:
-    """10 Nm pull hind legs in the air together: gaps (m), RL's sole left of RR's (m), by ms; contacts."""
+    """10 Nm pull hind legs in the air together: gaps (m), RL's sole left of RR's (m),
+    by ms; contacts."""
     model = load_model(hardware, visual=False)
     let_converge(model)
     model.opt.gravity[:] = 0.0
@@ -94,7 +127,8 @@ def press(hardware: HardwareSpec) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def test_solid_legs_stop_each_other_and_others_pass():
-    """Contacts are soft: legs that meet at 3 m/s enter each other by less than 15 mm, what they travel in 5 ms."""
+    """Contacts are soft: legs that meet at 3 m/s enter each other by less than 15 mm,
+    what they travel in 5 ms."""
     gaps, order, contacts = press(HardwareSpec(solid_legs=True))
     assert gaps[0] > 0.2
     assert contacts > 0
@@ -126,7 +160,10 @@ def test_solid_legs_touch_legs_and_trunk_but_neither_themselves_nor_the_floor():
 
 
 def test_training_has_feet_as_its_only_contacts_however_solid_the_legs():
-    plain, solid = (load_model(HardwareSpec(solid_legs=x), visual=False, feet_only=True) for x in (False, True))
+    plain, solid = (
+        load_model(HardwareSpec(solid_legs=x), visual=False, feet_only=True)
+        for x in (False, True)
+    )
     assert plain.ngeom == solid.ngeom
     for field in ("geom_contype", "geom_conaffinity", "geom_type", "geom_size"):
         np.testing.assert_array_equal(getattr(solid, field), getattr(plain, field))

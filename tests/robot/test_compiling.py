@@ -1,4 +1,5 @@
-"""A robot's model is compiled apart: it comes back bit for bit, and one that asks for everything ends in one line."""
+"""A robot's model is compiled apart: it comes back bit for bit, and one that asks for
+everything ends in one line."""
 
 import os
 import time
@@ -29,8 +30,13 @@ def test_a_model_comes_back_bit_for_bit():
 
 def test_what_is_wrong_with_a_model_is_said_as_if_it_was_compiled_here(tmp_path):
     path = tmp_path / "robot.xml"
-    path.write_text("<mujoco><worldbody><body><joint type='knee'/></body></worldbody></mujoco>")
-    with pytest.raises(ReadingError, match="not an MJCF that MuJoCo can read: XML Error: invalid keyword: 'knee'"):
+    path.write_text(
+        "<mujoco><worldbody><body><joint type='knee'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(
+        ReadingError,
+        match="not an MJCF that MuJoCo can read: XML Error: invalid keyword: 'knee'",
+    ):
         load_mjcf(path)
 
 
@@ -70,15 +76,23 @@ def refusal(tmp_path, capsys, text):
 def test_a_model_that_takes_too_long_is_given_up(tmp_path, capsys, monkeypatch, text):
     monkeypatch.setattr(compiling, "LONGEST", 2)
     error, seconds = refusal(tmp_path, capsys, text)
-    assert error.endswith(": MuJoCo has not compiled it after 2 s: leave only the robot\n")
-    assert seconds < 10.0  # with the start and the end of the process, on a busy machine
+    assert error.endswith(
+        ": MuJoCo has not compiled it after 2 s: leave only the robot\n"
+    )
+    # with the start and the end of the process, on a busy machine
+    assert seconds < 10.0
 
 
 @pytest.mark.parametrize("text", LARGE.values(), ids=LARGE)
-def test_a_model_that_takes_too_much_memory_is_given_up(tmp_path, capsys, monkeypatch, text):
-    monkeypatch.setattr(compiling, "LONGEST", 120)  # s: a busy machine may take longer to fill the memory
+def test_a_model_that_takes_too_much_memory_is_given_up(
+    tmp_path, capsys, monkeypatch, text
+):
+    # s: a busy machine may take longer to fill the memory
+    monkeypatch.setattr(compiling, "LONGEST", 120)
     error, _ = refusal(tmp_path, capsys, text)
-    assert error.endswith(": it crashes MuJoCo or takes over 2 GB: leave only the robot\n")
+    assert error.endswith(
+        ": it crashes MuJoCo or takes over 2 GB: leave only the robot\n"
+    )
 
 
 @pytest.mark.attack
@@ -89,14 +103,24 @@ def test_the_line_comes_after_at_most_twenty_seconds(tmp_path, capsys):
 
 def test_a_compiled_model_that_is_no_robot_is_not_read(tmp_path, capsys):
     limbs = 4000 * f"<body><joint/>{GEOM}</body>"
-    error, _ = refusal(tmp_path, capsys, f"<worldbody><body><freejoint/>{GEOM}{limbs}</body></worldbody>")
+    error, _ = refusal(
+        tmp_path,
+        capsys,
+        f"<worldbody><body><freejoint/>{GEOM}{limbs}</body></worldbody>",
+    )
     assert ": its compiled model has " in error
     assert error.endswith(" bytes, 4,194,304 at most are read: leave only the robot\n")
 
 
 def test_a_name_with_a_terminals_escapes_is_not_read(tmp_path, capsys):
-    error, _ = refusal(tmp_path, capsys, f'<worldbody><body name="&#27;[31m"><freejoint/>{GEOM}</body></worldbody>')
-    assert error.endswith(": it holds the name '\\x1b[31m', which no terminal can show: choose another\n")
+    error, _ = refusal(
+        tmp_path,
+        capsys,
+        f'<worldbody><body name="&#27;[31m"><freejoint/>{GEOM}</body></worldbody>',
+    )
+    assert error.endswith(
+        ": it holds the name '\\x1b[31m', which no terminal can show: choose another\n"
+    )
 
 
 def crash() -> tuple[mujoco.MjModel, list[str]]:
@@ -104,5 +128,8 @@ def crash() -> tuple[mujoco.MjModel, list[str]]:
 
 
 def test_a_crash_of_mujoco_is_a_line():
-    with pytest.raises(ReadingError, match=r"^it crashes MuJoCo or takes over 2 GB: leave only the robot$"):
+    with pytest.raises(
+        ReadingError,
+        match=r"^it crashes MuJoCo or takes over 2 GB: leave only the robot$",
+    ):
         compiled_apart(crash)

@@ -14,13 +14,18 @@ from bp2_rl.robot.model import load_model
 
 @pytest.fixture(scope="module")
 def states() -> list[np.ndarray]:
-    """States (qpos, qvel, torque) with zero to four feet on the ground and joints beyond their limits."""
-    return [x.astype(np.float32) for x in random_states(np.random.default_rng(0), 200, thrown=0.0)]
+    """States (qpos, qvel, torque) with zero to four feet on the ground and joints
+    beyond their limits."""
+    return [
+        x.astype(np.float32)
+        for x in random_states(np.random.default_rng(0), 200, thrown=0.0)
+    ]
 
 
 @functools.cache
 def stepped():
-    """One robot's step on MJX from rest's warm start: (acceleration, velocity after, position after)."""
+    """One robot's step on MJX from rest's warm start: (acceleration, velocity after,
+    position after)."""
     model = mjx.put_model(load_model(visual=False, feet_only=True))
     blank = mjx.make_data(model)
 
@@ -34,7 +39,8 @@ def stepped():
 
 
 def test_one_step_is_that_of_c_mujoco(states):
-    """Accelerations to 1e-4 of each state's largest, then the step, with the model's own few iterations."""
+    """Accelerations to 1e-4 of each state's largest, then the step, with the model's
+    own few iterations."""
     with jax.default_matmul_precision("highest"):
         accelerations, velocities, positions = map(np.asarray, stepped()(*states))
     model = converged(load_model(visual=False, feet_only=True))
@@ -46,8 +52,12 @@ def test_one_step_is_that_of_c_mujoco(states):
         feet.append(data.ncon)
         limits.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
         largest = abs(data.qacc).max()
-        np.testing.assert_allclose(accelerations[i], data.qacc, rtol=0, atol=1e-4 * largest)
-        np.testing.assert_allclose(velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * DT + 1e-5)
+        np.testing.assert_allclose(
+            accelerations[i], data.qacc, rtol=0, atol=1e-4 * largest
+        )
+        np.testing.assert_allclose(
+            velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * DT + 1e-5
+        )
         np.testing.assert_allclose(positions[i], data.qpos, rtol=0, atol=1e-6)
     assert all(np.bincount(feet, minlength=5) > 5)
     assert np.sum(limits) > 20

@@ -1,4 +1,5 @@
-"""The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on how it moves."""
+"""The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on
+how it moves."""
 
 from pathlib import Path
 
@@ -6,7 +7,15 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from landing import DT, MOTOR, converged, land_on_mjx, land_on_mujoco, landing, random_states
+from landing import (
+    DT,
+    MOTOR,
+    converged,
+    land_on_mjx,
+    land_on_mujoco,
+    landing,
+    random_states,
+)
 from mujoco import mjx
 
 from bp2_rl.base import assets
@@ -33,14 +42,17 @@ from bp2_rl.robot.model import (
 
 @pytest.fixture(scope="module")
 def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
-    """BP2 after 3 s under joint PD at its standing targets: model, state, and the foot forces (4, 3) in the world."""
+    """BP2 after 3 s under joint PD at its standing targets: model, state, and the foot
+    forces (4, 3) in the world."""
     model = converged(load_model())
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     target, torque = np.array(bp2.STAND_JOINTS), np.zeros(12)
     for _ in range(3000):
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-        torque = data.ctrl[:] = act.joint_torque(MOTOR, torque, q, qd, target, np.zeros(12), DT)
+        torque = data.ctrl[:] = act.joint_torque(
+            MOTOR, torque, q, qd, target, np.zeros(12), DT
+        )
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     return model, data, foot_forces(model, data)
@@ -53,21 +65,31 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         contact = data.contact[i]
         if contact.geom2 in feet:
             mujoco.mj_contactForce(model, data, i, wrench)
-            forces[feet.index(contact.geom2)] += contact.frame.reshape(3, 3).T @ wrench[:3]
+            forces[feet.index(contact.geom2)] += (
+                contact.frame.reshape(3, 3).T @ wrench[:3]
+            )
     return forces
 
 
-# --- What it is ----------------------------------------------------------------------------------------------
+# --- What it is -----------------------------------------------------------------------
 
 
 def test_state_layout():
     model = load_model()
-    assert [model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)] == list(MOTOR_NAMES)
+    assert [
+        model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
+    ] == list(MOTOR_NAMES)
     assert [model.actuator(i).name for i in range(model.nu)] == list(MOTOR_NAMES)
     for name, qpos, qvel in zip(MOTOR_NAMES, MOTOR_QPOS, MOTOR_QVEL, strict=True):
-        assert (model.joint(name).qposadr[0], model.joint(name).dofadr[0]) == (qpos, qvel)
+        assert (model.joint(name).qposadr[0], model.joint(name).dofadr[0]) == (
+            qpos,
+            qvel,
+        )
     for leg, qpos, qvel in zip(LEGS, SPRING_QPOS, SPRING_QVEL, strict=True):
-        assert (model.joint(f"{leg}_spring").qposadr[0], model.joint(f"{leg}_spring").dofadr[0]) == (qpos, qvel)
+        assert (
+            model.joint(f"{leg}_spring").qposadr[0],
+            model.joint(f"{leg}_spring").dofadr[0],
+        ) == (qpos, qvel)
 
 
 def test_total_mass():
@@ -75,7 +97,8 @@ def test_total_mass():
 
 
 def legless(spec: mujoco.MjSpec) -> np.ndarray:
-    """Mass matrix at rest of the trunk and the abduction links alone; the first six coordinates are the trunk's."""
+    """Mass matrix at rest of the trunk and the abduction links alone; the first six
+    coordinates are the trunk's."""
     for part in (*spec.tendons, *spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(part)
     for leg in LEGS:
@@ -95,13 +118,20 @@ def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
 
 
 @pytest.mark.parametrize(
-    "change", [{"thigh_mass": 3.0, "toe_mass": 0.2}, {"trunk_inertia": 0.5}, {"thigh_mass": 1.0, "trunk_inertia": 40.0}]
+    "change",
+    [
+        {"thigh_mass": 3.0, "toe_mass": 0.2},
+        {"trunk_inertia": 0.5},
+        {"thigh_mass": 1.0, "trunk_inertia": 40.0},
+    ],
 )
 def test_a_changed_trunks_inertia_is_the_planar_models(change):
     hardware = IDEAL.changed(**change)
     inertia = legless(load_spec(hardware))
     assert inertia[4, 4] == pytest.approx(hardware.bp2.trunk_pitch_inertia, rel=1e-9)
-    assert inertia[0, 0] == pytest.approx(4.0 * hardware.bp2.trunk_quarter_mass, rel=1e-9)
+    assert inertia[0, 0] == pytest.approx(
+        4.0 * hardware.bp2.trunk_quarter_mass, rel=1e-9
+    )
 
 
 def test_front_track_is_wider_than_the_hind():
@@ -117,7 +147,11 @@ def test_front_track_is_wider_than_the_hind():
 def test_only_feet_and_trunk_collide_and_only_with_the_floor():
     model = load_model()
     floor = model.geom("floor").id
-    collides = {model.geom(i).name for i in range(model.ngeom) if model.geom_conaffinity[i] or model.geom_contype[i]}
+    collides = {
+        model.geom(i).name
+        for i in range(model.ngeom)
+        if model.geom_conaffinity[i] or model.geom_contype[i]
+    }
     assert collides == {"floor", *FOOT_GEOMS, *TRUNK_GEOMS}
     assert model.geom_contype[np.arange(model.ngeom) != floor].max() == 0
 
@@ -142,16 +176,21 @@ def test_sensors_measure_the_imu_and_the_joints():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     data.qvel[3:6] = [0.1, 0.2, 0.3]
-    data.qpos[2] += 1.0  # in free fall an accelerometer at the centre of mass reads nothing but rotation
+    # in free fall an accelerometer at the centre of mass reads nothing but rotation
+    data.qpos[2] += 1.0
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.sensor("imu_gyro").data, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(data.sensor("imu_quat").data, [1, 0, 0, 0])
-    np.testing.assert_allclose(data.sensor("imu_accelerometer").data, data.qacc[:3] + np.array([0, 0, 9.81]), atol=1e-9)
+    np.testing.assert_allclose(
+        data.sensor("imu_accelerometer").data,
+        data.qacc[:3] + np.array([0, 0, 9.81]),
+        atol=1e-9,
+    )
     for name, q in zip(MOTOR_NAMES, bp2.STAND_JOINTS, strict=True):
         assert data.sensor(f"{name}_pos").data[0] == q
 
 
-# --- How it stands -------------------------------------------------------------------------------------------
+# --- How it stands --------------------------------------------------------------------
 
 
 def test_settles_at_its_standing_height(standing):
@@ -163,18 +202,22 @@ def test_settles_at_its_standing_height(standing):
 
 def test_floor_carries_the_weight_at_rest(standing):
     model, _, forces = standing
-    assert forces[:, 2].sum() == pytest.approx(mujoco.mj_getTotalmass(model) * conventions.GRAVITY, rel=1e-2)
+    assert forces[:, 2].sum() == pytest.approx(
+        mujoco.mj_getTotalmass(model) * conventions.GRAVITY, rel=1e-2
+    )
 
 
 def test_springs_carry_the_axial_part_of_the_foot_force_at_rest(standing):
-    """k c = axial contact force less the axial weight of the toe, which hangs below the spring: 0.5 kg."""
+    """k c = axial contact force less the axial weight of the toe, which hangs below the
+    spring: 0.5 kg."""
     model, data, forces = standing
     for i, leg in enumerate(LEGS):
         axis = data.body(f"{leg}_toe").xmat.reshape(3, 3)[:, 2]
         toe_weight = model.body(f"{leg}_toe").mass[0] * conventions.GRAVITY * axis[2]
         spring_force = bp2.SPRING_STIFFNESS * data.qpos[SPRING_QPOS[i]]
         assert spring_force == pytest.approx(forces[i] @ axis - toe_weight, rel=0.02)
-        assert spring_force == pytest.approx(forces[i] @ axis, rel=0.07)  # the toe weighs 6 % of a standing leg's load
+        # the toe weighs 6 % of a standing leg's load
+        assert spring_force == pytest.approx(forces[i] @ axis, rel=0.07)
 
 
 @pytest.mark.parametrize("compression", [-0.02, 0.0, 0.05, 0.13, 0.15])
@@ -183,22 +226,26 @@ def test_spring_and_its_stops_push_with_the_stated_force(compression):
     data = mujoco.MjData(model)
     data.qpos[SPRING_QPOS] = compression
     mujoco.mj_forward(model, data)
-    np.testing.assert_allclose(data.qfrc_passive[SPRING_QVEL], spring_force(compression), atol=1e-9)
+    np.testing.assert_allclose(
+        data.qfrc_passive[SPRING_QVEL], spring_force(compression), atol=1e-9
+    )
     np.testing.assert_allclose(data.qfrc_passive[MOTOR_QVEL], 0.0)
 
 
 def spring_force(compression):
-    """6 kN/m everywhere and 30 kN/m more outside [0, 0.13] m, N along the compression."""
+    """6 kN/m everywhere and 30 kN/m more outside [0, 0.13] m, N along the
+    compression."""
     beyond = np.maximum(compression - 0.13, 0.0) + np.minimum(compression, 0.0)
     return -6000.0 * compression - 30000.0 * beyond
 
 
-# --- MJX and C MuJoCo ----------------------------------------------------------------------------------------
+# --- MJX and C MuJoCo -----------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def one_step_on_mjx() -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """200 random states (qpos, qvel, torque), their accelerations and their passive forces, by MJX in float32."""
+    """200 random states (qpos, qvel, torque), their accelerations and their passive
+    forces, by MJX in float32."""
     model = mjx.put_model(converged(load_model(visual=False)))
     blank = mjx.make_data(model)
 
@@ -208,14 +255,17 @@ def one_step_on_mjx() -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         data = mjx.forward(model, blank.replace(qpos=qpos, qvel=qvel, ctrl=torque))
         return data.qacc, data.qfrc_passive
 
-    states = [x.astype(np.float32) for x in random_states(np.random.default_rng(0), 200)]
+    states = [
+        x.astype(np.float32) for x in random_states(np.random.default_rng(0), 200)
+    ]
     with jax.default_matmul_precision("highest"):
         acceleration, passive = forward(*states)
     return states, np.asarray(acceleration), np.asarray(passive)
 
 
 def test_mjx_and_mujoco_agree_on_one_step(one_step_on_mjx):
-    """Accelerations from 200 random states, to 1e-4 of each state's largest; both solvers converged."""
+    """Accelerations from 200 random states, to 1e-4 of each state's largest; both
+    solvers converged."""
     states, accelerations, _ = one_step_on_mjx
     model = converged(load_model(visual=False))
     data, feet_down, trunk_down, limits, errors = mujoco.MjData(model), [], [], [], []
@@ -228,7 +278,9 @@ def test_mjx_and_mujoco_agree_on_one_step(one_step_on_mjx):
         limits.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
         errors.append(abs(acceleration - data.qacc).max() / abs(data.qacc).max())
     counts = np.bincount(feet_down, minlength=5)
-    assert counts[0] > 20  # the states cover flight, one to four feet on the ground, the trunk, and joint limits
+    # the states cover flight, one to four feet on the ground, the trunk, and joint
+    # limits
+    assert counts[0] > 20
     assert all(counts[1:5] > 5)
     assert np.sum(trunk_down) > 5
     assert np.sum(limits) > 20
@@ -241,24 +293,34 @@ def test_springs_and_stops_push_alike_in_mjx(one_step_on_mjx):
     assert (compression < 0.0).any()
     assert (compression > 0.13).any()
     force = spring_force(compression) - 10.0 * qvel[:, SPRING_QVEL]
-    np.testing.assert_allclose(passive[:, SPRING_QVEL], force, atol=0.02)  # 36 kN/m x float32's 1e-8 m, damping's 1e-6
+    # 36 kN/m x float32's 1e-8 m, damping's 1e-6
+    np.testing.assert_allclose(passive[:, SPRING_QVEL], force, atol=0.02)
 
 
 @pytest.mark.parametrize("feet_only", [False, True])
 def test_mjx_and_mujoco_agree_on_a_touchdown_at_10_m_per_s(feet_only):
-    """Trunk and feet over 150 ms, to 1e-4 m; MJX with the model's own few iterations, C MuJoCo converged in float64."""
+    """Trunk and feet over 150 ms, to 1e-4 m; MJX with the model's own few iterations, C
+    MuJoCo converged in float64."""
     start = landing(robots=16)
     on_mjx = land_on_mjx(load_model(visual=False, feet_only=feet_only), start)
     on_mujoco = land_on_mujoco(converged(load_model(visual=False)), start)
     depth = bp2.FOOT_RADIUS - on_mujoco[:, :, 1:, 2]
-    assert (depth.max(axis=1) > 0.0).mean() > 0.9  # nearly every foot lands, one diagonal after the other
+    # nearly every foot lands, one diagonal after the other
+    assert (depth.max(axis=1) > 0.0).mean() > 0.9
     np.testing.assert_allclose(on_mjx, on_mujoco, atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize(("impratio", "iterations", "enough"), [(1, None, True), (1, 4, False), (10, None, False)])
+@pytest.mark.parametrize(
+    ("impratio", "iterations", "enough"),
+    [(1, None, True), (1, 4, False), (10, None, False)],
+)
 def test_the_models_few_iterations_converge_at_touchdown(impratio, iterations, enough):
-    """The XML's solver gives what 50 iterations give; four iterations, or a higher impratio, would be mm off."""
-    start, models = landing(robots=32), [load_model(visual=False), converged(load_model(visual=False))]
+    """The XML's solver gives what 50 iterations give; four iterations, or a higher
+    impratio, would be mm off."""
+    start, models = (
+        landing(robots=32),
+        [load_model(visual=False), converged(load_model(visual=False))],
+    )
     for model in models:
         model.opt.impratio = impratio
     models[0].opt.iterations = iterations or models[0].opt.iterations
@@ -267,9 +329,12 @@ def test_the_models_few_iterations_converge_at_touchdown(impratio, iterations, e
     assert worst < 1e-9 if enough else worst > 1e-3
 
 
-@pytest.mark.parametrize(("softness", "sinks", "pushes"), [(0.005, 0.0060, 800.0), (0.003, 0.0038, 1370.0)])
+@pytest.mark.parametrize(
+    ("softness", "sinks", "pushes"), [(0.005, 0.0060, 800.0), (0.003, 0.0038, 1370.0)]
+)
 def test_touchdown_softness(softness, sinks, pushes):
-    """Depth (m) and impact peak (N) of feet that meet the floor at 3 m/s, as toes do at 10 m/s; the XML has 5 ms."""
+    """Depth (m) and impact peak (N) of feet that meet the floor at 3 m/s, as toes do at
+    10 m/s; the XML has 5 ms."""
     model = converged(load_model())
     feet = foot_geom_ids(model)
     assert set(model.geom_solref[feet, 0]) == {0.005}
@@ -287,9 +352,11 @@ def test_touchdown_softness(softness, sinks, pushes):
 
 
 def test_loaded_feet_creep_slowly():
-    """A foot that pushes 700 N down and 300 N back, inside its friction cone, slips at less than 0.2 m/s.
+    """A foot that pushes 700 N down and 300 N back, inside its friction cone, slips at
+    less than 0.2 m/s.
 
-    MuJoCo's soft constraints creep; 0.14 m/s is 1.4 % of 10 m/s. It has sunk by about a millimetre.
+    MuJoCo's soft constraints creep; 0.14 m/s is 1.4 % of 10 m/s. It has sunk by about a
+    millimetre.
     """
     model = converged(load_model())
     model.dof_damping[MOTOR_QVEL] = 1e5  # locks the joints
@@ -299,18 +366,29 @@ def test_loaded_feet_creep_slowly():
     velocity, depth, forces = [], [], []
     for i in range(3000):
         weight = mujoco.mj_getTotalmass(model) * conventions.GRAVITY
-        data.xfrc_applied[1] = [4 * 300.0, 0, weight - 4 * 700.0, 0, -4 * 300.0 * data.qpos[2], 0]
+        data.xfrc_applied[1] = [
+            4 * 300.0,
+            0,
+            weight - 4 * 700.0,
+            0,
+            -4 * 300.0 * data.qpos[2],
+            0,
+        ]
         mujoco.mj_step(model, data)
         if i >= 2000:
             velocity.append(data.qvel[0])
-            depth.append(bp2.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].mean())
+            depth.append(
+                bp2.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].mean()
+            )
             forces.append(foot_forces(model, data))
-    np.testing.assert_allclose(np.mean(forces, axis=(0, 1))[[0, 2]], [-300.0, 700.0], rtol=0.02)
+    np.testing.assert_allclose(
+        np.mean(forces, axis=(0, 1))[[0, 2]], [-300.0, 700.0], rtol=0.02
+    )
     assert 0.0 < np.mean(velocity) < 0.2
     assert np.mean(depth) == pytest.approx(1e-3, rel=0.2)
 
 
-# --- What load_model can change ------------------------------------------------------------------------------
+# --- What load_model can change -------------------------------------------------------
 
 
 def test_changed_hardware_changes_the_robot():
@@ -340,16 +418,31 @@ def test_changed_hardware_changes_the_robot():
 
 def test_mass_moves_between_trunk_and_legs():
     """And inertias with it; the whole weighs what it did."""
-    model, published = load_model(IDEAL.changed(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)), load_model()
-    assert np.sum(model.body_mass) == pytest.approx(np.sum(published.body_mass), rel=1e-12)
+    model, published = (
+        load_model(IDEAL.changed(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)),
+        load_model(),
+    )
+    assert np.sum(model.body_mass) == pytest.approx(
+        np.sum(published.body_mass), rel=1e-12
+    )
     for body in range(1, model.nbody):
         name = model.body(body).name
         share = (
-            2.0 if "thigh" in name else 0.5 if "toe" in name else (21.0 - 4 * 1.95) / 21.0 if name == "trunk" else 1.0
+            2.0
+            if "thigh" in name
+            else 0.5
+            if "toe" in name
+            else (21.0 - 4 * 1.95) / 21.0
+            if name == "trunk"
+            else 1.0
         )
-        assert model.body_mass[body] == pytest.approx(share * published.body_mass[body], rel=1e-12), name
+        assert model.body_mass[body] == pytest.approx(
+            share * published.body_mass[body], rel=1e-12
+        ), name
         spread = 2.0 * share if name == "trunk" else share
-        np.testing.assert_allclose(model.body_inertia[body], spread * published.body_inertia[body], rtol=1e-12)
+        np.testing.assert_allclose(
+            model.body_inertia[body], spread * published.body_inertia[body], rtol=1e-12
+        )
 
 
 def test_soles_are_where_the_kinematics_say():
@@ -362,7 +455,9 @@ def test_soles_are_where_the_kinematics_say():
     data.qpos[MOTOR_QPOS], data.qpos[SPRING_QPOS] = joints.ravel(), compression
     mujoco.mj_kinematics(model, data)
     soles = np.array([data.site(name).xpos for name in SOLE_SITES])
-    np.testing.assert_allclose(soles, foot_position(joints, compression, hardware), atol=1e-12)
+    np.testing.assert_allclose(
+        soles, foot_position(joints, compression, hardware), atol=1e-12
+    )
 
 
 def test_dropping_visuals_and_all_contacts_but_the_feets_keeps_the_physics():
@@ -400,12 +495,16 @@ def test_a_model_that_does_not_compile_is_refused_in_one_line():
     def break_it(spec: mujoco.MjSpec) -> None:
         spec.body("trunk").mass = -1.0
 
-    with pytest.raises(ModelError, match="the model of BP2 does not compile") as refusal:
+    with pytest.raises(
+        ModelError, match="the model of BP2 does not compile"
+    ) as refusal:
         load_model(scene=break_it)
     assert "\n" not in str(refusal.value)
 
 
-def test_assets_are_found_in_a_checkout_and_in_an_installed_package(tmp_path: Path, monkeypatch):
+def test_assets_are_found_in_a_checkout_and_in_an_installed_package(
+    tmp_path: Path, monkeypatch
+):
     assert asset_path("bp2_mjcf/bp2.xml").is_file()
     monkeypatch.setattr(assets, "_PACKAGE", tmp_path)
     assert asset_path("bp2.xml") == tmp_path.parent / "assets" / "bp2.xml"

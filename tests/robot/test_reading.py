@@ -1,4 +1,5 @@
-"""Any quadruped's MJCF becomes an Anatomy that moves as the original does, or is refused by name."""
+"""Any quadruped's MJCF becomes an Anatomy that moves as the original does, or is
+refused by name."""
 
 import importlib.util
 import math
@@ -8,7 +9,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf, without_a_base
+from odd_robots import (
+    PLAIN_JOINTS,
+    anymal_like,
+    disagreement,
+    drawn_crouching,
+    plain,
+    sprung,
+    urdf,
+    without_a_base,
+)
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot.conventions import LEGS
@@ -36,13 +46,17 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-# --- It moves as the original ------------------------------------------------------------------------------------
+# --- It moves as the original ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
     "path",
-    [GO1 / "go1_mjx_feetonly.xml", GO1 / "go1_mjx_fullcollisions.xml", Path("_src/locomotion/spot/xmls/spot_mjx.xml")],
+    [
+        GO1 / "go1_mjx_feetonly.xml",
+        GO1 / "go1_mjx_fullcollisions.xml",
+        Path("_src/locomotion/spot/xmls/spot_mjx.xml"),
+    ],
 )
 def test_a_public_robot_moves_as_its_model_does(path: Path, seed: int):
     path = playground(path)
@@ -53,7 +67,9 @@ def test_a_public_robot_moves_as_its_model_does(path: Path, seed: int):
 @pytest.mark.parametrize("seed", range(5))
 def test_bp2_moves_as_its_model_does(seed: int):
     path = asset_path("bp2_mjcf/bp2.xml")
-    assert max(disagreement(load_mjcf(path), read_mjcf(path), seed=seed)) < 1e-12, "rounding alone is left"
+    assert max(disagreement(load_mjcf(path), read_mjcf(path), seed=seed)) < 1e-12, (
+        "rounding alone is left"
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -65,7 +81,9 @@ def test_odd_conventions_are_understood(odd, seed: int, tmp_path: Path):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_springs_that_count_downwards_from_elsewhere_are_understood(seed: int, tmp_path: Path):
+def test_springs_that_count_downwards_from_elsewhere_are_understood(
+    seed: int, tmp_path: Path
+):
     path = write(tmp_path, sprung())
     tips = ["fr_tip", "fl_tip", "rr_tip", "rl_tip"]
     reading = read_mjcf(path, feet=tips, foot_radius=0.012)
@@ -75,22 +93,35 @@ def test_springs_that_count_downwards_from_elsewhere_are_understood(seed: int, t
     assert reading.spring.travel == pytest.approx(0.08)
 
 
-# --- What it says ------------------------------------------------------------------------------------------------
+# --- What it says ---------------------------------------------------------------------
 
 
 def test_go1_is_read_from_its_public_model(go1: Path):
     reading = read_mjcf(go1)
     assert reading.anatomy.mass == pytest.approx(12.743448)
-    assert [joint.name for joint in reading.joints[:3]] == ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"]
+    assert [joint.name for joint in reading.joints[:3]] == [
+        "FR_hip_joint",
+        "FR_thigh_joint",
+        "FR_calf_joint",
+    ]
     assert reading.contacts == ("FR", "FL", "RR", "RL")
     leg = reading.anatomy.legs[0]
-    assert (leg.thigh_length, leg.lower_length, leg.foot_radius) == pytest.approx((0.213, 0.236, 0.023))
+    assert (leg.thigh_length, leg.lower_length, leg.foot_radius) == pytest.approx(
+        (0.213, 0.236, 0.023)
+    )
     assert leg.ranges == ((-0.863, 0.863), (-0.686, 4.501), (-2.818, -0.888))
     assert leg.bend == -1
     assert leg.toe is None
     hip, knee = reading.joints[1:3]
-    assert (hip.peak_torque, knee.peak_torque, knee.stiffness, knee.armature) == (23.7, 35.55, 35.0, 0.005)
-    assert (knee.friction, knee.damping, knee.actuator_damping) == (1.0, 0.0, 0.5), "a loop has its damping somewhere"
+    assert (hip.peak_torque, knee.peak_torque, knee.stiffness, knee.armature) == (
+        23.7,
+        35.55,
+        35.0,
+        0.005,
+    )
+    assert (knee.friction, knee.damping, knee.actuator_damping) == (1.0, 0.0, 0.5), (
+        "a loop has its damping somewhere"
+    )
 
 
 def test_where_the_position_loop_has_a_damping_a_joint_keeps_its_own(tmp_path: Path):
@@ -113,63 +144,132 @@ def test_a_keyframe_beyond_a_range_stands_at_its_end_and_is_noted(tmp_path: Path
     reading = read_mjcf(write(tmp_path, plain(extra=keyframe(*["0 1.28 -2.62"] * 4))))
     assert reading.anatomy.stand == (0.0, 1.28, -2.6) * 4
     (note,) = [note for note in reading.notes if "keyframe" in note]
-    assert note.startswith("the keyframe 'home' leaves the joints' ranges by up to 0.02 rad, at 'FR_knee'")
+    assert note.startswith(
+        "the keyframe 'home' leaves the joints' ranges by up to 0.02 rad, at 'FR_knee'"
+    )
 
 
 def test_a_keyframe_with_straight_legs_does_not_tell_how_it_stands(tmp_path: Path):
-    reading = read_mjcf(write(tmp_path, plain(knee_range="-2.6 0", extra=keyframe(*["0 0 0"] * 4))))
+    reading = read_mjcf(
+        write(tmp_path, plain(knee_range="-2.6 0", extra=keyframe(*["0 0 0"] * 4)))
+    )
     assert reading.anatomy.stand[2] < -1.0
     assert any("no keyframe tells" in note for note in reading.notes)
 
 
 def test_a_keyframe_whose_right_legs_stand_otherwise_is_noted(tmp_path: Path):
     uneven = plain(extra=keyframe("0 .8 -1.5", "0 .7 -1.4", "0 .8 -1.5", "0 .8 -1.5"))
-    assert any("do not mirror" in note for note in read_mjcf(write(tmp_path, uneven)).notes)
+    assert any(
+        "do not mirror" in note for note in read_mjcf(write(tmp_path, uneven)).notes
+    )
 
 
 @pytest.mark.parametrize("kind", ["box", "sphere", "capsule", "mesh"])
-def test_a_geom_that_is_fitted_to_a_mesh_is_left_out_as_the_mesh_is(kind: str, tmp_path: Path):
+def test_a_geom_that_is_fitted_to_a_mesh_is_left_out_as_the_mesh_is(
+    kind: str, tmp_path: Path
+):
     inertial = '<freejoint/><inertial pos="0 0 0" mass="6" diaginertia=".05 .1 .1"/>'
     mesh = '<asset><mesh name="m" file="gone.stl"/></asset>'
     site = '<site type="box" mesh="m"/>' if kind == "box" else ""
-    fitted = plain(trunk=f'{inertial}<geom type="{kind}" mesh="m" mass="0"/>{site}', extra=mesh)
-    assert read_mjcf(write(tmp_path, fitted)).anatomy == read_mjcf(write(tmp_path, plain(trunk=inertial))).anatomy
-    with pytest.raises(ReadingError, match="the mass of body 'trunk' comes from a mesh"):
-        read_mjcf(write(tmp_path, plain(trunk=f'<freejoint/><geom type="{kind}" mesh="m"/>', extra=mesh)))
+    fitted = plain(
+        trunk=f'{inertial}<geom type="{kind}" mesh="m" mass="0"/>{site}', extra=mesh
+    )
+    assert (
+        read_mjcf(write(tmp_path, fitted)).anatomy
+        == read_mjcf(write(tmp_path, plain(trunk=inertial))).anatomy
+    )
+    with pytest.raises(
+        ReadingError, match="the mass of body 'trunk' comes from a mesh"
+    ):
+        read_mjcf(
+            write(
+                tmp_path,
+                plain(trunk=f'<freejoint/><geom type="{kind}" mesh="m"/>', extra=mesh),
+            )
+        )
 
 
 EFFECTS = {
-    '<motor joint="{joint}" ctrlrange="-3 3" gear="-9" armature="0.001" damping="0.02"/>': (0.081, 1.62, 27, 0, 0),
-    '<position joint="{joint}" kp="60" kv="2" armature=".02" damping=".4" forcerange="-8 8"/>': (0.02, 0.4, 8, 60, 2),
-    '<position joint="{joint}" kp="60" kv="2" gear="2" forcerange="-30 20" ctrlrange="-4 -1"/>': (0, 0, 40, 240, 8),
-    '<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="3"/>': (0, 0, math.inf, 60, 3),
-    '<pid joint="{joint}" kp="50" kv="1" ki="2" forcerange="-30 30"/>': (0, 0, 30, 50, 1),
-    '<general joint="{joint}" gainprm="4" biastype="affine" biasprm="0 -4 -0.5" forcerange="-9 9"/>': (0, 0, 9, 4, 0.5),
+    '<motor joint="{joint}" ctrlrange="-3 3" gear="-9" armature="0.001" damping="0.02"/>': (
+        0.081,
+        1.62,
+        27,
+        0,
+        0,
+    ),
+    '<position joint="{joint}" kp="60" kv="2" armature=".02" damping=".4" forcerange="-8 8"/>': (
+        0.02,
+        0.4,
+        8,
+        60,
+        2,
+    ),
+    '<position joint="{joint}" kp="60" kv="2" gear="2" forcerange="-30 20" ctrlrange="-4 -1"/>': (
+        0,
+        0,
+        40,
+        240,
+        8,
+    ),
+    '<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="3"/>': (
+        0,
+        0,
+        math.inf,
+        60,
+        3,
+    ),
+    '<pid joint="{joint}" kp="50" kv="1" ki="2" forcerange="-30 30"/>': (
+        0,
+        0,
+        30,
+        50,
+        1,
+    ),
+    '<general joint="{joint}" gainprm="4" biastype="affine" biasprm="0 -4 -0.5" forcerange="-9 9"/>': (
+        0,
+        0,
+        9,
+        4,
+        0.5,
+    ),
 }
-"""Actuators, and by hand: armature and damping times gear^2, the peak torque, and gains times gear^2."""
+"""Actuators, and by hand: armature and damping times gear^2, the peak torque, and gains
+times gear^2."""
 
 
 @pytest.mark.parametrize("pair", EFFECTS.items())
 def test_what_an_actuator_does_counts_wherever_the_model_says_it(pair, tmp_path: Path):
-    """The differences by which it is measured are exact but for a product's rounding: 1e-12."""
+    """The differences by which it is measured are exact but for a product's rounding:
+    1e-12."""
     actuator, expected = pair
     path = write(tmp_path, plain(actuator=actuator))
     reading = read_mjcf(path)
     for joint in reading.joints:
-        found = joint.armature, joint.damping, joint.peak_torque, joint.stiffness, joint.actuator_damping
+        found = (
+            joint.armature,
+            joint.damping,
+            joint.peak_torque,
+            joint.stiffness,
+            joint.actuator_damping,
+        )
         assert found == pytest.approx(expected, rel=1e-12)
-    assert not any("left out" in note or "mass matrix" in note for note in reading.notes)
+    assert not any(
+        "left out" in note or "mass matrix" in note for note in reading.notes
+    )
     assert max(disagreement(load_mjcf(path), reading)) < 1e-12, "rounding alone is left"
 
 
 def test_a_tendon_on_one_joint_counts_as_the_joint_does(tmp_path: Path):
     """kg m2 and Nm s/rad of a tendon that grows by 2 m/rad."""
     tendons = "".join(
-        f'<fixed armature="0.01" damping="0.1"><joint joint="{joint}" coef="2"/></fixed>' for joint in PLAIN_JOINTS
+        f'<fixed armature="0.01" damping="0.1"><joint joint="{joint}" coef="2"/></fixed>'
+        for joint in PLAIN_JOINTS
     )
     path = write(tmp_path, plain(extra=f"<tendon>{tendons}</tendon>"))
     reading = read_mjcf(path)
-    assert {(joint.armature, joint.damping) for joint in reading.joints} == {(0.04, 0.4)}
+    assert {(joint.armature, joint.damping) for joint in reading.joints} == {
+        (0.04, 0.4)
+    }
     assert max(disagreement(load_mjcf(path), reading)) < 1e-12
 
 
@@ -189,7 +289,9 @@ LEFT_OUT = {
         "actuator": '<damper joint="{joint}" kv="2" ctrlrange="0 1"/>'
     },
     "forces of a fluid or against gravity": {"extra": '<option density="1.2"/>'},
-    "springs parallel to joints, 7 Nm/rad at FR_knee": {"joints": ["", "", 'stiffness="7"']},
+    "springs parallel to joints, 7 Nm/rad at FR_knee": {
+        "joints": ["", "", 'stiffness="7"']
+    },
 }
 
 
@@ -198,54 +300,93 @@ def test_what_a_file_cannot_hold_is_noted(note: str, tmp_path: Path):
     reading = read_mjcf(write(tmp_path, plain(**LEFT_OUT[note])))
     assert any(one.startswith(f"left out: {note}") for one in reading.notes)
     assert len([one for one in reading.notes if "left out" in one]) == 1
-    assert reading.joints[1].damping == pytest.approx({0: 1.62, 1: 0.3}.get(list(LEFT_OUT).index(note), 0.0), rel=1e-9)
+    assert reading.joints[1].damping == pytest.approx(
+        {0: 1.62, 1: 0.3}.get(list(LEFT_OUT).index(note), 0.0), rel=1e-9
+    )
 
 
 def test_a_dc_motor_peaks_at_standstill(tmp_path: Path):
     """gear K U / R."""
     motor = '<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
-    assert {joint.peak_torque for joint in read_mjcf(write(tmp_path, plain(actuator=motor))).joints} == {43.2}
+    assert {
+        joint.peak_torque
+        for joint in read_mjcf(write(tmp_path, plain(actuator=motor))).joints
+    } == {43.2}
 
 
 def test_a_mass_matrix_that_the_file_cannot_hold_is_noted(tmp_path: Path):
-    """A rotor at one knee: the file has the mean of four, which the lightest knees feel the most."""
-    uneven = plain().replace('name="FR_knee" axis="0 1 0"', 'name="FR_knee" axis="0 1 0" armature="0.1"')
+    """A rotor at one knee: the file has the mean of four, which the lightest knees feel
+    the most."""
+    uneven = plain().replace(
+        'name="FR_knee" axis="0 1 0"', 'name="FR_knee" axis="0 1 0" armature="0.1"'
+    )
     notes = read_mjcf(write(tmp_path, uneven)).notes
     (note,) = [note for note in notes if "mass matrix" in note]
     lightest = 1.5e-3 + 0.2 * 0.1**2  # kg m2, of a shank about its knee
-    assert float(note.split("up to ")[1].split()[0]) == pytest.approx(0.025 / lightest, rel=0.01)  # two digits
-    assert any("armature, kg m2, at the knee differ (0.1, 0, 0, 0)" in note for note in notes)
+    # two digits
+    assert float(note.split("up to ")[1].split()[0]) == pytest.approx(
+        0.025 / lightest, rel=0.01
+    )
+    assert any(
+        "armature, kg m2, at the knee differ (0.1, 0, 0, 0)" in note for note in notes
+    )
 
 
 def test_joints_keep_their_own_friction_and_damping(tmp_path: Path):
-    joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
+    joints = [
+        'frictionloss="1" damping="0.2"',
+        'frictionloss="1" damping="0.2"',
+        'frictionloss="3" damping="1"',
+    ]
     reading = read_mjcf(write(tmp_path, plain(joints=joints)))
-    assert [(joint.friction, joint.damping) for joint in reading.joints] == [(1.0, 0.2), (1.0, 0.2), (3.0, 1.0)] * 4
+    assert [(joint.friction, joint.damping) for joint in reading.joints] == [
+        (1.0, 0.2),
+        (1.0, 0.2),
+        (3.0, 1.0),
+    ] * 4
     assert not any("differ" in note for note in reading.notes)
 
 
 def test_legs_that_differ_where_a_file_has_one_number_are_noted(tmp_path: Path):
-    """Fore and hind, left and right: every leg has a motor of its own, and a file one of abad, hip and knee."""
+    """Fore and hind, left and right: every leg has a motor of its own, and a file one
+    of abad, hip and knee."""
     text = plain(joints=["", 'frictionloss="1"', 'armature="0.02"'])
-    uneven = text.replace('name="RL_hip" axis="0 1 0" range="-1.5 2.5" frictionloss="1"', 'name="RL_hip" axis="0 1 0"')
-    uneven = uneven.replace('joint="FR_knee" ctrlrange="-30 30"', 'joint="FR_knee" ctrlrange="-45 45"')
+    uneven = text.replace(
+        'name="RL_hip" axis="0 1 0" range="-1.5 2.5" frictionloss="1"',
+        'name="RL_hip" axis="0 1 0"',
+    )
+    uneven = uneven.replace(
+        'joint="FR_knee" ctrlrange="-30 30"', 'joint="FR_knee" ctrlrange="-45 45"'
+    )
     assert uneven.count("frictionloss") == 3
     notes = read_mjcf(write(tmp_path, uneven)).notes
-    assert "the legs' friction, Nm, at the hip differ (1, 1, 1, 0): their mean is taken" in notes
-    assert "the legs' peak torque, Nm, at the knee differ (45, 30, 30, 30): their mean is taken" in notes
+    assert (
+        "the legs' friction, Nm, at the hip differ (1, 1, 1, 0): their mean is taken"
+        in notes
+    )
+    assert (
+        "the legs' peak torque, Nm, at the knee differ (45, 30, 30, 30): their mean is taken"
+        in notes
+    )
 
 
 def test_an_actuator_that_is_disabled_limits_nothing(tmp_path: Path):
     both = '<motor joint="{joint}" ctrlrange="-30 30"/><motor joint="{joint}" ctrlrange="-5 5" group="3"/>'
     limited = read_mjcf(write(tmp_path, plain(actuator=both)))
-    free = read_mjcf(write(tmp_path, plain(actuator=both, extra='<option actuatorgroupdisable="3"/>')))
+    free = read_mjcf(
+        write(
+            tmp_path, plain(actuator=both, extra='<option actuatorgroupdisable="3"/>')
+        )
+    )
     assert [joint.peak_torque for joint in limited.joints] == [5.0] * 12
     assert [joint.peak_torque for joint in free.joints] == [30.0] * 12
 
 
 def test_without_a_keyframe_every_foot_is_below_its_hip(go1: Path):
     reading = read_mjcf(go1)
-    for leg, angles in zip(reading.anatomy.legs, np.reshape(reading.anatomy.stand, (4, 3)), strict=True):
+    for leg, angles in zip(
+        reading.anatomy.legs, np.reshape(reading.anatomy.stand, (4, 3)), strict=True
+    ):
         _, hip, knee = angles
         x = leg.thigh_length * math.sin(hip) + leg.lower_length * math.sin(hip + knee)
         assert x == pytest.approx(0.0, abs=1e-9)
@@ -254,7 +395,9 @@ def test_without_a_keyframe_every_foot_is_below_its_hip(go1: Path):
 
 def test_hind_knees_may_bend_the_other_way(tmp_path: Path):
     reading = read_mjcf(write(tmp_path, anymal_like()))
-    assert [leg.bend for leg in reading.anatomy.legs][:2] != [leg.bend for leg in reading.anatomy.legs][2:]
+    assert [leg.bend for leg in reading.anatomy.legs][:2] != [
+        leg.bend for leg in reading.anatomy.legs
+    ][2:]
     assert reading.joints[0].name == "RF_HAA"
     assert reading.joints[9].name == "LH_HAA"
     assert {joint.sign for joint in reading.joints} == {-1, 1}
@@ -267,56 +410,94 @@ def test_motors_with_a_gear_push_at_the_joint(tmp_path: Path):
 
 def test_geometry_masses_count_as_mujoco_counts_them(tmp_path: Path):
     path = write(tmp_path, drawn_crouching())
-    assert read_mjcf(path).anatomy.mass == pytest.approx(mujoco.mj_getTotalmass(load_mjcf(path)), rel=1e-12)
+    assert read_mjcf(path).anatomy.mass == pytest.approx(
+        mujoco.mj_getTotalmass(load_mjcf(path)), rel=1e-12
+    )
 
 
 def test_a_spring_parallel_to_a_joint_is_noted(go1: Path, tmp_path: Path):
     text = anymal_like().replace('range="-100 90"', 'range="-100 90" stiffness="7"')
     notes = read_mjcf(write(tmp_path, text)).notes
-    assert "left out: springs parallel to joints, 7 Nm/rad at RF_HAA, LF_HAA, RH_HAA, LH_HAA" in notes
+    assert (
+        "left out: springs parallel to joints, 7 Nm/rad at RF_HAA, LF_HAA, RH_HAA, LH_HAA"
+        in notes
+    )
 
 
-# --- Feet --------------------------------------------------------------------------------------------------------
+# --- Feet -----------------------------------------------------------------------------
 
 
 def foot(*shapes: str) -> str:
-    return "".join(f'<geom name="{{leg}}_foot{i or ""}" mass="0" {shape}/>' for i, shape in enumerate(shapes))
+    return "".join(
+        f'<geom name="{{leg}}_foot{i or ""}" mass="0" {shape}/>'
+        for i, shape in enumerate(shapes)
+    )
 
 
 SHAPES = {
     "a sphere": foot('type="sphere" size="0.02" pos="0 0 -0.21"'),
-    "a sphere at the outer side": foot('type="sphere" size="0.02" pos="0 {side}e-2 -0.21"'),
-    "a capsule across the toe": foot('type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21"'),
-    "one turned on the left": foot('type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="{side}.57079632679 0 0"'),
-    "one at the outer side": foot('type="capsule" size="0.02" fromto="0 {side}e-2 -0.21 0 {side}e-1 -0.21"'),
-    "one that rounding tilts": foot('type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="1.570796 0 0"'),
-    "one that hangs outwards": foot('type="capsule" size="0.02" fromto="0 0 -0.19 0 {side}e-2 -0.21"'),
-    "a capsule along the shank": foot('type="capsule" size="0.015" fromto="0 0 -0.02 0 0 -0.21"'),
+    "a sphere at the outer side": foot(
+        'type="sphere" size="0.02" pos="0 {side}e-2 -0.21"'
+    ),
+    "a capsule across the toe": foot(
+        'type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21"'
+    ),
+    "one turned on the left": foot(
+        'type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="{side}.57079632679 0 0"'
+    ),
+    "one at the outer side": foot(
+        'type="capsule" size="0.02" fromto="0 {side}e-2 -0.21 0 {side}e-1 -0.21"'
+    ),
+    "one that rounding tilts": foot(
+        'type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="1.570796 0 0"'
+    ),
+    "one that hangs outwards": foot(
+        'type="capsule" size="0.02" fromto="0 0 -0.19 0 {side}e-2 -0.21"'
+    ),
+    "a capsule along the shank": foot(
+        'type="capsule" size="0.015" fromto="0 0 -0.02 0 0 -0.21"'
+    ),
     "a capsule and a cylinder above": foot(
-        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.21"', 'type="cylinder" size="0.03" fromto="0 0 0 0 0 -0.15"'
+        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.21"',
+        'type="cylinder" size="0.03" fromto="0 0 0 0 0 -0.15"',
     ),
     "spheres on either side": foot(
-        'type="sphere" size="0.02" pos="0 -0.03 -0.21"', 'type="sphere" size="0.02" pos="0 0.03 -0.21"'
+        'type="sphere" size="0.02" pos="0 -0.03 -0.21"',
+        'type="sphere" size="0.02" pos="0 0.03 -0.21"',
     ),
 }
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_foot_touches_where_the_models_does_and_left_and_right_are_mirror_images(shape: str, tmp_path: Path):
-    """As the robot stands, in C MuJoCo: the lowest point of the model's foot is that of the sphere, to rounding."""
+def test_a_foot_touches_where_the_models_does_and_left_and_right_are_mirror_images(
+    shape: str, tmp_path: Path
+):
+    """As the robot stands, in C MuJoCo: the lowest point of the model's foot is that of
+    the sphere, to rounding."""
     path = write(tmp_path, plain(foot=SHAPES[shape]))
     reading, model = read_mjcf(path), load_mjcf(path)
-    right, left = np.array([leg.foot for leg in reading.anatomy.legs]).reshape(2, 2, 3).swapaxes(0, 1)
+    right, left = (
+        np.array([leg.foot for leg in reading.anatomy.legs])
+        .reshape(2, 2, 3)
+        .swapaxes(0, 1)
+    )
     np.testing.assert_allclose(right * (1, -1, 1), left, atol=1e-9)
     data, stand = mujoco.MjData(model), np.reshape(reading.anatomy.stand, (4, 3))
     data.qpos[:7], data.qpos[7:] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), stand.ravel()
     mujoco.mj_kinematics(model, data)
-    soles = foot_position(stand, reading.anatomy.geometry.foot_radius, HardwareSpec(body=reading.anatomy))
+    soles = foot_position(
+        stand, reading.anatomy.geometry.foot_radius, HardwareSpec(body=reading.anatomy)
+    )
     for leg, sole in zip(LEGS, soles, strict=True):
-        geoms = [g for g in range(model.ngeom) if (model.geom(g).name or "").startswith(f"{leg}_foot")]
+        geoms = [
+            g
+            for g in range(model.ngeom)
+            if (model.geom(g).name or "").startswith(f"{leg}_foot")
+        ]
         lowest = min(_lowest_point(model, data, g) for g in geoms)
         radius = reading.anatomy.legs[LEGS.index(leg)].foot_radius
-        assert sole[2] - radius == pytest.approx(lowest, abs=1e-7)  # six digits of pi / 2 tilt a capsule by 1e-8 m
+        # six digits of pi / 2 tilt a capsule by 1e-8 m
+        assert sole[2] - radius == pytest.approx(lowest, abs=1e-7)
 
 
 def _lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
@@ -330,23 +511,32 @@ def _lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> floa
 
 
 NO_SPHERES = {
-    "has no sphere that could be its foot: name": foot('type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"'),
-    "has no sphere": foot('type="cylinder" size="0.02" fromto="0 -0.02 -0.21 0 0.02 -0.21"'),
+    "has no sphere that could be its foot: name": foot(
+        'type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"'
+    ),
+    "has no sphere": foot(
+        'type="cylinder" size="0.02" fromto="0 -0.02 -0.21 0 0.02 -0.21"'
+    ),
     "has 'FR_foot', and beyond it 'FR_foot1': name": foot(
-        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.2"', 'type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"'
+        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.2"',
+        'type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"',
     ),
 }
 
 
 @pytest.mark.parametrize("complaint", NO_SPHERES)
-def test_a_foot_that_is_no_sphere_is_refused_by_name_and_may_be_named(complaint: str, tmp_path: Path):
+def test_a_foot_that_is_no_sphere_is_refused_by_name_and_may_be_named(
+    complaint: str, tmp_path: Path
+):
     path = write(tmp_path, plain(foot=NO_SPHERES[complaint]))
     with pytest.raises(ReadingError, match=complaint):
         read_mjcf(path)
     last = "_foot1" if "beyond" in complaint else "_foot"
     reading = read_mjcf(path, feet=[f"{leg}{last}" for leg in LEGS], foot_radius=0.01)
     assert {leg.foot_radius for leg in reading.anatomy.legs} == {0.01}
-    assert reading.anatomy.legs[0].foot == pytest.approx((0.0, 0.0, -0.21 if complaint == "has no sphere" else -0.22))
+    assert reading.anatomy.legs[0].foot == pytest.approx(
+        (0.0, 0.0, -0.21 if complaint == "has no sphere" else -0.22)
+    )
 
 
 def test_a_urdfs_link_may_be_named_as_a_foot(tmp_path: Path):
@@ -354,14 +544,16 @@ def test_a_urdfs_link_may_be_named_as_a_foot(tmp_path: Path):
     path = tmp_path / "robot.urdf"
     mesh = '<collision><geometry><mesh filename="package://robot/foot.stl"/></geometry></collision>'
     path.write_text(urdf(foot=mesh))
-    with pytest.raises(ReadingError, match="name a geom, a site or a body in each foot as `feet`"):
+    with pytest.raises(
+        ReadingError, match="name a geom, a site or a body in each foot as `feet`"
+    ):
         read_mjcf(path)
     reading = read_mjcf(path, feet=[f"{leg}_foot" for leg in LEGS], foot_radius=0.02)
     assert [leg.foot for leg in reading.anatomy.legs] == [(0.0, 0.0, -0.21)] * 4
     assert reading.anatomy.mass == pytest.approx(13.2 + 4 * 0.05)
 
 
-# --- What cannot be is refused by name ---------------------------------------------------------------------------
+# --- What cannot be is refused by name ------------------------------------------------
 
 
 def arm() -> str:
@@ -385,7 +577,10 @@ def with_ankle(limited: bool) -> str:
     return (
         anymal_like()
         .replace('_FOOT" pos', '_FOOT" gravcomp="0" pos')
-        .replace('<inertial pos="0.001 0 0.01"', f'<joint axis="0 1 0" {stop}/><inertial pos="0.001 0 0.01"')
+        .replace(
+            '<inertial pos="0.001 0 0.01"',
+            f'<joint axis="0 1 0" {stop}/><inertial pos="0.001 0 0.01"',
+        )
     )
 
 
@@ -396,21 +591,31 @@ REFUSED = {
     "an ankle cannot be": lambda: with_ankle(True),
     "the base is lost: read the URDF itself": without_a_base,
     "closes a loop": lambda: anymal_like().replace(
-        "<actuator>", '<equality><connect body1="LF_SHANK" body2="base" anchor="0 0 0"/></equality><actuator>'
+        "<actuator>",
+        '<equality><connect body1="LF_SHANK" body2="base" anchor="0 0 0"/></equality><actuator>',
     ),
     "couples joints": lambda: anymal_like().replace(
         "<actuator>",
         '<tendon><fixed><joint joint="LF_HFE" coef="1"/><joint joint="LF_KFE" coef="1"/></fixed></tendon><actuator>',
     ),
-    "other joint axes cannot be": lambda: anymal_like().replace('_KFE" axis="0 ', '_KFE" axis="0.1 '),
-    "the mass of body 'LF_SHANK' comes from a mesh": lambda: re.sub(
-        '<inertial pos="0.01 0.02 -0.1" mass="0.35".*/>', '<geom type="mesh" mesh="shell"/>', anymal_like()
+    "other joint axes cannot be": lambda: anymal_like().replace(
+        '_KFE" axis="0 ', '_KFE" axis="0.1 '
     ),
-    "has no sphere": lambda: re.sub('type="(sphere|capsule)"', 'type="ellipsoid"', anymal_like()).replace(
-        'size="0.03"', 'size="0.03 0.03 0.03"').replace('size="0.035"', 'size="0.03 0.03 0.03"'),
+    "the mass of body 'LF_SHANK' comes from a mesh": lambda: re.sub(
+        '<inertial pos="0.01 0.02 -0.1" mass="0.35".*/>',
+        '<geom type="mesh" mesh="shell"/>',
+        anymal_like(),
+    ),
+    "has no sphere": lambda: (
+        re.sub('type="(sphere|capsule)"', 'type="ellipsoid"', anymal_like())
+        .replace('size="0.03"', 'size="0.03 0.03 0.03"')
+        .replace('size="0.035"', 'size="0.03 0.03 0.03"')
+    ),
     "not an MJCF": lambda: "<mujoco><worldbody>",
-    "does not tell which leg is which": lambda: anymal_like().replace('pos="-0.', 'pos="0.'),
-}  # fmt: skip
+    "does not tell which leg is which": lambda: anymal_like().replace(
+        'pos="-0.', 'pos="0.'
+    ),
+}
 
 
 @pytest.mark.parametrize("complaint", REFUSED)
@@ -430,57 +635,111 @@ def test_a_base_that_is_fixed_becomes_free(tmp_path: Path):
     fixed = plain(extra=stand.format("")).replace("<freejoint/>", "")
     theirs, ours = read_mjcf(write(tmp_path, free)), read_mjcf(write(tmp_path, fixed))
     assert ours.anatomy == theirs.anatomy
-    assert ours.notes == ("body 'trunk' was fixed to the world: it got a free joint", *theirs.notes)
-    control = plain(extra='<keyframe><key name="torques" ctrl="1 1 1 1 1 1 1 1 1 1 1 1"/></keyframe>')
-    assert read_mjcf(write(tmp_path, control.replace("<freejoint/>", ""))).anatomy.mass == ours.anatomy.mass
+    assert ours.notes == (
+        "body 'trunk' was fixed to the world: it got a free joint",
+        *theirs.notes,
+    )
+    control = plain(
+        extra='<keyframe><key name="torques" ctrl="1 1 1 1 1 1 1 1 1 1 1 1"/></keyframe>'
+    )
+    assert (
+        read_mjcf(write(tmp_path, control.replace("<freejoint/>", ""))).anatomy.mass
+        == ours.anatomy.mass
+    )
 
 
 def test_an_inertia_that_no_body_has_becomes_the_nearest_that_one_has(tmp_path: Path):
-    """Of moments 1, 1 and 3 the third becomes 2, as a flat plate's; about the same axes, and noted."""
-    path, moments = tmp_path / "robot.urdf", '<inertia ixx="1e-3" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="-1e-3"/>'
+    """Of moments 1, 1 and 3 the third becomes 2, as a flat plate's; about the same
+    axes, and noted."""
+    path, moments = (
+        tmp_path / "robot.urdf",
+        '<inertia ixx="1e-3" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="-1e-3"/>',
+    )
     thigh = '<mass value="1"/><inertia ixx="5e-3" iyy="5e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
     assert urdf().count(thigh) == 4
     path.write_text(urdf().replace(thigh, '<mass value="1"/>' + moments))
     reading = read_mjcf(path)
     for leg in reading.anatomy.legs:
-        np.testing.assert_allclose(leg.thigh.inertia, [1e-3, 1.5e-3, 1.5e-3, 0, 0, -0.5e-3], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(
+            leg.thigh.inertia,
+            [1e-3, 1.5e-3, 1.5e-3, 0, 0, -0.5e-3],
+            rtol=1e-8,
+            atol=1e-12,
+        )
     names = "FR_thigh, FL_thigh, RR_thigh, RL_thigh"
-    assert f"no body can have the inertia of {names}: the nearest that one can have is taken" in reading.notes
+    assert (
+        f"no body can have the inertia of {names}: the nearest that one can have is taken"
+        in reading.notes
+    )
 
 
-EQUAL_MOMENTS = '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="1e-6" ixz="1e-6" iyz="1e-6"/>'
-"""As descriptions have it of a link that stands for nothing; two of the principal moments are 0."""
+EQUAL_MOMENTS = (
+    '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="1e-6" ixz="1e-6" iyz="1e-6"/>'
+)
+"""As descriptions have it of a link that stands for nothing; two of the principal
+moments are 0."""
 
 
 @pytest.mark.parametrize("root", ["", "dummy", "world"])
 def test_the_urdf_of_a_robot_is_the_robot(root: str, tmp_path: Path):
-    """As the same robot's MJCF has it, base included; some URDFs hang it below a link without a mass."""
+    """As the same robot's MJCF has it, base included; some URDFs hang it below a link
+    without a mass."""
     reading, path = read_mjcf(write(tmp_path, plain())), tmp_path / "robot.urdf"
     path.write_text(urdf(root=root))
     ours = read_mjcf(path)
     assert ours.anatomy.mass == pytest.approx(13.2, rel=1e-12)
     for a, b in zip(
-        [ours.anatomy.trunk, *(link for leg in ours.anatomy.legs for link in leg.links)],
-        [reading.anatomy.trunk, *(link for leg in reading.anatomy.legs for link in leg.links)],
+        [
+            ours.anatomy.trunk,
+            *(link for leg in ours.anatomy.legs for link in leg.links),
+        ],
+        [
+            reading.anatomy.trunk,
+            *(link for leg in reading.anatomy.legs for link in leg.links),
+        ],
         strict=True,
     ):
-        np.testing.assert_allclose([a.mass, *a.com, *a.inertia], [b.mass, *b.com, *b.inertia], rtol=1e-12, atol=1e-15)
-    legs = [[*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges] for leg in ours.anatomy.legs]
-    assert legs == [[*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges] for leg in reading.anatomy.legs]
+        np.testing.assert_allclose(
+            [a.mass, *a.com, *a.inertia],
+            [b.mass, *b.com, *b.inertia],
+            rtol=1e-12,
+            atol=1e-15,
+        )
+    legs = [
+        [*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges]
+        for leg in ours.anatomy.legs
+    ]
+    assert legs == [
+        [*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges]
+        for leg in reading.anatomy.legs
+    ]
     assert {(joint.peak_torque, joint.speed) for joint in ours.joints} == {(30.0, 20.0)}
     assert any("got a free joint" in note for note in ours.notes)
-    path.write_text(urdf(root=root, rooted='<inertial><mass value="1e-6"/>' + EQUAL_MOMENTS + "</inertial>"))
+    path.write_text(
+        urdf(
+            root=root,
+            rooted='<inertial><mass value="1e-6"/>' + EQUAL_MOMENTS + "</inertial>",
+        )
+    )
     mended = read_mjcf(path)
     assert mended.anatomy.mass == pytest.approx(13.2, rel=1e-6), "1e-6 kg on top"
-    assert any("no body can have the inertia of" in note for note in mended.notes) == bool(root)
+    assert any(
+        "no body can have the inertia of" in note for note in mended.notes
+    ) == bool(root)
     path.write_text(urdf(velocity="fast", root=root))
-    assert {joint.speed for joint in read_mjcf(path).joints} == {math.inf}, "no number is no limit"
+    assert {joint.speed for joint in read_mjcf(path).joints} == {math.inf}, (
+        "no number is no limit"
+    )
     inertia, bias, feet = disagreement(load_mjcf(path), ours)
     assert max(inertia, bias, feet) < 1e-12, "rounding alone is left"
 
 
 def test_named_joints_weld_the_others(tmp_path: Path):
-    names = [f"{leg}_{joint}" for leg in ("RF", "LF", "RH", "LH") for joint in ("HAA", "HFE", "KFE")]
+    names = [
+        f"{leg}_{joint}"
+        for leg in ("RF", "LF", "RH", "LH")
+        for joint in ("HAA", "HFE", "KFE")
+    ]
     plain = read_mjcf(write(tmp_path, anymal_like()))
     armed = read_mjcf(write(tmp_path, arm()), joints=names)
     assert armed.anatomy.mass == pytest.approx(plain.anatomy.mass + 1.0)
@@ -495,4 +754,6 @@ def test_names_that_are_wrong_are_refused(tmp_path: Path, go1: Path):
     with pytest.raises(ReadingError, match="last link of its leg"):
         read_mjcf(go1, feet=["FL", "FR", "RR", "RL"])
     with pytest.raises(ReadingError, match="foot_radius"):
-        read_mjcf(write(tmp_path, sprung()), feet=["fr_pad", "fl_pad", "rr_pad", "rl_pad"])
+        read_mjcf(
+            write(tmp_path, sprung()), feet=["fr_pad", "fl_pad", "rr_pad", "rl_pad"]
+        )

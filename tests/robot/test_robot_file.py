@@ -1,4 +1,5 @@
-"""A robot file becomes a robot that stands, or one line that says what is wrong with it."""
+"""A robot file becomes a robot that stands, or one line that says what is wrong with
+it."""
 
 import dataclasses
 import importlib.util
@@ -12,7 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
+from odd_robots import (
+    PLAIN_JOINTS,
+    anymal_like,
+    disagreement,
+    drawn_crouching,
+    plain,
+    sprung,
+    urdf,
+)
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -38,13 +47,21 @@ def write(folder: Path, text: str) -> Path:
 
 
 def numbers(anatomy: Anatomy) -> list[float]:
-    """Return all numbers of a body but its stand's abduction, which a file leaves at zero."""
-    legs = [list(np.concatenate([leg.anchor, leg.hip, leg.knee, leg.foot, *leg.ranges])) for leg in anatomy.legs]
+    """Return all numbers of a body but its stand's abduction, which a file leaves at
+    zero."""
+    legs = [
+        list(np.concatenate([leg.anchor, leg.hip, leg.knee, leg.foot, *leg.ranges]))
+        for leg in anatomy.legs
+    ]
     links = [[x.mass, *x.com, *x.inertia] for leg in anatomy.legs for x in leg.links]
-    return [float(x) for part in (*legs, *links, [anatomy.trunk.mass, *anatomy.trunk.inertia]) for x in part]
+    return [
+        float(x)
+        for part in (*legs, *links, [anatomy.trunk.mass, *anatomy.trunk.inertia])
+        for x in part
+    ]
 
 
-# --- What a file makes -------------------------------------------------------------------------------------------
+# --- What a file makes ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -58,8 +75,13 @@ def test_a_robot_that_ships_stands(path: Path):
     assert stood.fallen_after is None
     assert stood.feet_down == 4
     assert stood.touching == ()
-    assert np.all(np.abs(stood.torque) < 0.5 * np.broadcast_to(robot.hardware.joint_peak_torque, 12))
-    assert not [line for line in sheet(robot, stood).splitlines() if line.startswith("!")]
+    assert np.all(
+        np.abs(stood.torque)
+        < 0.5 * np.broadcast_to(robot.hardware.joint_peak_torque, 12)
+    )
+    assert not [
+        line for line in sheet(robot, stood).splitlines() if line.startswith("!")
+    ]
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -67,23 +89,32 @@ def test_the_kinematics_of_a_robot_that_ships_are_its_models(path: Path):
     robot = load_robot(path)
     target = np.reshape(robot.anatomy.stand, (4, 3))
     feet = foot_position(target, 0.0, robot.hardware)
-    np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+    np.testing.assert_allclose(
+        joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9
+    )
 
 
 def public_model(path: str) -> Anatomy:
     spec = importlib.util.find_spec("mujoco_playground")
     assert spec is not None
-    return read_mjcf(Path((spec.submodule_search_locations or [])[0]) / "_src/locomotion" / path).anatomy
+    return read_mjcf(
+        Path((spec.submodule_search_locations or [])[0]) / "_src/locomotion" / path
+    ).anatomy
 
 
 @pytest.mark.parametrize(
-    ("name", "path"), [("go1", "go1/xmls/go1_mjx_feetonly.xml"), ("spot", "spot/xmls/spot_mjx.xml")]
+    ("name", "path"),
+    [("go1", "go1/xmls/go1_mjx_feetonly.xml"), ("spot", "spot/xmls/spot_mjx.xml")],
 )
 def test_the_joints_of_a_robot_that_ships_are_its_models(name: str, path: str):
-    ours, public = load_robot(asset_path(f"robots/{name}.toml")).anatomy, public_model(path)
+    ours, public = (
+        load_robot(asset_path(f"robots/{name}.toml")).anatomy,
+        public_model(path),
+    )
     for joint, theirs in zip(ours.joints, public.joints, strict=True):
         assert (joint.name, joint.sign) == (theirs.name, theirs.sign)
-        assert joint.offset == pytest.approx(theirs.offset, abs=1e-7)  # the file has seven digits
+        # the file has seven digits
+        assert joint.offset == pytest.approx(theirs.offset, abs=1e-7)
 
 
 def test_go1s_file_is_its_public_model(tmp_path: Path):
@@ -103,7 +134,10 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
     path = write(tmp_path, robot_text(reading, "model.xml" if pointing else None))
     robot = load_robot(path)
     legs = slice(0, None) if pointing else slice(1, None, 2)
-    ours, theirs = ([leg.anchor + leg.hip + leg.foot for leg in a.legs[legs]] for a in (robot.anatomy, reading.anatomy))
+    ours, theirs = (
+        [leg.anchor + leg.hip + leg.foot for leg in a.legs[legs]]
+        for a in (robot.anatomy, reading.anatomy)
+    )
     np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-9)
     assert robot.hardware.peak_torque == (80.0, 80.0, 80.0)
     assert robot.hardware.reflected_inertia[0] == pytest.approx(0.02)
@@ -120,36 +154,59 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
 @pytest.mark.parametrize("pointing", [True, False])
 @pytest.mark.parametrize(
     ("fore", "hind"),
-    [((0.2, 0.8, -1.5), (0.2, 0.8, -1.5)), ((-0.1, 0.9, -1.8), (0.15, -0.6, 1.4)), ((0.0, 1.28, -2.62), (0, 1, -2))],
+    [
+        ((0.2, 0.8, -1.5), (0.2, 0.8, -1.5)),
+        ((-0.1, 0.9, -1.8), (0.15, -0.6, 1.4)),
+        ((0.0, 1.28, -2.62), (0, 1, -2)),
+    ],
 )
-def test_a_keyframe_goes_through_a_file_whole(fore, hind, pointing: bool, tmp_path: Path):
-    """Abduction, too, and within the ranges that the file is held to: the keyframe may leave them."""
-    legs = [f"{side * leg[0]} {leg[1]} {leg[2]}" for leg in (fore, hind) for side in (-1, 1)]
+def test_a_keyframe_goes_through_a_file_whole(
+    fore, hind, pointing: bool, tmp_path: Path
+):
+    """Abduction, too, and within the ranges that the file is held to: the keyframe may
+    leave them."""
+    legs = [
+        f"{side * leg[0]} {leg[1]} {leg[2]}" for leg in (fore, hind) for side in (-1, 1)
+    ]
     key = f'<keyframe><key qpos="0 0 .3 1 0 0 0 {" ".join(legs)}"/></keyframe>'
     (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6", extra=key))
-    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml" if pointing else None)
+    text = robot_text(
+        read_mjcf(tmp_path / "model.xml"), "model.xml" if pointing else None
+    )
     robot = load_robot(write(tmp_path, text))
-    expected = np.clip([(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)], -2.6, 2.6)
-    np.testing.assert_allclose(np.reshape(robot.anatomy.stand, (4, 3)), expected, rtol=1e-6)
+    expected = np.clip(
+        [(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)],
+        -2.6,
+        2.6,
+    )
+    np.testing.assert_allclose(
+        np.reshape(robot.anatomy.stand, (4, 3)), expected, rtol=1e-6
+    )
 
 
 def test_the_stand_tells_how_a_knee_bends_that_can_do_both(tmp_path: Path):
     (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6"))
     text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")
-    forwards = re.sub("(?m)^hip = .*$", "hip = -0.6", re.sub("(?m)^knee = .*$", "knee = 1.2", text))
+    forwards = re.sub(
+        "(?m)^hip = .*$", "hip = -0.6", re.sub("(?m)^knee = .*$", "knee = 1.2", text)
+    )
     for content, bend in ((text, -1), (forwards, 1)):
         robot = load_robot(write(tmp_path, content))
         assert [leg.bend for leg in robot.anatomy.legs] == [bend] * 4
         target = np.reshape(robot.anatomy.stand, (4, 3))
         feet = foot_position(target, 0.0, robot.hardware)
-        np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+        np.testing.assert_allclose(
+            joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9
+        )
 
 
 def filled_in(folder: Path, model: str, pointing: bool = True) -> RobotFile:
     """Return what `new` and `check` make of a model."""
     (folder / "model.xml").write_text(model)
     reading = read_mjcf(folder / "model.xml")
-    return load_robot(write(folder, robot_text(reading, "model.xml" if pointing else None)))
+    return load_robot(
+        write(folder, robot_text(reading, "model.xml" if pointing else None))
+    )
 
 
 def line_of(text: str, start: str) -> str:
@@ -159,14 +216,21 @@ def line_of(text: str, start: str) -> str:
 
 @pytest.mark.parametrize("pointing", [True, False])
 @pytest.mark.parametrize("mass", [3, 6, 25, 60])
-def test_what_a_model_does_not_say_is_not_invented(mass: int, pointing: bool, tmp_path: Path):
-    """Motors without gains, limits and inertia: the robot stands at any weight, and the sheet says what is assumed."""
+def test_what_a_model_does_not_say_is_not_invented(
+    mass: int, pointing: bool, tmp_path: Path
+):
+    """Motors without gains, limits and inertia: the robot stands at any weight, and the
+    sheet says what is assumed."""
     trunk = f'<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="{mass}"/>'
-    robot = filled_in(tmp_path, plain(actuator='<motor joint="{joint}"/>', trunk=trunk), pointing)
+    robot = filled_in(
+        tmp_path, plain(actuator='<motor joint="{joint}"/>', trunk=trunk), pointing
+    )
     assert (robot.stiffness, robot.damping) == (None, None)
     assert {"motors.peak_torque", "motors.armature"} < set(robot.assumed)
-    torque = robot.hardware.size.torque * BUILT.joint_peak_torque  # of a robot of this size, by similarity with BP2
-    np.testing.assert_allclose(robot.hardware.peak_torque, [torque] * 3, rtol=1e-6)  # 7 digits in the file
+    # of a robot of this size, by similarity with BP2
+    torque = robot.hardware.size.torque * BUILT.joint_peak_torque
+    # 7 digits in the file
+    np.testing.assert_allclose(robot.hardware.peak_torque, [torque] * 3, rtol=1e-6)
     stood = stand(robot)
     assert (stood.fallen_after, stood.feet_down) == (None, 4)
     said = sheet(robot, stood)
@@ -177,10 +241,17 @@ def test_what_a_model_does_not_say_is_not_invented(mass: int, pointing: bool, tm
 
 @pytest.mark.parametrize("pointing", [True, False])
 def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
-    joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
+    joints = [
+        'frictionloss="1" damping="0.2"',
+        'frictionloss="1" damping="0.2"',
+        'frictionloss="3" damping="1"',
+    ]
     robot = filled_in(tmp_path, plain(joints=joints), pointing)
     losses = robot.hardware.losses
-    assert (losses.joint_friction, losses.joint_viscosity) == ((1.0, 1.0, 3.0), (0.2, 0.2, 1.0))
+    assert (losses.joint_friction, losses.joint_viscosity) == (
+        (1.0, 1.0, 3.0),
+        (0.2, 0.2, 1.0),
+    )
     said = sheet(robot, stand(robot))
     assert line_of(said, "friction, Nm").split()[-3:] == ["1", "1", "3"]
     # The knee: 3 Nm and 1 Nm s/rad x 25 rad/s of 30 Nm.
@@ -188,7 +259,9 @@ def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
     assert from_json(HardwareSpec, to_json(robot.hardware)) == robot.hardware
 
 
-def test_damping_of_a_joint_stays_its_own_where_not_all_have_a_position_loop(tmp_path: Path):
+def test_damping_of_a_joint_stays_its_own_where_not_all_have_a_position_loop(
+    tmp_path: Path,
+):
     """Without [gains] no loop could have it."""
     damped = plain(joints=['damping="0.2"', 'damping="0.2"', 'damping="1"'])
     robot = filled_in(tmp_path, damped.replace("<motor", "<position kp='60'", 2), True)
@@ -197,15 +270,22 @@ def test_damping_of_a_joint_stays_its_own_where_not_all_have_a_position_loop(tmp
 
 
 def test_feet_that_differ_in_friction_get_a_note(tmp_path: Path):
-    slippery = plain().replace('<geom name="FR_foot"', '<geom name="FR_foot" friction="0.2"')
+    slippery = plain().replace(
+        '<geom name="FR_foot"', '<geom name="FR_foot" friction="0.2"'
+    )
     robot = filled_in(tmp_path, slippery, True)
     assert robot.hardware.friction == pytest.approx((0.2 + 3.0) / 4.0)
     assert robot.reading is not None
-    assert "the feet's friction differs (0.2, 1, 1, 1): their mean is taken" in robot.reading.notes
+    assert (
+        "the feet's friction differs (0.2, 1, 1, 1): their mean is taken"
+        in robot.reading.notes
+    )
 
 
 @pytest.mark.parametrize(("effort", "velocity"), [(30, 20), (0, 20), (30, 0)])
-def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(effort: float, velocity: float, tmp_path: Path):
+def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(
+    effort: float, velocity: float, tmp_path: Path
+):
     """A limit of 0 stands for none."""
     (tmp_path / "robot.urdf").write_text(urdf(effort=effort, velocity=velocity))
     text = robot_text(read_mjcf(tmp_path / "robot.urdf"), "robot.urdf")
@@ -223,10 +303,15 @@ def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(effort: float, velocit
 
 def test_what_a_model_says_is_not_assumed(tmp_path: Path):
     position = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
-    robot = filled_in(tmp_path, plain(actuator=position, joints=('armature="0.02"',) * 3))
+    robot = filled_in(
+        tmp_path, plain(actuator=position, joints=('armature="0.02"',) * 3)
+    )
     assert robot.assumed == ("motors.corner_speed", "motors.no_load_speed")
     assert (robot.stiffness, robot.damping) == ((60.0, 60.0, 60.0), (2.0, 2.0, 2.0))
-    assert (robot.hardware.peak_torque, robot.hardware.rotor_inertia) == ((30.0, 30.0, 30.0), (0.02, 0.02, 0.02))
+    assert (robot.hardware.peak_torque, robot.hardware.rotor_inertia) == (
+        (30.0, 30.0, 30.0),
+        (0.02, 0.02, 0.02),
+    )
     said = sheet(robot, stand(robot))
     assert not line_of(said, "peak torque, Nm").endswith("ASSUMED")
     assert "[60, 60, 60] Nm/rad" in line_of(said, "stands 5 s")
@@ -238,11 +323,15 @@ def test_a_sprung_robot_goes_through_a_file(pointing: bool, tmp_path: Path):
     model.write_text(sprung())
     tips = ["fr_tip", "fl_tip", "rr_tip", "rl_tip"]
     reading = read_mjcf(model, feet=tips, foot_radius=0.012)
-    text = robot_text(reading, "model.xml" if pointing else None, feet=tips, foot_radius=0.012)
+    text = robot_text(
+        reading, "model.xml" if pointing else None, feet=tips, foot_radius=0.012
+    )
     robot = load_robot(write(tmp_path, text))
     assert robot.hardware.spring_stiffness == 4000.0
     assert robot.hardware.spring_travel == pytest.approx(0.08)
-    np.testing.assert_allclose(numbers(robot.anatomy), numbers(reading.anatomy), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        numbers(robot.anatomy), numbers(reading.anatomy), rtol=1e-5, atol=1e-9
+    )
     assert load_model(robot.hardware).nq == 23
 
 
@@ -252,13 +341,16 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
     assert mirrored(leg) != leg
 
 
-# --- Every shape of robot ----------------------------------------------------------------------------------------
+# --- Every shape of robot -------------------------------------------------------------
 
 
 def longer_hind_legs() -> str:
-    """The legs of `plain`, with 3 cm more below each hind knee and another weight there."""
+    """The legs of `plain`, with 3 cm more below each hind knee and another weight
+    there."""
     fore, hind = plain().split('<body name="RR_hip_link"')
-    more = hind.replace('pos="0 0 -0.21" mass="0"', 'pos="0 0 -0.24" mass="0"').replace('mass="0.2"', 'mass="0.3"')
+    more = hind.replace('pos="0 0 -0.21" mass="0"', 'pos="0 0 -0.24" mass="0"').replace(
+        'mass="0.2"', 'mass="0.3"'
+    )
     return f'{fore}<body name="RR_hip_link"{more}'
 
 
@@ -269,8 +361,13 @@ def with_an_arm() -> str:
 
 
 POSITION = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
-IN_DEGREES = plain().replace('angle="radian"', 'angle="degree"').replace("-0.8 0.8", "-46 46").replace(
-    "-1.5 2.5", "-86 143").replace("-2.6 -0.3", "-149 -17")  # fmt: skip
+IN_DEGREES = (
+    plain()
+    .replace('angle="radian"', 'angle="degree"')
+    .replace("-0.8 0.8", "-46 46")
+    .replace("-1.5 2.5", "-86 143")
+    .replace("-2.6 -0.3", "-149 -17")
+)
 KEY = '<keyframe><key name="{}" qpos="0 0 .3 1 0 0 0 {}"/></keyframe>'
 TIPS = tuple(f"{leg}_tip" for leg in ("fr", "fl", "rr", "rl"))
 EVERY_SHAPE = {
@@ -278,31 +375,54 @@ EVERY_SHAPE = {
     "motors without limits": plain(actuator='<motor joint="{joint}"/>'),
     "no motors": plain(actuator=""),
     "position actuators": plain(actuator=POSITION),
-    "position actuators without damping": plain(actuator='<position joint="{joint}" kp="60"/>'),
-    "a loop of two actuators": plain(actuator='<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="2"/>'),
-    "pid": plain(actuator='<pid joint="{joint}" kp="60" kv="2" ki="1" forcerange="-30 30"/>'),
+    "position actuators without damping": plain(
+        actuator='<position joint="{joint}" kp="60"/>'
+    ),
+    "a loop of two actuators": plain(
+        actuator='<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="2"/>'
+    ),
+    "pid": plain(
+        actuator='<pid joint="{joint}" kp="60" kv="2" ki="1" forcerange="-30 30"/>'
+    ),
     "dc motors": plain(
         actuator='<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
     ),
-    "dampers": plain(actuator='<motor joint="{joint}"/><damper joint="{joint}" kv="1" ctrlrange="0 1"/>'),
-    "actuators disabled": plain(
-        actuator=POSITION.replace("/>", ' group="1"/>'), extra='<option actuatorgroupdisable="1"/>'
+    "dampers": plain(
+        actuator='<motor joint="{joint}"/><damper joint="{joint}" kv="1" ctrlrange="0 1"/>'
     ),
-    "armature behind gears": plain(actuator='<motor joint="{joint}" gear="-9" armature="1e-4" ctrlrange="-3 3"/>'),
-    "friction and damping by joint": plain(joints=['frictionloss="1"', 'damping="0.2"', 'frictionloss="2"']),
-    "springs parallel to joints": plain(joints=['stiffness="5" springref="0.1"', "", 'damping="0.1 0.2"']),
+    "actuators disabled": plain(
+        actuator=POSITION.replace("/>", ' group="1"/>'),
+        extra='<option actuatorgroupdisable="1"/>',
+    ),
+    "armature behind gears": plain(
+        actuator='<motor joint="{joint}" gear="-9" armature="1e-4" ctrlrange="-3 3"/>'
+    ),
+    "friction and damping by joint": plain(
+        joints=['frictionloss="1"', 'damping="0.2"', 'frictionloss="2"']
+    ),
+    "springs parallel to joints": plain(
+        joints=['stiffness="5" springref="0.1"', "", 'damping="0.1 0.2"']
+    ),
     "knees to both sides": plain(knee_range="-3.1416 3.1416"),
     "lopsided knees": plain(knee_range="-2.6 1.9"),
     "knees forwards": plain(knee_range="0.3 2.6"),
     "knees without a range": plain().replace('range="-2.6 -0.3"', ""),
-    "a keyframe": plain(extra=KEY.format("home", " ".join(["-.1 .8 -1.5", ".1 .8 -1.5"] * 2))),
-    "a keyframe beyond the range": plain(extra=KEY.format("home", " ".join(["0 1.28 -2.62"] * 4))),
-    "a keyframe with straight legs": plain(extra=KEY.format("zero", " ".join(["0 0 -.3"] * 4))),
+    "a keyframe": plain(
+        extra=KEY.format("home", " ".join(["-.1 .8 -1.5", ".1 .8 -1.5"] * 2))
+    ),
+    "a keyframe beyond the range": plain(
+        extra=KEY.format("home", " ".join(["0 1.28 -2.62"] * 4))
+    ),
+    "a keyframe with straight legs": plain(
+        extra=KEY.format("zero", " ".join(["0 0 -.3"] * 4))
+    ),
     "capsules across the toes": plain(
         foot='<geom name="{leg}_foot" type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21" mass="0"/>'
     ),
     "degrees": IN_DEGREES,
-    "defaults": plain(extra='<default><joint armature="0.02" damping="0.1" frictionloss="0.2"/></default>'),
+    "defaults": plain(
+        extra='<default><joint armature="0.02" damping="0.1" frictionloss="0.2"/></default>'
+    ),
     "a fixed base": plain().replace("<freejoint/>", ""),
     "a free joint with a default's armature": plain(
         trunk='<joint type="free"/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
@@ -325,24 +445,33 @@ EVERY_SHAPE = {
 
 @pytest.mark.parametrize("shape", EVERY_SHAPE)
 def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: Path):
-    """Its mass matrix in random poses is C MuJoCo's own of the model, to the rounding of angles in degrees."""
+    """Its mass matrix in random poses is C MuJoCo's own of the model, to the rounding
+    of angles in degrees."""
     text = EVERY_SHAPE[shape]
     path = tmp_path / ("model.urdf" if text.startswith("<robot") else "model.xml")
     path.write_text(text)
     joints = PLAIN_JOINTS if "arm" in shape.split() else ()
     feet, radius = (TIPS, 0.012) if shape == "springs in the shanks" else ((), None)
-    reading, model = read_mjcf(path, joints=joints, feet=feet, foot_radius=radius), load_mjcf(path, joints)
+    reading, model = (
+        read_mjcf(path, joints=joints, feet=feet, foot_radius=radius),
+        load_mjcf(path, joints),
+    )
     model.dof_armature[:6] = 0.0  # of the trunk's free joint, which no robot has
     for seed in range(2):
         assert max(disagreement(model, reading, seed=seed)) < 1e-12
-    content = robot_text(reading, path.name, joints=joints, feet=feet, foot_radius=radius)
+    content = robot_text(
+        reading, path.name, joints=joints, feet=feet, foot_radius=radius
+    )
     robot = load_robot(write(tmp_path, content))
     stood = stand(robot)
     assert (stood.fallen_after, stood.feet_down) == (None, 4)
-    assert preset("imitation", "cpu", robot=str(tmp_path / "robot.toml")).env.gait.height > 0.4
+    assert (
+        preset("imitation", "cpu", robot=str(tmp_path / "robot.toml")).env.gait.height
+        > 0.4
+    )
 
 
-# --- What is refused ---------------------------------------------------------------------------------------------
+# --- What is refused ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -354,19 +483,35 @@ def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: P
         ("mass = 5.204", "mas = 5.204", "trunk.mas: unknown key"),
         ("hip = 0.9", "hip = 5.2", "outside its range"),
         ("abad_range = [-0.863, 0.863]", "abad_range = [0.863, -0.863]", "low <= high"),
-        ("inertia = [0.01681283,", "inertia = [0.91681283,", "trunk.inertia: principal moments"),
+        (
+            "inertia = [0.01681283,",
+            "inertia = [0.91681283,",
+            "trunk.inertia: principal moments",
+        ),
         ("foot = [0, 0, -0.213]", "foot = [0, 0, 0.213]", "fore.foot"),
         ("corner_speed = [18.0, 18.0, 12.0]", "corner_speed = 31", "corner_speed"),
         ("armature = 0.005", "", "motors.armature: missing"),
         ("[trunk]", "[torso]", "torso: unknown key"),
         ('name = "Unitree Go1"', "", "name: missing"),
-        ("anchor = [0.1881, 0.04675, 0]", "anchor = [0.1881, -0.24675, 0]", "fore: anchor, hip"),
+        (
+            "anchor = [0.1881, 0.04675, 0]",
+            "anchor = [0.1881, -0.24675, 0]",
+            "fore: anchor, hip",
+        ),
         ("weighed_mass = 12.74", "weighed_mass = 127.4", "one is wrong"),
         ("weighed_mass = 12.74", 'mjcf = "nowhere.xml"', "either `mjcf`"),
-        ("[stand]\nhip = 0.9\nknee = -1.8", "", "it has no [stand]: `bp2 robot new MODEL.xml --numbers`"),
-        ("[gains]", "[spring]\nstiffness = 6000\ndamping = 10\ntravel = 0.1\n[gains]", "spring: the legs have no toe"),
+        (
+            "[stand]\nhip = 0.9\nknee = -1.8",
+            "",
+            "it has no [stand]: `bp2 robot new MODEL.xml --numbers`",
+        ),
+        (
+            "[gains]",
+            "[spring]\nstiffness = 6000\ndamping = 10\ntravel = 0.1\n[gains]",
+            "spring: the legs have no toe",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_is_named(before: str, after: str, complaint: str, tmp_path: Path):
     assert before in GO1
     path = write(tmp_path, GO1.replace(before, after, 1))
@@ -377,12 +522,19 @@ def test_a_mistake_is_named(before: str, after: str, complaint: str, tmp_path: P
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("name", ["$\\frac{$", "x" * 100_000, "", "a\nb", "\x1b[31mred", "\u202eder"])
-def test_a_name_that_no_title_or_terminal_can_show_is_refused(name: str, tmp_path: Path, capsys):
+@pytest.mark.parametrize(
+    "name", ["$\\frac{$", "x" * 100_000, "", "a\nb", "\x1b[31mred", "\u202eder"]
+)
+def test_a_name_that_no_title_or_terminal_can_show_is_refused(
+    name: str, tmp_path: Path, capsys
+):
     path = write(tmp_path, GO1.replace('"Unitree Go1"', json.dumps(name), 1))
     assert command.main(["check", str(path), "--out", str(tmp_path / "robot.png")]) == 2
     said = capsys.readouterr().err
-    assert re.search("a robot's name takes 1 to 80 printable letters and no [$], got |control character '", said)
+    assert re.search(
+        "a robot's name takes 1 to 80 printable letters and no [$], got |control character '",
+        said,
+    )
     assert said.count("\n") == 1
     assert said[:-1].isprintable()
     assert len(said) < 500
@@ -400,9 +552,13 @@ def test_a_name_that_no_title_or_terminal_can_show_is_refused(name: str, tmp_pat
     ids=["key", "table", "spaced", "longer", "inline"],
 )
 def test_a_key_of_many_levels_is_refused_at_once(text: str, tmp_path: Path):
-    """Python's reader takes 50,000 levels for minutes, and what it makes of them cannot be shown."""
+    """Python's reader takes 50,000 levels for minutes, and what it makes of them cannot
+    be shown."""
     began = time.monotonic()
-    with pytest.raises(UserError, match=r"is no robot file: it is nested too deeply|bytes, 262,144 at most are read"):
+    with pytest.raises(
+        UserError,
+        match=r"is no robot file: it is nested too deeply|bytes, 262,144 at most are read",
+    ):
         load_robot(write(tmp_path, text))
     assert time.monotonic() - began < 5.0
 
@@ -414,17 +570,32 @@ def test_a_model_that_is_not_there_is_named(tmp_path: Path):
 
 
 def damaged() -> Iterator[bytes]:
-    """Yield robot files with a line lost, a value of another kind, bytes cut off, changed or from elsewhere."""
+    """Yield robot files with a line lost, a value of another kind, bytes cut off,
+    changed or from elsewhere."""
     draws, lines = random.Random(0), GO1.splitlines()
     key = "(mass|com|inertia|anchor|hip|knee|foot|size|peak_torque|abad_range) ="
     given = [i for i, line in enumerate(lines) if re.match(key, line)]
     for i in given:
         yield "\n".join(lines[:i] + lines[i + 1 :]).encode()
-    values = ["nan", "inf", "-1e300", '"x"', "[]", "{}", "1979-05-27", "[[[1]]]", "true", "-5", "1" + "0" * 400]
+    values = [
+        "nan",
+        "inf",
+        "-1e300",
+        '"x"',
+        "[]",
+        "{}",
+        "1979-05-27",
+        "[[[1]]]",
+        "true",
+        "-5",
+        "1" + "0" * 400,
+    ]
     for _ in range(100):
         i = draws.choice(given)
         key = lines[i].split(" =")[0]
-        yield "\n".join([*lines[:i], f"{key} = {draws.choice(values)}", *lines[i + 1 :]]).encode()
+        yield "\n".join(
+            [*lines[:i], f"{key} = {draws.choice(values)}", *lines[i + 1 :]]
+        ).encode()
     content = GO1.encode()
     for _ in range(40):
         yield content[: draws.randrange(len(content) - 400)]
@@ -439,12 +610,17 @@ def damaged() -> Iterator[bytes]:
 
 
 @pytest.mark.attack
-def test_damaged_files_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_damaged_files_end_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     path, files = tmp_path / "robot.toml", list(damaged())
     assert len(files) >= 200
     for content in files:
         path.write_bytes(content)
-        assert command.main(["check", str(path), "--out", str(tmp_path / "robot.png")]) == 2
+        assert (
+            command.main(["check", str(path), "--out", str(tmp_path / "robot.png")])
+            == 2
+        )
         said = capsys.readouterr()
         assert said.out == ""
         assert said.err.startswith("error: ")
@@ -453,8 +629,11 @@ def test_damaged_files_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.attack
-def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(tmp_path: Path, monkeypatch, capsys):
-    """Every number of the file in turn is made far too large, far too small, or of the other sign."""
+def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(
+    tmp_path: Path, monkeypatch, capsys
+):
+    """Every number of the file in turn is made far too large, far too small, or of the
+    other sign."""
     monkeypatch.setattr("bp2_rl.robot.sheet.STAND_TIME", 0.02)
     monkeypatch.setattr("bp2_rl.robot.portrait.draw_robot", lambda _: Figure())
     head, path, ended = GO1[GO1.index("[stand]") :], tmp_path / "robot.toml", []
@@ -463,9 +642,13 @@ def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(tmp_path: Path,
         factor = (1e4, -1.0, 1e-6)[i % 3]
         text = f"{head[:start]}{factor * float(head[start:end]):.9g}{head[end:]}"
         path.write_text(GO1[: GO1.index("[stand]")] + text)
-        ended.append(command.main(["check", str(path), "--out", str(tmp_path / "robot.svg")]))
+        ended.append(
+            command.main(["check", str(path), "--out", str(tmp_path / "robot.svg")])
+        )
         said = capsys.readouterr()
-        assert (said.err.count("\n"), bool(said.out)) == ((0, True) if ended[-1] == 0 else (1, False)), text
+        assert (said.err.count("\n"), bool(said.out)) == (
+            (0, True) if ended[-1] == 0 else (1, False)
+        ), text
         assert "Traceback" not in said.err
     assert len(places) >= 100
     assert set(ended) == {0, 2}
@@ -478,28 +661,46 @@ def test_a_folder_and_nothing_are_refused(tmp_path: Path):
         load_robot(tmp_path / "none.toml")
 
 
-# --- The sheet ---------------------------------------------------------------------------------------------------
+# --- The sheet ------------------------------------------------------------------------
 
 
 def test_the_sheet_says_what_to_mend(tmp_path: Path):
-    weak = load_robot(write(tmp_path, GO1.replace("stiffness = 35.0", "stiffness = 2.0")))
+    weak = load_robot(
+        write(tmp_path, GO1.replace("stiffness = 35.0", "stiffness = 2.0"))
+    )
     fallen = stand(weak)
     assert fallen.fallen_after is not None
     assert "! it falls after" in sheet(weak, fallen)
-    uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace("knee = -1.8", "knee = [-1.8, -0.9]")
-    robot = load_robot(write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0")))
+    uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace(
+        "knee = -1.8", "knee = [-1.8, -0.9]"
+    )
+    robot = load_robot(
+        write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0"))
+    )
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
-    stiff = load_robot(write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5")))
-    assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)  # (0.3 + 0.5 x 30) / 23.7
+    stiff = load_robot(
+        write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5"))
+    )
+    # (0.3 + 0.5 x 30) / 23.7
+    assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)
 
 
 @pytest.mark.parametrize(
     ("knee_range", "doubted"),
-    [("-2.6 -0.3", False), ("-3.1416 3.1416", False), ("-2.9 -2.6", True), ("-0.5 -0.4", True)],
+    [
+        ("-2.6 -0.3", False),
+        ("-3.1416 3.1416", False),
+        ("-2.9 -2.6", True),
+        ("-0.5 -0.4", True),
+    ],
 )
-def test_the_sheet_doubts_a_knee_that_hardly_stretches_a_leg(knee_range: str, doubted: bool, tmp_path: Path):
+def test_the_sheet_doubts_a_knee_that_hardly_stretches_a_leg(
+    knee_range: str, doubted: bool, tmp_path: Path
+):
     (tmp_path / "model.xml").write_text(plain(knee_range=knee_range))
-    robot = load_robot(write(tmp_path, robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")))
+    robot = load_robot(
+        write(tmp_path, robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml"))
+    )
     assert ("! fore legs of 0.44 m reach from" in sheet(robot, stand(robot))) == doubted
 
 
@@ -507,7 +708,11 @@ def test_the_sheet_says_where_training_has_other_gains():
     robot = load_robot(asset_path("robots/go1.toml"))
     control = preset("imitation", "cpu", robot="go1").env.control
     assert trained_gains(robot) == pytest.approx((control.stiffness, control.damping))
-    (note,) = [line for line in sheet(robot, stand(robot)).splitlines() if line.startswith("note: training's loop")]
+    (note,) = [
+        line
+        for line in sheet(robot, stand(robot)).splitlines()
+        if line.startswith("note: training's loop")
+    ]
     assert f"{control.stiffness:.3g} Nm/rad" in note
     assert "--env.control.stiffness 35 --env.control.damping 0.5" in note
     own = dataclasses.replace(robot, stiffness=None, damping=None)

@@ -26,24 +26,36 @@ def test_the_settings_of_every_preset_survive_json(stage, preset):
 @every_preset
 @pytest.mark.parametrize("weights", get_args(Weights))
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_preset_has_the_stage_the_robot_and_the_rewards_that_are_asked_for(stage, preset, weights, robot):
+def test_a_preset_has_the_stage_the_robot_and_the_rewards_that_are_asked_for(
+    stage, preset, weights, robot
+):
     config = presets.preset(stage, preset, weights, robot)
     assert config.stage == stage
     assert config.env.hardware == ROBOTS[robot]
     assert config.env.randomization.losses == ranges_of(ROBOTS[robot]).losses
     assert (config.env.reward == PAPER[stage]) == (weights == "paper")
-    others = presets.preset(stage, preset, "paper" if weights == "ours" else "ours", robot)
+    others = presets.preset(
+        stage, preset, "paper" if weights == "ours" else "ours", robot
+    )
     assert config.env.reward != others.env.reward
-    assert (config.ppo, config.run, config.env.commands) == (others.ppo, others.run, others.env.commands)
+    assert (config.ppo, config.run, config.env.commands) == (
+        others.ppo,
+        others.run,
+        others.env.commands,
+    )
 
 
 @every_preset
 def test_smoke_alone_has_the_papers_rewards_by_default(preset):
     default = "paper" if preset == "smoke" else "ours"
-    assert presets.preset("relaxed", preset) == presets.preset("relaxed", preset, default)
+    assert presets.preset("relaxed", preset) == presets.preset(
+        "relaxed", preset, default
+    )
 
 
-@pytest.mark.parametrize(("preset", "tracking"), [("gpu", 2.0), ("cpu", 1.25), ("first", 1.25)])
+@pytest.mark.parametrize(
+    ("preset", "tracking"), [("gpu", 2.0), ("cpu", 1.25), ("first", 1.25)]
+)
 @every_stage
 def test_our_tracking_is_worth_what_the_help_says(stage, preset, tracking):
     assert presets.preset(stage, preset).env.reward.tracking == tracking

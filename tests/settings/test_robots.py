@@ -30,37 +30,58 @@ def test_bp2_has_the_settings_that_were_written_for_it_however_it_is_changed():
 def test_another_robots_settings_are_those_of_its_size(name):
     robot, bp2 = find_robot(name), presets.preset("relaxed", "cpu").env
     env, size = presets.preset("relaxed", "cpu", robot=name).env, robot.size
-    weight_times_length = robot.mass * robot.anatomy.leg_length / (BUILT.mass * BUILT.anatomy.leg_length)
+    weight_times_length = (
+        robot.mass * robot.anatomy.leg_length / (BUILT.mass * BUILT.anatomy.leg_length)
+    )
     assert size.torque == pytest.approx(weight_times_length)
-    assert env.control.stiffness == pytest.approx(weight_times_length * bp2.control.stiffness)
+    assert env.control.stiffness == pytest.approx(
+        weight_times_length * bp2.control.stiffness
+    )
     assert env.termination.min_height / robot.anatomy.leg_length == pytest.approx(
         bp2.termination.min_height / BUILT.anatomy.leg_length
     )
-    froude = [config.commands.slow**2 / one.anatomy.leg_length for config, one in ((env, robot), (bp2, BUILT))]
+    froude = [
+        config.commands.slow**2 / one.anatomy.leg_length
+        for config, one in ((env, robot), (bp2, BUILT))
+    ]
     assert froude[0] == pytest.approx(froude[1])
-    assert env.commands.max_forward == pytest.approx(speed_factor(robot) * bp2.commands.max_forward)
+    assert env.commands.max_forward == pytest.approx(
+        speed_factor(robot) * bp2.commands.max_forward
+    )
     assert env.reference == "kinematic"
-    assert env.curriculum.start_speed == pytest.approx(env.commands.max_forward / 4.0)  # nobody knows how fast it is
+    # nobody knows how fast it is
+    assert env.curriculum.start_speed == pytest.approx(env.commands.max_forward / 4.0)
     # The legs can stretch as far as the gait sweeps.
     stretched = size.length * (env.gait.height**2 + (env.gait.sweep / 2.0) ** 2) ** 0.5
     assert stretched <= reach(hardware=robot)[1]
 
 
-@pytest.mark.parametrize("knee_range", ["-2.6 -0.3", "-2.6 1.9", "-1.9 2.6", "-3.1416 3.1416", "0 2.6", "-9 9"])
-def test_a_knee_that_passes_through_straight_has_the_gait_of_one_that_stops_there(knee_range, tmp_path):
+@pytest.mark.parametrize(
+    "knee_range",
+    ["-2.6 -0.3", "-2.6 1.9", "-1.9 2.6", "-3.1416 3.1416", "0 2.6", "-9 9"],
+)
+def test_a_knee_that_passes_through_straight_has_the_gait_of_one_that_stops_there(
+    knee_range, tmp_path
+):
     """0.55 m of BP2's, which a straight leg reaches whatever else its knee can do."""
-    env = presets.preset("imitation", "cpu", robot=str(robot_of(tmp_path, plain(knee_range=knee_range)))).env
+    env = presets.preset(
+        "imitation", "cpu", robot=str(robot_of(tmp_path, plain(knee_range=knee_range)))
+    ).env
     assert env.gait.height == presets.preset("imitation", "cpu").env.gait.height == 0.55
 
 
 def test_knees_that_cannot_stretch_for_the_gait_are_refused_by_name(tmp_path):
     file = robot_of(tmp_path, plain(knee_range="-2.6 -2.5"))
-    with pytest.raises(UserError, match=r"the knees of plain let its legs reach 0.*mend the knees' range"):
+    with pytest.raises(
+        UserError,
+        match=r"the knees of plain let its legs reach 0.*mend the knees' range",
+    ):
         presets.preset("imitation", "cpu", robot=str(file))
 
 
 def robot_of(folder, model):
-    """Write a model and the robot file that is filled in from it; return the file's path."""
+    """Write a model and the robot file that is filled in from it; return the file's
+    path."""
     (folder / "model.xml").write_text(model)
     file = folder / "robot.toml"
     file.write_text(robot_text(read_mjcf(folder / "model.xml"), "model.xml"))
@@ -68,7 +89,9 @@ def robot_of(folder, model):
 
 
 def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_noise():
-    ours, of_bp2 = (presets.preset("relaxed", "cpu", robot=name) for name in ("go1", "built"))
+    ours, of_bp2 = (
+        presets.preset("relaxed", "cpu", robot=name) for name in ("go1", "built")
+    )
     assert ours.env.reward.tracking_shape.floor < of_bp2.env.reward.tracking_shape.floor
     assert (ours.env.reward.schedule, of_bp2.env.reward.schedule) == ("off", "text")
     assert ours.env.commands.slow_fraction > of_bp2.env.commands.slow_fraction
@@ -79,7 +102,10 @@ def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_nois
         presets.preset("relaxed", "cpu", "paper", "go1").env.reward
         == presets.preset("relaxed", "cpu", "paper").env.reward
     )
-    assert presets.preset("imitation", "cpu", robot="go1").ppo == presets.preset("imitation", "cpu").ppo
+    assert (
+        presets.preset("imitation", "cpu", robot="go1").ppo
+        == presets.preset("imitation", "cpu").ppo
+    )
 
 
 @pytest.mark.parametrize("name", SHIPPED)

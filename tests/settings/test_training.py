@@ -11,8 +11,14 @@ from bp2_rl.settings.training import RunConfig
     [
         ({"steps": 0}, "run.steps must be from 1 to"),
         ({"seed": -1}, "run.seed must be from 0 to 4294967295, got -1"),
-        ({"seed": 2**63}, "run.seed must be from 0 to 4294967295, got 9223372036854775808"),
-        ({"logs": 10**400}, "run.logs must be from 1 to 1000000000, got a huge integer"),
+        (
+            {"seed": 2**63},
+            "run.seed must be from 0 to 4294967295, got 9223372036854775808",
+        ),
+        (
+            {"logs": 10**400},
+            "run.logs must be from 1 to 1000000000, got a huge integer",
+        ),
         ({"judged": -1}, "run.judged must be from 0 to 1000000, got -1"),
         ({"judged": 1, "until": 0.0}, "run.until must be from 0.1 to 100, got 0"),
         ({"until": 10.74}, "--until needs a judge: let --run.judged be 1 or more"),
@@ -26,9 +32,18 @@ def test_impossible_runs_are_refused_by_name(changes, line):
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({"patience": 0.0}, "--cluster.patience must be positive and at most 1e.06, got 0"),
-        ({"coordinator": "host:1", "processes": 0, "process": 0}, "--cluster.processes must be from 1 to 65536, got 0"),
-        ({"coordinator": "host:1", "processes": 2, "process": 2}, "--cluster.process must be 0 to 1, got 2"),
+        (
+            {"patience": 0.0},
+            "--cluster.patience must be positive and at most 1e.06, got 0",
+        ),
+        (
+            {"coordinator": "host:1", "processes": 0, "process": 0},
+            "--cluster.processes must be from 1 to 65536, got 0",
+        ),
+        (
+            {"coordinator": "host:1", "processes": 2, "process": 2},
+            "--cluster.process must be 0 to 1, got 2",
+        ),
     ],
 )
 def test_impossible_clusters_are_refused_by_the_flag(changes, line):
@@ -38,5 +53,8 @@ def test_impossible_clusters_are_refused_by_the_flag(changes, line):
 
 def test_commands_that_no_controller_tells_are_refused():
     control = ControlConfig(launching=6.0, launching_speed=18.0)
-    with pytest.raises(UserError, match=r"commands\.max_forward \(20\) must be below control\.launching_speed \(18\)"):
+    with pytest.raises(
+        UserError,
+        match=r"commands\.max_forward \(20\) must be below control\.launching_speed \(18\)",
+    ):
         EnvConfig(control=control, commands=CommandConfig(max_forward=20.0))

@@ -29,7 +29,10 @@ from bp2_rl.simulation.drake import DrakeRobot, DrakeSimulator
 STIFFNESS = 3e5
 CONTACT = DrakeContact(stiffness=STIFFNESS)
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
-SHIPPED = [*ROBOTS, *(path.stem for path in sorted(asset_path("robots").glob("*.toml")))]
+SHIPPED = [
+    *ROBOTS,
+    *(path.stem for path in sorted(asset_path("robots").glob("*.toml"))),
+]
 
 
 @pytest.fixture
@@ -38,7 +41,8 @@ def rng():
 
 
 def in_the_air(model, rng):
-    """MuJoCo's data in a random state, far from the ground and from the joints' limits."""
+    """MuJoCo's data in a random state, far from the ground and from the joints'
+    limits."""
     data = mujoco.MjData(model)
     data.qpos[:] = model.key("stand").qpos
     data.qpos[:3] += rng.uniform(-1.0, 1.0, 3) + np.array([0.0, 0.0, 5.0])
@@ -52,12 +56,13 @@ def in_the_air(model, rng):
     return data
 
 
-# --- Without contact -------------------------------------------------------------------------------------------
+# --- Without contact ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_inertia_and_bias_forces_are_mujocos(name, rng):
-    """To float64's rounding: of the mass matrix, rotors included; of gravity, Coriolis and centrifugal forces."""
+    """To float64's rounding: of the mass matrix, rotors included; of gravity, Coriolis
+    and centrifugal forces."""
     model = load_model(find_robot(name), visual=False, weighed=True)
     robot, inertia = DrakeRobot(model, CONTACT), np.zeros((model.nv, model.nv))
     for _ in range(20):
@@ -65,21 +70,32 @@ def test_inertia_and_bias_forces_are_mujocos(name, rng):
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, inertia)
         robot.set_state(data.qpos, data.qvel)
-        np.testing.assert_allclose(robot.mass_matrix(), inertia, atol=1e-12 * np.max(inertia))
-        np.testing.assert_allclose(robot.bias(), data.qfrc_bias, atol=1e-12 * np.max(np.abs(data.qfrc_bias)))
+        np.testing.assert_allclose(
+            robot.mass_matrix(), inertia, atol=1e-12 * np.max(inertia)
+        )
+        np.testing.assert_allclose(
+            robot.bias(), data.qfrc_bias, atol=1e-12 * np.max(np.abs(data.qfrc_bias))
+        )
 
 
 @pytest.mark.parametrize("name", ["ideal", "built", "go1"])
 def test_one_step_in_the_air_is_mujocos(name, rng):
-    """Under torques, losses, springs and their stops: the same Euler step, with dampers taken implicitly.
+    """Under torques, losses, springs and their stops: the same Euler step, with dampers
+    taken implicitly.
 
-    Solid legs may meet, which the two take differently, so they pass through each other here.
+    Solid legs may meet, which the two take differently, so they pass through each other
+    here.
     """
-    model = load_model(dataclasses.replace(find_robot(name), solid_legs=False), visual=False, weighed=True)
+    model = load_model(
+        dataclasses.replace(find_robot(name), solid_legs=False),
+        visual=False,
+        weighed=True,
+    )
     robot = DrakeRobot(model, CONTACT)
     for _ in range(20):
         data = in_the_air(model, rng)
-        data.ctrl[:] = rng.uniform(-15.0, 15.0, 12)  # no more than any motor has: MuJoCo would clip it
+        # no more than any motor has: MuJoCo would clip it
+        data.ctrl[:] = rng.uniform(-15.0, 15.0, 12)
         data.qfrc_applied[:] = rng.uniform(-50.0, 50.0, model.nv)
         mine = mujoco.MjData(model)
         for name in ("qpos", "qvel", "ctrl", "qfrc_applied"):
@@ -94,7 +110,7 @@ def test_one_step_in_the_air_is_mujocos(name, rng):
         assert mine.time == data.time
 
 
-# --- On the ground ---------------------------------------------------------------------------------------------
+# --- On the ground --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("model", ["point", "hydroelastic"])
@@ -113,23 +129,35 @@ def test_a_standing_robot_weighs_on_the_ground_what_it_weighs(model):
         data.qpos[:] = run.qpos[-1]
         mujoco.mj_kinematics(mj, data)
         depth = mj.geom_size[feet, 0] - data.geom_xpos[feet, 2]
-        np.testing.assert_allclose(STIFFNESS * depth, run.foot_force[-1, :, 2], rtol=0.02)
+        np.testing.assert_allclose(
+            STIFFNESS * depth, run.foot_force[-1, :, 2], rtol=0.02
+        )
 
 
 def test_a_robot_that_slides_is_slowed_by_friction():
     """Coulomb's law: all feet slide, so friction is mu times the weight."""
     hardware = dataclasses.replace(BUILT, friction=0.2)
     world = World(pushes=(Push(0.0, 1.5, 0.0),))
-    [run] = simulate(no_action, [RunRequest(Ramp(0.0, hold=0.4), hardware, world=world)], STANDING, backend="drake")
+    [run] = simulate(
+        no_action,
+        [RunRequest(Ramp(0.0, hold=0.4), hardware, world=world)],
+        STANDING,
+        backend="drake",
+    )
     assert run.fell_at is None
-    friction, pressing = np.sum(run.foot_force[100:300, :, 0]), np.sum(run.foot_force[100:300, :, 2])
+    friction, pressing = (
+        np.sum(run.foot_force[100:300, :, 0]),
+        np.sum(run.foot_force[100:300, :, 2]),
+    )
     assert friction / pressing == pytest.approx(-0.2, rel=1e-2)
 
 
 def dragged(step, model, slip):
-    """Return the vertical force (N) on a foot in 8 ms from its landing at 2 m/s, while it slips at a speed (m/s).
+    """Return the vertical force (N) on a foot in 8 ms from its landing at 2 m/s, while
+    it slips at a speed (m/s).
 
-    Trunk and joints are too heavy to feel it: the toe alone moves, on its spring, under a leg that hangs straight down.
+    Trunk and joints are too heavy to feel it: the toe alone moves, on its spring, under
+    a leg that hangs straight down.
     """
     data = mujoco.MjData(model)
     data.qpos[8::4] = np.pi / 2  # the other legs are level
@@ -144,28 +172,41 @@ def dragged(step, model, slip):
 
 
 def test_slip_lifts_a_foot_in_mujoco_and_not_in_drake():
-    """By Coulomb's law the normal force knows nothing of slip. MuJoCo's friction is convex: slip adds to the landing.
+    """By Coulomb's law the normal force knows nothing of slip. MuJoCo's friction is
+    convex: slip adds to the landing.
 
     A damped contact takes a foot that slips at v as one that lands faster by mu v.
     """
-    model = load_model(dataclasses.replace(BUILT, solid_legs=False), visual=False, weighed=True)
+    model = load_model(
+        dataclasses.replace(BUILT, solid_legs=False), visual=False, weighed=True
+    )
     model.opt.gravity[:], model.jnt_limited[:] = 0.0, 0
     model.body_mass[1], model.body_inertia[1] = 1e7, 1e7
-    model.dof_armature[model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]] = 1e6
+    model.dof_armature[
+        model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+    ] = 1e6
     mujoco.mj_setConst(model, mujoco.MjData(model))
     drake = DrakeRobot(model, CONTACT)
-    for step, lifts in ((drake.step, False), (lambda data: mujoco.mj_step(model, data), True)):
+    for step, lifts in (
+        (drake.step, False),
+        (lambda data: mujoco.mj_step(model, data), True),
+    ):
         still, slips = (dragged(step, model, slip) for slip in (0.0, 10.0))
         assert np.max(still) > 400.0
         if lifts:
-            assert np.max(slips) == pytest.approx((2.0 + 0.8 * 10.0) / 2.0 * np.max(still), rel=0.2)
+            assert np.max(slips) == pytest.approx(
+                (2.0 + 0.8 * 10.0) / 2.0 * np.max(still), rel=0.2
+            )
         else:
-            np.testing.assert_allclose(slips, still, atol=0.03 * np.max(still))  # Drake lags damping by a step
+            # Drake lags damping by a step
+            np.testing.assert_allclose(slips, still, atol=0.03 * np.max(still))
 
 
 def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
     policy, schedule = load_policy(asset_path("policies/built")), Ramp(6.0, hold=1.0)
-    c, drake = (rollout(policy, schedule, backend=backend) for backend in ("mujoco", "drake"))
+    c, drake = (
+        rollout(policy, schedule, backend=backend) for backend in ("mujoco", "drake")
+    )
     assert c.fell_at is None
     assert drake.fell_at is None
     assert drake.metrics.mean_speed == pytest.approx(c.metrics.mean_speed, rel=0.1)
@@ -173,10 +214,16 @@ def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
 
 
 def test_a_drawn_robot_is_drawn_in_drake_too(monkeypatch):
-    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)  # a drawn robot starts from the stand of that as designed
+    # a drawn robot starts from the stand of that as designed
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)
     one = (1.0, 1.0)
     ranges = RandomizationConfig(
-        friction=one, mass=(1.2, 1.2), com_offset=0.0, strength=one, gains=one, latency=(0.0, 0.0)
+        friction=one,
+        mass=(1.2, 1.2),
+        com_offset=0.0,
+        strength=one,
+        gains=one,
+        latency=(0.0, 0.0),
     )
     schedule = Ramp(1.0, hold=0.1)
     heavy, heavy_by_chance, designed = simulate(
@@ -189,24 +236,31 @@ def test_a_drawn_robot_is_drawn_in_drake_too(monkeypatch):
         EnvConfig(),
         backend="drake",
     )
-    np.testing.assert_allclose(heavy_by_chance.qpos, heavy.qpos, atol=1e-5)  # factors are drawn in float32
+    # factors are drawn in float32
+    np.testing.assert_allclose(heavy_by_chance.qpos, heavy.qpos, atol=1e-5)
     assert np.max(np.abs(designed.qpos - heavy.qpos)) > 0.05
 
 
-# --- What is refused -------------------------------------------------------------------------------------------
+# --- What is refused ------------------------------------------------------------------
 
 
 def test_rough_ground_is_refused():
     request = RunRequest(Ramp(0.0, hold=0.1), BUILT, world=World(roughness=0.02))
-    with pytest.raises(UserError, match="Drake has no rough ground; use --backend mujoco"):
+    with pytest.raises(
+        UserError, match="Drake has no rough ground; use --backend mujoco"
+    ):
         next(simulate(no_action, [request], STANDING, backend="drake"))
 
 
 @pytest.mark.parametrize(
-    ("dissipation", "asked", "steps"), [(0.5, 1, 1), (1.0, 1, 1), (3.0, 1, 3), (4.5, 2, 5), (0.5, 4, 4)]
+    ("dissipation", "asked", "steps"),
+    [(0.5, 1, 1), (1.0, 1, 1), (3.0, 1, 3), (4.5, 2, 5), (0.5, 4, 4)],
 )
-def test_a_millisecond_has_as_many_steps_as_dissipation_needs(dissipation, asked, steps):
-    """Told 15.5 m/s `built` runs 12.46 m/s with 3 s/m at 1 ms, 13.85 at 1/2, 14.06 at 1/3; with 1 s/m 14.08 at 1 ms."""
+def test_a_millisecond_has_as_many_steps_as_dissipation_needs(
+    dissipation, asked, steps
+):
+    """Told 15.5 m/s `built` runs 12.46 m/s with 3 s/m at 1 ms, 13.85 at 1/2, 14.06 at
+    1/3; with 1 s/m 14.08 at 1 ms."""
     numerics = Numerics(steps=asked, drake=DrakeContact(dissipation=dissipation))
     [model] = DrakeSimulator([RobotSetup(EnvConfig(), numerics=numerics)]).models
     assert model.opt.timestep == pytest.approx(1e-3 / steps, rel=1e-12)

@@ -1,4 +1,5 @@
-"""What is drawn of a robot, beside robots that were built so, and from the ranges of training."""
+"""What is drawn of a robot, beside robots that were built so, and from the ranges of
+training."""
 
 import dataclasses
 
@@ -24,7 +25,13 @@ NOTHING = dict.fromkeys(("friction", "mass", "strength", "gains", "losses"), (1.
 def exactly(**drawn):
     """A robot of which just this is drawn, with certainty."""
     factors = NOTHING | {name: (value, value) for name, value in drawn.items()}
-    return Draw(RandomizationConfig(**{"latency": (0.0, 0.0), **factors}, com_offset=0.0, push_velocity=0.0), 0, 0)
+    return Draw(
+        RandomizationConfig(
+            **{"latency": (0.0, 0.0), **factors}, com_offset=0.0, push_velocity=0.0
+        ),
+        0,
+        0,
+    )
 
 
 def lossier(factor):
@@ -51,11 +58,18 @@ def lossier(factor):
     ("hardware", "drawn", "built_so", "stiffer"),
     [
         (IDEAL, {"mass": 1.1}, dataclasses.replace(IDEAL, mass_scale=1.1), 1.0),
-        (IDEAL, {"friction": 0.3}, dataclasses.replace(IDEAL, friction=0.3 * IDEAL.friction), 1.0),
+        (
+            IDEAL,
+            {"friction": 0.3},
+            dataclasses.replace(IDEAL, friction=0.3 * IDEAL.friction),
+            1.0,
+        ),
         (
             IDEAL,
             {"latency": 0.008},
-            dataclasses.replace(IDEAL, losses=dataclasses.replace(IDEAL.losses, latency=0.008)),
+            dataclasses.replace(
+                IDEAL, losses=dataclasses.replace(IDEAL.losses, latency=0.008)
+            ),
             1.0,
         ),
         (IDEAL, {"gains": 1.2}, IDEAL, 1.2),
@@ -63,15 +77,24 @@ def lossier(factor):
     ],
     ids=("mass", "friction", "latency", "gains", "losses"),
 )
-def test_a_drawn_robot_runs_as_one_built_so(hardware, drawn, built_so, stiffer, monkeypatch):
-    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)  # a drawn robot starts from the stand of that as designed
+def test_a_drawn_robot_runs_as_one_built_so(
+    hardware, drawn, built_so, stiffer, monkeypatch
+):
+    # a drawn robot starts from the stand of that as designed
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)
     config = EnvConfig()
     control = config.control
     other = dataclasses.replace(
         config,
-        control=dataclasses.replace(control, stiffness=stiffer * control.stiffness, damping=stiffer * control.damping),
+        control=dataclasses.replace(
+            control,
+            stiffness=stiffer * control.stiffness,
+            damping=stiffer * control.damping,
+        ),
     )
-    as_drawn = run_one(no_action, SCHEDULE, config, hardware=hardware, drawn=exactly(**drawn))
+    as_drawn = run_one(
+        no_action, SCHEDULE, config, hardware=hardware, drawn=exactly(**drawn)
+    )
     as_built = run_one(no_action, SCHEDULE, other, hardware=built_so)
     designed = run_one(no_action, SCHEDULE, config, hardware=hardware)
     apart = np.max(np.abs(as_drawn.qpos - as_built.qpos))
@@ -104,7 +127,9 @@ def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
     feet = [after.geom("floor").id, *foot_geom_ids(after)]
     np.testing.assert_allclose(after.geom_friction[feet, 0], drawn.friction)
     others = np.setdiff1d(np.arange(after.ngeom), feet)
-    np.testing.assert_array_equal(after.geom_friction[others], before.geom_friction[others])
+    np.testing.assert_array_equal(
+        after.geom_friction[others], before.geom_friction[others]
+    )
     assert bp2.LEG_FRICTION in after.geom_friction[others, 0]
     np.testing.assert_allclose(after.body_subtreemass[0], np.sum(after.body_mass))
 
@@ -124,11 +149,16 @@ def test_a_weak_robot_has_weak_motors():
 
 
 def test_pushes_come_as_often_and_as_hard_as_in_training():
-    pushes = [push for number in range(100) for push in Draw(RANGES, 0, number).pushes(20.0)]
-    assert len(pushes) == pytest.approx(100 * 20.0 / RANGES.push_interval, rel=0.15)  # three deviations
+    pushes = [
+        push for number in range(100) for push in Draw(RANGES, 0, number).pushes(20.0)
+    ]
+    # three deviations
+    assert len(pushes) == pytest.approx(100 * 20.0 / RANGES.push_interval, rel=0.15)
     kicks = np.array([(push.forward, push.left) for push in pushes])
     assert np.max(np.abs(kicks)) <= RANGES.push_velocity
-    np.testing.assert_allclose(np.std(kicks, axis=0), RANGES.push_velocity / np.sqrt(3.0), rtol=0.1)
+    np.testing.assert_allclose(
+        np.std(kicks, axis=0), RANGES.push_velocity / np.sqrt(3.0), rtol=0.1
+    )
     assert Draw(dataclasses.replace(RANGES, push_velocity=0.0), 0, 0).pushes(20.0) == ()
 
 

@@ -18,7 +18,10 @@ def draw(name, run):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_show_the_run(name, make_run, busy_run):
-    busy, still = draw(name, busy_run), draw(name, make_run(speed=1e-3, foot_force=np.zeros((8000, 4, 3))))
+    busy, still = (
+        draw(name, busy_run),
+        draw(name, make_run(speed=1e-3, foot_force=np.zeros((8000, 4, 3)))),
+    )
     assert busy.shape[1] >= 1200  # pixels: legible on a page
     assert busy.shape == still.shape
     assert np.mean(np.any(busy != still, axis=-1)) > 0.01
@@ -26,10 +29,15 @@ def test_figures_show_the_run(name, make_run, busy_run):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_letters_are_legible_on_a_telephone(name, busy_run):
-    """Shown 350 pixels wide, the smallest are 8 pixels high or more, and no letter is beyond the edge."""
+    """Shown 350 pixels wide, the smallest are 8 pixels high or more, and no letter is
+    beyond the edge."""
     figure = FIGURES[name][0](busy_run, NARROW)
     figure.draw_without_rendering()
-    words = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    words = [
+        text
+        for text in figure.findobj(Text)
+        if text.get_text().strip() and text.get_visible()
+    ]
     scale = 350 / (72 * NARROW)
     assert min(float(text.get_fontsize()) for text in words) * scale >= 8.0
     drawn = figure.get_tightbbox()
@@ -40,7 +48,9 @@ def test_letters_are_legible_on_a_telephone(name, busy_run):
 @pytest.mark.parametrize("name", FIGURES)
 def test_axes_are_named_with_units(name, busy_run):
     figure = FIGURES[name][0](busy_run)
-    labels = [axes.get_xlabel() for axes in figure.axes] + [axes.get_ylabel() for axes in figure.axes]
+    labels = [axes.get_xlabel() for axes in figure.axes] + [
+        axes.get_ylabel() for axes in figure.axes
+    ]
     named = [label for label in labels if label]
     assert len(named) >= 2
     assert all("[" in label for label in named)
@@ -66,7 +76,8 @@ def test_points_outside_the_envelope_would_be_seen(make_run):
 
 def test_the_moving_mean_of_a_line_is_the_line():
     line = np.linspace(0.0, 3.0, 50)
-    np.testing.assert_allclose(moving_mean(line, 11), line, atol=1e-14)  # centred at the ends, too
+    # centred at the ends, too
+    np.testing.assert_allclose(moving_mean(line, 11), line, atol=1e-14)
     pair = np.stack([line, -line], axis=-1)
     np.testing.assert_allclose(moving_mean(pair, 11), pair, atol=1e-14)
 

@@ -25,7 +25,12 @@ def in_this_process(monkeypatch):
     """No workers: they would compile everything anew."""
 
     def simulate_all(measure, policy, requests, backend):
-        return [measure(*pair) for pair in zip(requests, simulate(policy, requests, backend=backend), strict=True)]
+        return [
+            measure(*pair)
+            for pair in zip(
+                requests, simulate(policy, requests, backend=backend), strict=True
+            )
+        ]
 
     monkeypatch.setattr(module, "simulate_all", simulate_all)
 
@@ -41,14 +46,27 @@ def test_a_robot_as_designed_runs_as_it_does_alone(policy):
     each = slice(None, None, 5)
     lasted = len(alone.time[each])
     for robot in range(2):  # what is drawn is of float32, even where it is as designed
-        np.testing.assert_allclose(fleet.speed[:lasted, robot], alone.ground_velocity[each, 0], atol=1e-5)
-        np.testing.assert_allclose(fleet.offset[:lasted, robot], alone.qpos[each, 1], atol=1e-6)
+        np.testing.assert_allclose(
+            fleet.speed[:lasted, robot], alone.ground_velocity[each, 0], atol=1e-5
+        )
+        np.testing.assert_allclose(
+            fleet.offset[:lasted, robot], alone.qpos[each, 1], atol=1e-6
+        )
     np.testing.assert_allclose(fleet.time[:lasted], alone.time[each])
     assert len(fleet.time) == np.ceil(SCHEDULE.duration / 0.005)
     assert fleet.steady_from == pytest.approx(1.0 / 2.4)
-    np.testing.assert_allclose(fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time], atol=1e-12)
-    assert {name: float(values[1]) for name, values in fleet.robots.items()} == pytest.approx(
-        {"friction": BUILT.friction, "latency": BUILT.losses.latency, "mass": alone.mass, "strength": 1.0}
+    np.testing.assert_allclose(
+        fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time], atol=1e-12
+    )
+    assert {
+        name: float(values[1]) for name, values in fleet.robots.items()
+    } == pytest.approx(
+        {
+            "friction": BUILT.friction,
+            "latency": BUILT.losses.latency,
+            "mass": alone.mass,
+            "strength": 1.0,
+        }
     )
 
 
@@ -65,11 +83,27 @@ def test_fallen_robots_are_known_by_the_time_of_their_fall(policy):
     assert np.all((low < fleet.robots["mass"]) & (fleet.robots["mass"] < high))
 
 
-def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(policy, monkeypatch):
+def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(
+    policy, monkeypatch
+):
     asked = []
-    monkeypatch.setattr(module, "simulate_all", lambda measure, policy, requests, backend: asked.append(
-        (policy.card.env.randomization, [request.noise_seed for request in requests], backend)) or [
-            module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0) for _ in requests])  # fmt: skip
+    monkeypatch.setattr(
+        module,
+        "simulate_all",
+        lambda measure, policy, requests, backend: (
+            asked.append(
+                (
+                    policy.card.env.randomization,
+                    [request.noise_seed for request in requests],
+                    backend,
+                )
+            )
+            or [
+                module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0)
+                for _ in requests
+            ]
+        ),
+    )
     ranges = dataclasses.replace(RandomizationConfig(), joint_velocity_noise=0.7)
     run_fleet(policy, REQUEST, ranges, robots=3, backend="drake")
     [(drawn, seeds, backend)] = asked

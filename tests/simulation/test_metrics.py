@@ -13,18 +13,20 @@ from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.simulation import gait, metrics
 from bp2_rl.simulation.metrics import RunMetrics, measure
 
-STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)  # Nm, where the back-EMF line meets the torque axis
+# Nm, where the back-EMF line meets the torque axis
+STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)
 
 
 def with_motor(make_run, motor, torque, speed, **changes):
-    """A run in which one motor does something; torque and speed are functions of time."""
+    """A run in which one motor does something; torque and speed are functions of
+    time."""
     run = make_run(**changes)
     torques, qvel = run.torque.copy(), run.qvel.copy()
     torques[:, motor], qvel[:, MOTOR_QVEL[motor]] = torque(run.time), speed(run.time)
     return make_run(**(changes | {"torque": torques, "qvel": qvel}))
 
 
-# --- Speed -----------------------------------------------------------------------------------------------------
+# --- Speed ----------------------------------------------------------------------------
 
 
 def test_top_speed_is_the_best_one_second_mean(make_run):
@@ -35,7 +37,9 @@ def test_top_speed_is_the_best_one_second_mean(make_run):
     assert m.best_speed == pytest.approx(
         4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
     )  # mean of a sine's top quarter
-    assert m.slowest_held_speed == pytest.approx(4.0 - np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5)
+    assert m.slowest_held_speed == pytest.approx(
+        4.0 - np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
+    )
 
 
 def test_held_speed_is_the_best_five_second_mean_of_the_hold_phase(make_run):
@@ -44,10 +48,14 @@ def test_held_speed_is_the_best_five_second_mean_of_the_hold_phase(make_run):
     qvel[:, 0] = 4.0 + np.sin(2 * np.pi * run.time / 20.0)
     m = measure(make_run(duration=12.0, qvel=qvel))
     # The sine peaks at 5 s: the best five seconds are those from 2.5 to 7.5 s.
-    assert m.held_speed == pytest.approx(4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5)
+    assert m.held_speed == pytest.approx(
+        4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
+    )
     late = measure(make_run(duration=12.0, qvel=qvel, steady_from=7.0))
     # Held from 7 s on it falls all the time: the first five seconds, to a sum of 1 ms.
-    assert late.held_speed == pytest.approx(4.0 + 4 / np.pi * np.sin(np.pi * 0.95) * np.sin(np.pi / 4), abs=1e-3)
+    assert late.held_speed == pytest.approx(
+        4.0 + 4 / np.pi * np.sin(np.pi * 0.95) * np.sin(np.pi / 4), abs=1e-3
+    )
 
 
 @pytest.mark.parametrize(("duration", "held"), [(6.999, False), (7.0, True)])
@@ -65,9 +73,12 @@ def test_a_run_shorter_than_a_second_has_no_top_speed(make_run):
 def test_tracking_error_is_the_mean_distance_from_the_command_while_held(make_run):
     run = make_run()
     qvel = run.qvel.copy()
-    qvel[:, 0] += np.where(run.time < 2.0, 3.0, 0.4 * np.sign(np.sin(2 * np.pi * 5.0 * run.time + 1e-9)))
+    qvel[:, 0] += np.where(
+        run.time < 2.0, 3.0, 0.4 * np.sign(np.sin(2 * np.pi * 5.0 * run.time + 1e-9))
+    )
     m = measure(make_run(qvel=qvel))
-    assert m.tracking_error == pytest.approx(0.4, abs=1e-9)  # what happened on the ramp does not count
+    # what happened on the ramp does not count
+    assert m.tracking_error == pytest.approx(0.4, abs=1e-9)
     assert m.mean_speed == pytest.approx(5.0, abs=1e-3)
 
 
@@ -77,7 +88,8 @@ def test_hold_time_and_distance_of_a_whole_run(make_run):
     assert m.duration == pytest.approx(8.0)
     assert (m.steady_from, m.steady_to) == pytest.approx((2.0, 8.0))
     assert m.hold_time == pytest.approx(6.0)
-    assert m.distance == pytest.approx(0.5 * 2.5 * 2.0**2 + 5.0 * 6.0, abs=0.02)  # sums of 1 ms, end sample not passed
+    # sums of 1 ms, end sample not passed
+    assert m.distance == pytest.approx(0.5 * 2.5 * 2.0**2 + 5.0 * 6.0, abs=0.02)
 
 
 def test_a_fall_on_the_ramp_leaves_no_hold_to_measure(make_run):
@@ -87,7 +99,8 @@ def test_a_fall_on_the_ramp_leaves_no_hold_to_measure(make_run):
     assert m.hold_time == 0.0
     assert m.tracking_error is None
     assert m.slowest_held_speed is None
-    assert (m.steady_from, m.steady_to) == pytest.approx((0.5, 1.5))  # the best second stands in
+    # the best second stands in
+    assert (m.steady_from, m.steady_to) == pytest.approx((0.5, 1.5))
     assert m.mean_speed == pytest.approx(2.5 * 1.0, abs=2e-3)
 
 
@@ -106,30 +119,51 @@ def test_drift_is_measured_from_the_line_and_heading_at_the_start(make_run):
 
 def test_the_papers_numbers_at_its_top_speed(make_run):
     assert metrics.froude_number(10.74) == pytest.approx(21.4, abs=0.05)
-    assert metrics.motor_demand(make_run(duration=0.1, mass=36.0), 10.74) == pytest.approx(1.475, abs=0.005)
+    assert metrics.motor_demand(
+        make_run(duration=0.1, mass=36.0), 10.74
+    ) == pytest.approx(1.475, abs=0.005)
 
 
-# --- Motors ----------------------------------------------------------------------------------------------------
+# --- Motors ---------------------------------------------------------------------------
 
 
 def test_power_of_torque_and_speed_in_phase(make_run):
     torque, speed = 40.0, 6.0
-    run = with_motor(make_run, 4, lambda t: torque * np.sin(8 * np.pi * t), lambda t: speed * np.sin(8 * np.pi * t))
+    run = with_motor(
+        make_run,
+        4,
+        lambda t: torque * np.sin(8 * np.pi * t),
+        lambda t: speed * np.sin(8 * np.pi * t),
+    )
     m = measure(run)
     assert m.mechanical_power == pytest.approx(torque * speed / 2, rel=1e-6)
     copper = torque**2 / 2 * 21.4 / STALL_TORQUE
     assert m.electrical_power == pytest.approx(torque * speed / 2 + copper, rel=1e-6)
     weight_speed = 36.0 * conventions.GRAVITY * 5.0
-    assert m.mechanical_cost_of_transport == pytest.approx(torque * speed / 2 / weight_speed, rel=1e-6)
-    assert m.electrical_cost_of_transport == pytest.approx((torque * speed / 2 + copper) / weight_speed, rel=1e-6)
+    assert m.mechanical_cost_of_transport == pytest.approx(
+        torque * speed / 2 / weight_speed, rel=1e-6
+    )
+    assert m.electrical_cost_of_transport == pytest.approx(
+        (torque * speed / 2 + copper) / weight_speed, rel=1e-6
+    )
     motor = m.motors[4]
     assert motor.name == "FL_hip"
-    assert (motor.peak_torque, motor.peak_speed, motor.peak_power) == pytest.approx((40.0, 6.0, 240.0), rel=1e-3)
+    assert (motor.peak_torque, motor.peak_speed, motor.peak_power) == pytest.approx(
+        (40.0, 6.0, 240.0), rel=1e-3
+    )
 
 
 def test_braking_earns_nothing(make_run):
-    run = with_motor(make_run, 0, lambda t: 30.0 * np.sin(8 * np.pi * t), lambda t: 6.0 * np.cos(8 * np.pi * t))
-    assert measure(run).mechanical_power == pytest.approx(30.0 * 6.0 / (2 * np.pi), rel=1e-3)  # half a sine of twice w
+    run = with_motor(
+        make_run,
+        0,
+        lambda t: 30.0 * np.sin(8 * np.pi * t),
+        lambda t: 6.0 * np.cos(8 * np.pi * t),
+    )
+    # half a sine of twice w
+    assert measure(run).mechanical_power == pytest.approx(
+        30.0 * 6.0 / (2 * np.pi), rel=1e-3
+    )
     run = with_motor(make_run, 0, lambda t: 30.0 + 0 * t, lambda t: -6.0 + 0 * t)
     m = measure(run)
     assert m.mechanical_power == 0.0
@@ -158,7 +192,9 @@ def test_a_robot_that_goes_nowhere_has_no_cost_of_transport(make_run):
     ],
 )
 def test_envelope_is_compared_at_every_sample(make_run, torque, speed, near, outside):
-    run = with_motor(make_run, 8, lambda t: torque * (t < 2.0), lambda t: speed * (t < 2.0))
+    run = with_motor(
+        make_run, 8, lambda t: torque * (t < 2.0), lambda t: speed * (t < 2.0)
+    )
     m = measure(run)
     assert m.motors[8].on_envelope == (0.25 if near else 0.0)  # 2 s of 8
     assert m.on_envelope == pytest.approx(0.25 / 12 if near else 0.0)
@@ -167,23 +203,33 @@ def test_envelope_is_compared_at_every_sample(make_run, torque, speed, near, out
 
 def test_envelope_is_that_of_the_hardware_that_ran(make_run):
     geared = HardwareSpec(gear_ratio=17.0)  # twice the torque at half the speed
-    run = with_motor(make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 7.0 + 0 * t, hardware=geared)
+    run = with_motor(
+        make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 7.0 + 0 * t, hardware=geared
+    )
     assert measure(run).outside_envelope == 0
-    run = with_motor(make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 8.0 + 0 * t, hardware=geared)
+    run = with_motor(
+        make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 8.0 + 0 * t, hardware=geared
+    )
     assert measure(run).outside_envelope == 8000
 
 
-# --- Legs ------------------------------------------------------------------------------------------------------
+# --- Legs -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("frequency", "duty"), [(2.0, 0.6), (4.0, 0.25), (3.1, 0.18)])
 def test_duty_factor_and_stride_frequency_of_a_trot(make_run, frequency, duty):
     m = measure(make_run(frequency=frequency, duty=duty))
-    peak = np.pi / (8 * duty)  # of the half sine, in body weights: its ends lie below the thresholds
-    unseen = (np.arcsin(gait.TOUCH_FORCE / peak) + np.arcsin(gait.LIFT_FORCE / peak)) / np.pi
+    # of the half sine, in body weights: its ends lie below the thresholds
+    peak = np.pi / (8 * duty)
+    unseen = (
+        np.arcsin(gait.TOUCH_FORCE / peak) + np.arcsin(gait.LIFT_FORCE / peak)
+    ) / np.pi
     for leg in m.legs:
-        assert leg.stride_frequency == pytest.approx(frequency, rel=2e-3)  # touchdowns fall on milliseconds
-        assert leg.duty_factor == pytest.approx(duty * (1 - unseen), abs=1e-3 * frequency)
+        # touchdowns fall on milliseconds
+        assert leg.stride_frequency == pytest.approx(frequency, rel=2e-3)
+        assert leg.duty_factor == pytest.approx(
+            duty * (1 - unseen), abs=1e-3 * frequency
+        )
 
 
 def test_bounces_and_scuffs_are_not_strides(make_run):
@@ -203,7 +249,9 @@ def test_a_hop_longer_than_a_bounce_is_a_stride(make_run):
     force = run.foot_force.copy()
     phase = (4.0 * run.time[:, None] + np.array([0.5, 0.0, 0.0, 0.5])) % 1.0
     force[(phase > 0.05) & (phase < 0.20)] = 0.0  # 37 ms
-    assert measure(make_run(foot_force=force)).legs[1].stride_frequency == pytest.approx(8.0, rel=0.02)
+    assert measure(make_run(foot_force=force)).legs[
+        1
+    ].stride_frequency == pytest.approx(8.0, rel=0.02)
 
 
 def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
@@ -211,7 +259,8 @@ def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
     even = measure(run)
     assert even.off_half_cycle == pytest.approx(0.0, abs=1e-3)
     assert even.uneven == pytest.approx(0.0, abs=1e-3)
-    # The front left leg lands 10 ms late, of the quarter of a second that a stride takes, and 4 % harder.
+    # The front left leg lands 10 ms late, of the quarter of a second that a stride
+    # takes, and 4 % harder.
     force = run.foot_force.copy()
     force[:, 1] = 1.04 * np.roll(force[:, 1], 10, axis=0)
     lame = measure(make_run(foot_force=force))
@@ -229,7 +278,9 @@ def test_contact_needs_more_force_to_begin_than_to_last(make_run):
     force[250:, :, 2] = 0.03 * weight  # between the thresholds: still
     force[350:, :, 2] = 0.01 * weight  # off
     standing = gait.contacts(make_run(duration=0.4, foot_force=force))
-    np.testing.assert_array_equal(standing, np.tile(((run.time >= 0.1495) & (run.time < 0.3495))[:, None], 4))
+    np.testing.assert_array_equal(
+        standing, np.tile(((run.time >= 0.1495) & (run.time < 0.3495))[:, None], 4)
+    )
 
 
 def test_a_standing_robot_has_duty_one_and_no_stride(make_run):
@@ -244,13 +295,18 @@ def test_peak_force_is_the_length_of_the_vector(make_run):
     force = make_run().foot_force.copy()
     force[4000, 2] = (300.0, 0.0, 1000.0)
     m = measure(make_run(foot_force=force))
-    assert m.legs[2].peak_foot_force == m.peak_foot_force == pytest.approx(np.hypot(300.0, 1000.0))
+    assert (
+        m.legs[2].peak_foot_force
+        == m.peak_foot_force
+        == pytest.approx(np.hypot(300.0, 1000.0))
+    )
 
 
 def test_springs_are_on_their_stop_beyond_full_travel(make_run):
     run = make_run()
     qpos = run.qpos.copy()
-    qpos[:800, 10], qpos[400:1200, 14] = 0.131, 0.135  # FR for 10 %, FL for 10 %, half of it together
+    # FR for 10 %, FL for 10 %, half of it together
+    qpos[:800, 10], qpos[400:1200, 14] = 0.131, 0.135
     qpos[:, 18] = 0.13
     m = measure(make_run(qpos=qpos))
     assert [leg.on_stop for leg in m.legs] == pytest.approx([0.1, 0.1, 0.0, 0.0])
@@ -269,13 +325,16 @@ def test_every_arrival_of_a_spring_at_its_stop_is_a_hit(make_run):
     assert m.stop_hits == 4
 
 
-# --- As a file -------------------------------------------------------------------------------------------------
+# --- As a file ------------------------------------------------------------------------
 
 
 def test_metrics_survive_strict_json(make_run):
     for run in (make_run(), make_run(duration=0.5, fell_at=0.5)):
         m = measure(run)
-        assert from_json(RunMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+        assert (
+            from_json(RunMetrics, json.loads(json.dumps(to_json(m), allow_nan=False)))
+            == m
+        )
 
 
 def test_legs_that_touch_are_counted_by_the_millisecond_solid_or_not(make_run):
@@ -283,14 +342,22 @@ def test_legs_that_touch_are_counted_by_the_millisecond_solid_or_not(make_run):
     run = make_run(duration=8.0)
     qpos = run.qpos.copy()
     apart = measure(make_run(qpos=qpos))
-    assert (apart.leg_contact, apart.leg_contact_time, apart.leg_depth) == (0.0, 0.0, 0.0)
-    # Legs hang straight down: lines 0.32 m apart behind, feet of 20 mm; hips 0.16 m off the beams' end, 20 mm back.
+    assert (apart.leg_contact, apart.leg_contact_time, apart.leg_depth) == (
+        0.0,
+        0.0,
+        0.0,
+    )
+    # Legs hang straight down: lines 0.32 m apart behind, feet of 20 mm; hips 0.16 m off
+    # the beams' end, 20 mm back.
     assert apart.leg_clearance == pytest.approx(0.32 - 2 * 0.02, abs=1e-12)
-    assert apart.trunk_clearance == pytest.approx(math.hypot(0.02, 0.12) - 0.07 - 0.018, abs=1e-12)
+    assert apart.trunk_clearance == pytest.approx(
+        math.hypot(0.02, 0.12) - 0.07 - 0.018, abs=1e-12
+    )
     qpos[1000:1300, [7, 11]] = 0.4, -0.4
     for hardware in (HardwareSpec(), HardwareSpec(solid_legs=True)):
         crossed = measure(make_run(qpos=qpos, hardware=hardware))
         assert crossed.leg_contact_time == pytest.approx(0.3)
         assert crossed.leg_contact == pytest.approx(300 / 8000)
         assert crossed.leg_depth == pytest.approx(-crossed.leg_clearance)
-        assert crossed.leg_depth == pytest.approx(2 * 0.0145)  # the lower legs' axes meet
+        # the lower legs' axes meet
+        assert crossed.leg_depth == pytest.approx(2 * 0.0145)

@@ -10,14 +10,19 @@ from bp2_rl.simulation.operator import HeadingHold
 def test_operator_turns_back_to_the_line():
     operator = HeadingHold(heading_gain=2.0, lane_gain=0.1, limit=0.3)
     straight = np.array([5.0, 0.0, 0.0])
-    np.testing.assert_allclose(operator.steer(straight, 0.0, 0.1), (5.0, 0.0, -0.2))  # points left: turn right
-    np.testing.assert_allclose(operator.steer(straight, 1.0, 0.0), (5.0, 0.0, -0.1))  # is left: turn right
-    np.testing.assert_allclose(operator.steer(straight, -10.0, -1.0), (5.0, 0.0, 0.3))  # no more than the limit
+    # points left: turn right
+    np.testing.assert_allclose(operator.steer(straight, 0.0, 0.1), (5.0, 0.0, -0.2))
+    # is left: turn right
+    np.testing.assert_allclose(operator.steer(straight, 1.0, 0.0), (5.0, 0.0, -0.1))
+    # no more than the limit
+    np.testing.assert_allclose(operator.steer(straight, -10.0, -1.0), (5.0, 0.0, 0.3))
 
 
 @pytest.mark.parametrize("command", [(5.0, 0.0, 0.4), (5.0, 0.5, 0.0)])
 def test_operator_leaves_turns_and_sidesteps_alone(command):
-    np.testing.assert_array_equal(HeadingHold().steer(np.array(command), 1.0, 0.2), command)
+    np.testing.assert_array_equal(
+        HeadingHold().steer(np.array(command), 1.0, 0.2), command
+    )
 
 
 @pytest.mark.parametrize("speed", [1.0, 5.0, 12.0])

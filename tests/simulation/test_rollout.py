@@ -17,8 +17,19 @@ from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.hardware import HardwareSpec, Losses
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
-from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig, TerminationConfig
+from bp2_rl.robot.model import (
+    MOTOR_QPOS,
+    MOTOR_QVEL,
+    foot_forces,
+    foot_geom_ids,
+    load_model,
+)
+from bp2_rl.settings.env import (
+    ControlConfig,
+    EnvConfig,
+    RandomizationConfig,
+    TerminationConfig,
+)
 from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.metrics import envelope_use, measure
 from bp2_rl.simulation.operator import HeadingHold
@@ -36,7 +47,7 @@ def run_in_mjx(policy, schedule, config, **request):
     return run
 
 
-# --- C MuJoCo ----------------------------------------------------------------------------------------------------
+# --- C MuJoCo -------------------------------------------------------------------------
 
 
 def test_standing_start_is_at_rest_at_the_origin():
@@ -48,7 +59,8 @@ def test_standing_start_is_at_rest_at_the_origin():
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
         data.ctrl[:] = joint_torque(motors, 0.0 * q, q, qd, stand, 0.0 * qd, 1e-3)
         mujoco.mj_step(model, data)
-    # MuJoCo's soft contacts let the feet creep apart by a millimetre a second; unsettled, it rocks at 0.03 m/s.
+    # MuJoCo's soft contacts let the feet creep apart by a millimetre a second;
+    # unsettled, it rocks at 0.03 m/s.
     np.testing.assert_allclose(data.qpos, rest, atol=2e-3)
     assert np.max(np.abs(data.qvel)) < 5e-3
     assert data.qpos[2] == pytest.approx(0.55, abs=0.015)
@@ -67,22 +79,33 @@ def test_feet_of_a_standing_robot_carry_its_weight():
     assert np.all(force[[0, 2], 1] * force[[1, 3], 1] < 0.0)
 
 
-@pytest.mark.parametrize("world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"])
+@pytest.mark.parametrize(
+    "world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"]
+)
 def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
-    """Against the constraint forces: the ground is all that acts on the free trunk's six coordinates from outside."""
+    """Against the constraint forces: the ground is all that acts on the free trunk's
+    six coordinates from outside."""
     simulator = settled([RobotSetup(STANDING, world)])
     model, data = simulator.models[0], simulator.data[0]
     data.qvel[:6] = 1.0, -0.5, -0.8, 0.3, 0.2, 0.0
     mujoco.mj_forward(model, data)
     force = foot_forces(data)
     assert np.min(np.abs(force[:, 0])) > 1.0  # all four slide
-    by_contact, wrench, feet = np.zeros((4, 3)), np.zeros(6), foot_geom_ids(model).tolist()
-    for i, (geom, frame) in enumerate(zip(data.contact.geom2, data.contact.frame, strict=True)):
+    by_contact, wrench, feet = (
+        np.zeros((4, 3)),
+        np.zeros(6),
+        foot_geom_ids(model).tolist(),
+    )
+    for i, (geom, frame) in enumerate(
+        zip(data.contact.geom2, data.contact.frame, strict=True)
+    ):
         mujoco.mj_contactForce(model, data, i, wrench)
         by_contact[feet.index(geom)] += wrench[:3] @ frame.reshape(3, 3)
     assert len({round(value) for value in by_contact[:, 2]}) == 4  # each has another
     np.testing.assert_allclose(force, by_contact, rtol=1e-12)
-    np.testing.assert_allclose(np.sum(force, axis=0), data.qfrc_constraint[:3], rtol=1e-9)
+    np.testing.assert_allclose(
+        np.sum(force, axis=0), data.qfrc_constraint[:3], rtol=1e-9
+    )
 
 
 def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_them():
@@ -91,10 +114,15 @@ def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_th
     model = RobotSetup(TROTTING).model()
     data = mujoco.MjData(model)
     for k in range(0, len(run) - 1, 7):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = run.qpos[k], run.qvel[k], run.torque[k]
+        data.qpos[:], data.qvel[:], data.ctrl[:] = (
+            run.qpos[k],
+            run.qvel[k],
+            run.torque[k],
+        )
         data.qacc_warmstart[:] = 0.0
         mujoco.mj_step(model, data)
-        np.testing.assert_allclose(data.qpos, run.qpos[k + 1], atol=1e-9)  # the solver's tolerance
+        # the solver's tolerance
+        np.testing.assert_allclose(data.qpos, run.qpos[k + 1], atol=1e-9)
         np.testing.assert_allclose(foot_forces(data), run.foot_force[k], atol=1e-3)
 
 
@@ -122,20 +150,33 @@ def test_a_run_ends_at_the_fall():
 
 def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
     schedule = Ramp(0.0, hold=0.1)
-    usual, fine, finest = (run_one(kick, schedule, STANDING, numerics=Numerics(steps=steps)) for steps in (1, 4, 8))
+    usual, fine, finest = (
+        run_one(kick, schedule, STANDING, numerics=Numerics(steps=steps))
+        for steps in (1, 4, 8)
+    )
     assert len(fine) == len(usual) == 100
     np.testing.assert_array_equal(fine.qpos[0], usual.qpos[0])
     torque = joint_torque(
-        motors_of(STANDING), fine.torque, fine.joint_position, fine.joint_velocity, fine.target, 0.0 * fine.target, 1e-3
+        motors_of(STANDING),
+        fine.torque,
+        fine.joint_position,
+        fine.joint_velocity,
+        fine.target,
+        0.0 * fine.target,
+        1e-3,
     )
     np.testing.assert_allclose(fine.torque, torque, atol=1e-9)
-    # Euler's error is of first order in the step: from 1 ms to 1/8 it falls by 7/8, from 1/4 to 1/8 by 1/8.
-    coarse, small = (np.max(np.abs(run.qpos[:60] - finest.qpos[:60])) for run in (usual, fine))
+    # Euler's error is of first order in the step: from 1 ms to 1/8 it falls by 7/8,
+    # from 1/4 to 1/8 by 1/8.
+    coarse, small = (
+        np.max(np.abs(run.qpos[:60] - finest.qpos[:60])) for run in (usual, fine)
+    )
     assert 0.0 < small < 0.3 * coarse < 0.01
 
 
 def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
-    """Four steps of a quarter of a millisecond, each under the torque of its own start."""
+    """Four steps of a quarter of a millisecond, each under the torque of its own
+    start."""
     numerics = Numerics(steps=4, motors_each_step=True)
     run = run_one(kick, Ramp(3.0, hold=0.05), STANDING, numerics=numerics)
     model, motors = RobotSetup(STANDING).model(), motors_of(STANDING)
@@ -143,30 +184,43 @@ def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
     data = mujoco.MjData(model)
     changes = []
     for k in range(0, len(run) - 1, 7):
-        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = run.qpos[k], run.qvel[k], 0.0
+        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = (
+            run.qpos[k],
+            run.qvel[k],
+            0.0,
+        )
         torques = []
         for _ in range(4):
             q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-            data.ctrl[:] = joint_torque(motors, 0.0 * q, q, qd, run.target[k], 0.0 * qd, 0.25e-3)
+            data.ctrl[:] = joint_torque(
+                motors, 0.0 * q, q, qd, run.target[k], 0.0 * qd, 0.25e-3
+            )
             torques.append(data.ctrl.copy())
             mujoco.mj_step(model, data)
         np.testing.assert_allclose(torques[0], run.torque[k], atol=1e-9)
-        np.testing.assert_allclose(data.qpos, run.qpos[k + 1], atol=1e-9)  # the solver's tolerance
+        # the solver's tolerance
+        np.testing.assert_allclose(data.qpos, run.qpos[k + 1], atol=1e-9)
         changes.append(np.max(np.abs(torques[3] - torques[0])))
     assert np.max(changes) > 1.0  # Nm, within a millisecond: what is held otherwise
 
 
 def test_finer_motors_lag_no_less():
-    """The drive's first-order lag is of continuous time: computed in quarters of a millisecond it takes as long."""
-    lagging = dataclasses.replace(STANDING, hardware=HardwareSpec(losses=Losses(current_lag=0.02)))
+    """The drive's first-order lag is of continuous time: computed in quarters of a
+    millisecond it takes as long."""
+    lagging = dataclasses.replace(
+        STANDING, hardware=HardwareSpec(losses=Losses(current_lag=0.02))
+    )
     schedule = Ramp(0.0, hold=0.1)
     held, fine = (
-        run_one(kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each)) for each in (False, True)
+        run_one(
+            kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each)
+        )
+        for each in (False, True)
     )
     rise, fine_rise = (np.abs(run.torque[1] - run.torque[0]) for run in (held, fine))
     assert np.min(rise) > 10.0
-    # Implicit Euler goes 1/21 of the way in 1 ms and 1 - (80/81)^4, 2 % more, in four quarters; the fine motors begin
-    # 0.75 ms, 4 % of the lag, earlier on theirs.
+    # Implicit Euler goes 1/21 of the way in 1 ms and 1 - (80/81)^4, 2 % more, in four
+    # quarters; the fine motors begin 0.75 ms, 4 % of the lag, earlier on theirs.
     np.testing.assert_allclose(fine_rise, rise, rtol=0.08)
 
 
@@ -177,11 +231,13 @@ def test_another_robot_runs_under_the_controller_of_the_assumed_one():
     run = run_one(no_action, schedule, config, hardware=heavy)
     assert run.hardware == heavy
     own, assumed = (
-        run_one(no_action, schedule, each) for each in (dataclasses.replace(config, hardware=heavy), config)
+        run_one(no_action, schedule, each)
+        for each in (dataclasses.replace(config, hardware=heavy), config)
     )
     assert run.mass == pytest.approx(1.1 * assumed.mass)
     np.testing.assert_array_equal(run.qpos[0], own.qpos[0])  # it stands as it is
-    # More weight asks for more torque from the start, but the controller knows nothing of it.
+    # More weight asks for more torque from the start, but the controller knows nothing
+    # of it.
     np.testing.assert_allclose(run.target[:5], assumed.target[:5], atol=1e-6)
     assert np.max(np.abs(run.target[:5] - own.target[:5])) > 1e-3
     weak = run_one(kick, schedule, config, hardware=heavy)
@@ -190,13 +246,21 @@ def test_another_robot_runs_under_the_controller_of_the_assumed_one():
 
 def test_numerics_reach_the_model():
     model = RobotSetup(STANDING).model()
-    Numerics(steps=2, iterations=7, line_search_iterations=9, tolerance=1e-3).apply(model)
+    Numerics(steps=2, iterations=7, line_search_iterations=9, tolerance=1e-3).apply(
+        model
+    )
     assert model.opt.timestep == 0.5e-3
-    assert (model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance) == (7, 9, 1e-3)
+    assert (model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance) == (
+        7,
+        9,
+        1e-3,
+    )
 
 
 def test_a_run_repeats_exactly():
-    first, second = (run_one(no_action, Ramp(1.0, hold=0.2), TROTTING) for _ in range(2))
+    first, second = (
+        run_one(no_action, Ramp(1.0, hold=0.2), TROTTING) for _ in range(2)
+    )
     for field in ("qpos", "qvel", "torque", "command", "target", "foot_force"):
         np.testing.assert_array_equal(getattr(first, field), getattr(second, field))
 
@@ -211,16 +275,22 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
     assert run.command[0, 0] == 0.0
     steered = run_one(no_action, schedule, STANDING, operator=operator)
     y = np.repeat(steered.qpos[5::5, 1], 5)
-    np.testing.assert_allclose(steered.command[5:, 2], 0.1 * y[: len(steered) - 5], atol=1e-4)
+    np.testing.assert_allclose(
+        steered.command[5:, 2], 0.1 * y[: len(steered) - 5], atol=1e-4
+    )
 
 
 def test_a_policy_is_told_no_more_than_its_controller_launches():
-    """From a stand at 6 m/s2, towards 18 m/s: v = 18 (1 - exp(-t / 3 s)), though 30 m/s2 are asked for."""
+    """From a stand at 6 m/s2, towards 18 m/s: v = 18 (1 - exp(-t / 3 s)), though 30
+    m/s2 are asked for."""
     control = dataclasses.replace(STANDING.control, launching=6.0, launching_speed=18.0)
     asked = Ramp(3.0, acceleration=30.0, hold=0.2)
     run = run_one(no_action, asked, dataclasses.replace(STANDING, control=control))
     assert run.command[-1, 0] > 1.5
-    np.testing.assert_allclose(run.command[:, 0], 18.0 * (1.0 - np.exp(-run.time / 3.0)), atol=0.035)  # ticks of 5 ms
+    # ticks of 5 ms
+    np.testing.assert_allclose(
+        run.command[:, 0], 18.0 * (1.0 - np.exp(-run.time / 3.0)), atol=0.035
+    )
     assert np.all(run.command[:, 0] <= 6.0 * (run.time + 0.005))
 
 
@@ -236,27 +306,40 @@ def test_a_rollout_is_a_run_whose_ramp_rises_as_the_policys_controller_lets_it()
 
 
 def test_noise_of_the_sensors_changes_what_the_policy_observes_and_nothing_else():
-    """Against the noise of training, drawn by hand: a policy whose action is its observation shows it in the target."""
-    config = dataclasses.replace(STANDING, control=ControlConfig(mode="absolute", action_scale=0.1))
+    """Against the noise of training, drawn by hand: a policy whose action is its
+    observation shows it in the target."""
+    config = dataclasses.replace(
+        STANDING, control=ControlConfig(mode="absolute", action_scale=0.1)
+    )
     standing = Ramp(0.0, hold=0.02)
 
     def joints(observation):
         return observation[..., 5:17]  # rad, from the stand
 
     plain, noisy, again, other = (
-        run_one(joints, standing, config, noise_seed=seed, operator=HeadingHold()) for seed in (None, 3, 3, 4)
+        run_one(joints, standing, config, noise_seed=seed, operator=HeadingHold())
+        for seed in (None, 3, 3, 4)
     )
     np.testing.assert_array_equal(noisy.qpos[0], plain.qpos[0])
     np.testing.assert_array_equal(noisy.target, again.target)
     assert np.max(np.abs(noisy.target - other.target)) > 1e-4
     for k in range(4):
-        measured = sense(jnp.asarray(noisy.qpos[5 * k], jnp.float32), jnp.asarray(noisy.qvel[5 * k], jnp.float32))
-        seen = add_noise(measured, config.randomization, jax.random.fold_in(jax.random.PRNGKey(3), k))
-        expected = np.asarray(STAND_JOINTS) + 0.1 * (seen.joint_position - np.asarray(STAND_JOINTS))
+        measured = sense(
+            jnp.asarray(noisy.qpos[5 * k], jnp.float32),
+            jnp.asarray(noisy.qvel[5 * k], jnp.float32),
+        )
+        seen = add_noise(
+            measured, config.randomization, jax.random.fold_in(jax.random.PRNGKey(3), k)
+        )
+        expected = np.asarray(STAND_JOINTS) + 0.1 * (
+            seen.joint_position - np.asarray(STAND_JOINTS)
+        )
         np.testing.assert_allclose(noisy.target[5 * k], expected, atol=1e-6)  # float32
     # The motors and the physics know nothing of it.
     q, qd = noisy.joint_position, noisy.joint_velocity
-    torque = joint_torque(motors_of(config), 0.0 * q, q, qd, noisy.target, 0.0 * qd, 1e-3)
+    torque = joint_torque(
+        motors_of(config), 0.0 * q, q, qd, noisy.target, 0.0 * qd, 1e-3
+    )
     np.testing.assert_allclose(noisy.torque, torque, atol=1e-9)
 
 
@@ -264,7 +347,8 @@ def test_a_robot_without_noise_runs_beside_one_with_noise():
     requests = [RunRequest(Ramp(3.0, hold=0.1), noise_seed=seed) for seed in (None, 3)]
     plain, noisy = simulate(kick, requests, STANDING)
     alone = run_one(kick, Ramp(3.0, hold=0.1), STANDING)
-    np.testing.assert_allclose(plain.target[:100], alone.target[:100], atol=1e-6)  # compiled otherwise
+    # compiled otherwise
+    np.testing.assert_allclose(plain.target[:100], alone.target[:100], atol=1e-6)
     assert np.max(np.abs(noisy.target[:100] - alone.target[:100])) > 0.1
 
 
@@ -275,7 +359,8 @@ def test_a_shipped_policy_runs_in_three_lines():
 
 
 def test_a_policy_that_observes_something_else_is_refused_before_it_runs():
-    """The policy `built` observes its past, the default controller offers the present alone."""
+    """The policy `built` observes its past, the default controller offers the present
+    alone."""
     policy = load_policy("built")
     line = r"observes \('command@5', 3\) where this config gives nothing more; pass no config"
     with pytest.raises(UserError, match=line):
@@ -291,7 +376,7 @@ def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     assert fall(data.qpos, data.qvel, TerminationConfig()).happened
 
 
-# --- MJX against C MuJoCo ----------------------------------------------------------------------------------------
+# --- MJX against C MuJoCo -------------------------------------------------------------
 
 
 SCHEDULE = Ramp(1.0, hold=0.2)
@@ -321,13 +406,18 @@ def test_both_simulators_know_the_same_facts(trot_in_both):
 
 
 def test_both_simulators_draw_the_same_noise():
-    runs = [run(kick, Ramp(3.0, hold=0.01), STANDING, noise_seed=5) for run in (run_one, run_in_mjx)]
+    runs = [
+        run(kick, Ramp(3.0, hold=0.01), STANDING, noise_seed=5)
+        for run in (run_one, run_in_mjx)
+    ]
     np.testing.assert_allclose(runs[1].target[:5], runs[0].target[:5], atol=1e-4)
     quiet = run_one(kick, Ramp(3.0, hold=0.01), STANDING)
     assert np.max(np.abs(runs[1].target[:5] - quiet.target[:5])) > 0.1
 
 
-@pytest.mark.parametrize("other", [{"world": World(slope=0.1)}, {"drawn": Draw(RandomizationConfig(), 0, 0)}])
+@pytest.mark.parametrize(
+    "other", [{"world": World(slope=0.1)}, {"drawn": Draw(RandomizationConfig(), 0, 0)}]
+)
 def test_mjx_refuses_what_it_does_not_run(other):
     with pytest.raises(UserError, match="MJX runs robots as designed on level ground"):
         run_in_mjx(no_action, SCHEDULE, TROTTING, **other)
@@ -354,15 +444,21 @@ def test_forces_of_legs_on_legs_are_not_the_grounds():
     data.qpos[2], data.qpos[[7, 11]] = 2.0, (0.36, -0.36)
     mujoco.mj_forward(model, data)
     feet = set(foot_geom_ids(model))
-    assert any(pair <= feet for pair in ({*pair} for pair in zip(*data.contact.geom.T, strict=True)))
+    assert any(
+        pair <= feet
+        for pair in ({*pair} for pair in zip(*data.contact.geom.T, strict=True))
+    )
     np.testing.assert_array_equal(foot_forces(data), 0.0)
 
 
 def test_targets_act_late_in_both_simulators():
-    """7 ms late: until then it stands, and each target acts from the seventh ms after it was issued."""
+    """7 ms late: until then it stands, and each target acts from the seventh ms after
+    it was issued."""
     late = HardwareSpec(losses=Losses(latency=0.007))
     schedule = Ramp(0.5, acceleration=50.0, hold=0.03)
-    judged, simulated = (run(kick, schedule, STANDING, hardware=late) for run in (run_one, run_in_mjx))
+    judged, simulated = (
+        run(kick, schedule, STANDING, hardware=late) for run in (run_one, run_in_mjx)
+    )
     prompt = run_one(kick, schedule, STANDING)
     np.testing.assert_allclose(simulated.target, judged.target, rtol=0, atol=1e-6)
     np.testing.assert_array_equal(judged.target[:7], np.tile(judged.target[0], (7, 1)))

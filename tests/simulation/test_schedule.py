@@ -27,7 +27,8 @@ def test_ramp_goes_straight_to_a_sideways_target():
 
 
 def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
-    """Whatever is asked for, and from when on it is told no more than that; by the controller's own law."""
+    """Whatever is asked for, and from when on it is told no more than that; by the
+    controller's own law."""
     control = ControlConfig(launching=6.0, launching_speed=18.0)
     tell, dt = jax.jit(lambda told, asked: eased(told, asked, control)), 0.005
     for acceleration in (2.4, 8.0):
@@ -35,10 +36,17 @@ def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
         ramp, told = asked.under(control), np.zeros(3, np.float32)
         for k in range(1, round(ramp.duration / dt)):
             told = np.asarray(tell(told, np.float32(asked.command(k * dt))))
-            # Euler's steps, as the controller takes, are ahead of the law by half a step's change.
-            assert ramp.command(k * dt)[0] - 1e-5 <= told[0] <= ramp.command(k * dt)[0] + 0.02
+            # Euler's steps, as the controller takes, are ahead of the law by half a
+            # step's change.
+            assert (
+                ramp.command(k * dt)[0] - 1e-5
+                <= told[0]
+                <= ramp.command(k * dt)[0] + 0.02
+            )
             np.testing.assert_allclose(
-                tell(np.float32(ramp.command((k - 1) * dt)), ramp.command(k * dt)), ramp.command(k * dt), atol=1e-5
+                tell(np.float32(ramp.command((k - 1) * dt)), ramp.command(k * dt)),
+                ramp.command(k * dt),
+                atol=1e-5,
             )
         assert ramp.command(ramp.steady_from - 0.02)[0] < 15.5
         assert ramp.command(ramp.steady_from).tolist() == [15.5, 0.0, 0.0]
@@ -47,21 +55,28 @@ def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
 @pytest.mark.parametrize(
     ("acceleration", "launching", "launching_speed", "arrives"),
     [
-        (2.4, 6.0, 18.0, 10.8 / 2.4 + 3.0 * math.log(7.2 / 2.5)),  # 6 (1 - v / 18) is 2.4 m/s2 at 10.8 m/s
+        # 6 (1 - v / 18) is 2.4 m/s2 at 10.8 m/s
+        (2.4, 6.0, 18.0, 10.8 / 2.4 + 3.0 * math.log(7.2 / 2.5)),
         (8.0, 6.0, 18.0, 3.0 * math.log(18.0 / 2.5)),
         (2.4, 6.0, 1000.0, 15.5 / 2.4),  # the command is slower all along
         (8.0, 5.0, math.inf, 15.5 / 5.0),
     ],
 )
-def test_a_ramp_arrives_when_the_slower_of_two_laws_does(acceleration, launching, launching_speed, arrives):
-    ramp = Ramp(15.5, acceleration, launching=launching, launching_speed=launching_speed)
+def test_a_ramp_arrives_when_the_slower_of_two_laws_does(
+    acceleration, launching, launching_speed, arrives
+):
+    ramp = Ramp(
+        15.5, acceleration, launching=launching, launching_speed=launching_speed
+    )
     assert ramp.steady_from == pytest.approx(arrives)
     before, after = (ramp.command(arrives + late)[0] for late in (-0.1, 0.1))
     assert before < 15.5 == after
 
 
 def test_a_command_that_is_never_told_is_refused():
-    with pytest.raises(UserError, match=r"18 m/s is never reached.*control\.launching_speed is 18"):
+    with pytest.raises(
+        UserError, match=r"18 m/s is never reached.*control\.launching_speed is 18"
+    ):
         Ramp(18.0).under(ControlConfig(launching=6.0, launching_speed=18.0))
 
 
@@ -92,7 +107,9 @@ def test_impossible_ramps_are_refused(wrong):
 
 
 def test_a_course_goes_straight_from_command_to_command():
-    course = Course().to((6.0, 0.0, 0.0), 2.0).hold(1.0).to((6.0, 0.0, 0.5), 0.5).hold(3.0)
+    course = (
+        Course().to((6.0, 0.0, 0.0), 2.0).hold(1.0).to((6.0, 0.0, 0.5), 0.5).hold(3.0)
+    )
     assert course.duration == pytest.approx(6.5)
     assert course.steady_from == pytest.approx(3.5)
     for time, command in ((0.0, 0.0), (1.0, 3.0), (2.0, 6.0), (3.0, 6.0), (9.0, 6.0)):
@@ -102,7 +119,10 @@ def test_a_course_goes_straight_from_command_to_command():
 
 
 def test_a_course_of_one_leg_is_a_ramp():
-    ramp, course = Ramp(4.0, acceleration=2.0, hold=1.5), Course().to((4.0, 0.0, 0.0), 2.0).hold(1.5)
+    ramp, course = (
+        Ramp(4.0, acceleration=2.0, hold=1.5),
+        Course().to((4.0, 0.0, 0.0), 2.0).hold(1.5),
+    )
     assert (ramp.duration, ramp.steady_from) == (course.duration, course.steady_from)
     for time in np.linspace(0.0, 3.5, 8):
         np.testing.assert_allclose(course.command(time), ramp.command(time), atol=1e-15)

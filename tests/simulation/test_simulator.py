@@ -20,16 +20,22 @@ from bp2_rl.simulation.world import Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
 RAMP = Ramp(1.5, acceleration=10.0, hold=0.1)
-BY_JOINT = dataclasses.replace(BUILT.losses, joint_friction=(1.0, 2.0, 4.0), joint_viscosity=(0.0, 0.05, 0.3))
+BY_JOINT = dataclasses.replace(
+    BUILT.losses, joint_friction=(1.0, 2.0, 4.0), joint_viscosity=(0.0, 0.05, 0.3)
+)
 SLIPPERY = dataclasses.replace(BUILT, friction=0.3, losses=BY_JOINT)
-LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012))
+LATE = dataclasses.replace(
+    BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012)
+)
 
 
 def tire(simulator, robot, _):
     """Half of the peak torque after 50 ms, each joint's own, and enough after 200."""
     time = simulator.data[robot].time
     if time > 0.0495:
-        weak = dataclasses.replace(simulator.motors[robot], peak_torque=np.linspace(40.0, 50.0, 12))
+        weak = dataclasses.replace(
+            simulator.motors[robot], peak_torque=np.linspace(40.0, 50.0, 12)
+        )
         simulator.set_motors(robot, weak)
     return time > 0.1995
 
@@ -38,21 +44,44 @@ REQUESTS = (
     RunRequest(RAMP, BUILT, name="built"),
     RunRequest(Ramp(2.0, acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
     RunRequest(
-        RAMP, SLIPPERY, HeadingHold(heading_gain=9.0, limit=2.0), gyro_bias=0.5, name="slippery, steered astray"
+        RAMP,
+        SLIPPERY,
+        HeadingHold(heading_gain=9.0, limit=2.0),
+        gyro_bias=0.5,
+        name="slippery, steered astray",
     ),
     RunRequest(RAMP, LATE, name="late"),
     RunRequest(RAMP, BUILT, world=World(slope=0.05), name="uphill"),
-    RunRequest(RAMP, BUILT, world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)), name="rough, pushed"),
-    RunRequest(RAMP, BUILT, world=World(pushes=(Push(0.01, 2.0, 0.0),)), finish=0.05, name="there"),
-    RunRequest(RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"),
+    RunRequest(
+        RAMP,
+        BUILT,
+        world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)),
+        name="rough, pushed",
+    ),
+    RunRequest(
+        RAMP,
+        BUILT,
+        world=World(pushes=(Push(0.01, 2.0, 0.0),)),
+        finish=0.05,
+        name="there",
+    ),
+    RunRequest(
+        RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"
+    ),
     RunRequest(RAMP, IDEAL, numerics=Numerics(steps=2), name="ideal, finer"),
     RunRequest(RAMP, BUILT, watch=tire, name="tired"),
-    RunRequest(Course().hold(0.3), BUILT, world=World(pushes=(Push(0.01, 6.0, 0.0),)), name="down"),
+    RunRequest(
+        Course().hold(0.3),
+        BUILT,
+        world=World(pushes=(Push(0.01, 6.0, 0.0),)),
+        name="down",
+    ),
 )
 
 
 def answering(observation):
-    """Actions that depend on what is seen, so that a wrong pose, operator or gyro shows."""
+    """Actions that depend on what is seen, so that a wrong pose, operator or gyro
+    shows."""
     return 0.3 * observation[..., 5:17] - 0.2 * observation[..., :12]
 
 
@@ -65,10 +94,15 @@ def together():
 def test_each_runs_as_it_would_alone(together, i):
     one, run = REQUESTS[i], together[i]
     alone, fell = plain_run(answering, CONFIG, one)
-    assert (len(run), run.fell_at is not None, run.name) == (len(alone["qpos"]), fell, one.name)
+    assert (len(run), run.fell_at is not None, run.name) == (
+        len(alone["qpos"]),
+        fell,
+        one.name,
+    )
     assert run.hardware == one.hardware
     assert run.mass == pytest.approx(float(np.sum(one.robot(CONFIG).model().body_mass)))
-    # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
+    # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at
+    # each control step.
     np.testing.assert_allclose(run.qpos, alone["qpos"], atol=5e-5)
     np.testing.assert_allclose(run.command, alone["command"], atol=1e-5)
     np.testing.assert_allclose(run.target, alone["target"], atol=5e-5)
@@ -78,7 +112,8 @@ def test_each_runs_as_it_would_alone(together, i):
 
 @pytest.mark.parametrize("robots", [1, 3])
 def test_laws_and_steps_are_those_of_the_plain_robot(robots):
-    """The robot with all its losses, whose torque is tried several times a millisecond, through 0.1 s of kicks."""
+    """The robot with all its losses, whose torque is tried several times a millisecond,
+    through 0.1 s of kicks."""
     rng, fastest = np.random.default_rng(0), 0.0
     robot = RobotSetup(EnvConfig(hardware=BUILT))
     plain, simulator = PlainRobot(robot), Simulator([robot] * robots)
@@ -86,17 +121,25 @@ def test_laws_and_steps_are_those_of_the_plain_robot(robots):
         target = np.array(STAND_JOINTS) + rng.uniform(-0.6, 0.6, 12)
         for _ in range(5):
             expected = plain.millisecond(target, np.zeros(12))
-            found = simulator.millisecond(np.tile(target, (robots, 1)), np.zeros((robots, 12)))
-            # A processor may multiply and add in one: that rounds by 1e-16, and a push into the ground is 1e4 as stiff.
+            found = simulator.millisecond(
+                np.tile(target, (robots, 1)), np.zeros((robots, 12))
+            )
+            # A processor may multiply and add in one: that rounds by 1e-16, and a push
+            # into the ground is 1e4 as stiff.
             np.testing.assert_allclose(found, np.tile(expected, (robots, 1)), atol=1e-7)
             fastest = max(fastest, np.max(np.abs(simulator.qvel[0, MOTOR_QVEL])))
     assert fastest > simulator.motors[0].corner_speed  # on the envelope's falling line
-    np.testing.assert_allclose(simulator.qpos, np.tile(plain.data[0].qpos, (robots, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        simulator.qpos, np.tile(plain.data[0].qpos, (robots, 1)), atol=1e-9
+    )
 
 
 def test_robots_that_do_not_move_stay_as_they_are():
     simulator = Simulator([RobotSetup(EnvConfig(hardware=BUILT))] * 2)
-    before, target = simulator.qpos.copy(), np.tile(np.array(STAND_JOINTS) + 0.5, (2, 1))
+    before, target = (
+        simulator.qpos.copy(),
+        np.tile(np.array(STAND_JOINTS) + 0.5, (2, 1)),
+    )
     torque = simulator.millisecond(target, np.zeros((2, 12)), np.array([1]))
     np.testing.assert_array_equal(simulator.qpos[0], before[0])
     assert simulator.data[0].time == 0.0
@@ -117,7 +160,9 @@ def test_a_state_can_be_kept_and_gone_back_to():
     first = [simulator.millisecond(target, still) for _ in range(10)]
     simulator.set_state(0, kept)
     np.testing.assert_array_equal(simulator.foot_force, 0.0)
-    np.testing.assert_array_equal([simulator.millisecond(target, still) for _ in range(10)], first)
+    np.testing.assert_array_equal(
+        [simulator.millisecond(target, still) for _ in range(10)], first
+    )
 
 
 def test_they_do_end_in_different_ways(together):
@@ -126,13 +171,23 @@ def test_they_do_end_in_different_ways(together):
     assert ran["there"].fell_at is None
     assert len(ran["there"]) < len(ran["built"]) < len(ran["ideal"])
     assert len(ran["tired"]) == 200
-    for name in ("slippery, steered astray", "late", "uphill", "rough, pushed", "fine", "tired"):
+    for name in (
+        "slippery, steered astray",
+        "late",
+        "uphill",
+        "rough, pushed",
+        "fine",
+        "tired",
+    ):
         k = min(len(ran[name]), len(ran["built"]))
         assert np.abs(ran[name].qpos[:k] - ran["built"].qpos[:k]).max() > 1e-3, name
 
 
 def test_more_than_fit_beside_each_other_run_in_turn():
-    requests = [RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
+    requests = [
+        RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}")
+        for i in range(MOST + 3)
+    ]
     runs = list(simulate(answering, requests, CONFIG))
     assert [run.name for run in runs] == [one.name for one in requests]
     assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]
@@ -141,7 +196,9 @@ def test_more_than_fit_beside_each_other_run_in_turn():
 
 
 def test_a_function_alone_does_not_say_what_it_was_trained_in():
-    with pytest.raises(UserError, match=r"runs only with a config: pass config=EnvConfig"):
+    with pytest.raises(
+        UserError, match=r"runs only with a config: pass config=EnvConfig"
+    ):
         simulate(answering, REQUESTS)
 
 

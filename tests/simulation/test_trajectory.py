@@ -21,7 +21,8 @@ def test_saving_and_loading_gives_the_same_trajectory(make_run, tmp_path):
             np.testing.assert_array_equal(actual, expected, strict=True)
         else:
             assert actual == expected, field.name
-    assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]  # no temporary file is left
+    # no temporary file is left
+    assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -34,8 +35,12 @@ def test_a_truncated_file_is_refused(make_run, tmp_path, kept):
     path = tmp_path / "run.npz"
     make_run(duration=0.1).save(path)
     content = path.read_bytes()
-    path.write_bytes(content[: kept if isinstance(kept, int) else int(kept * len(content))])
-    with pytest.raises(TrajectoryError, match=r"run\.npz is no trajectory, or not a whole one"):
+    path.write_bytes(
+        content[: kept if isinstance(kept, int) else int(kept * len(content))]
+    )
+    with pytest.raises(
+        TrajectoryError, match=r"run\.npz is no trajectory, or not a whole one"
+    ):
         Trajectory.load(path)
 
 
@@ -46,7 +51,9 @@ def test_a_foreign_archive_is_refused(tmp_path):
 
 
 def test_a_pickle_is_never_opened(tmp_path):
-    np.save(tmp_path / "evil.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    np.save(
+        tmp_path / "evil.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True
+    )
     with pytest.raises(TrajectoryError, match="is no trajectory"):
         Trajectory.load(tmp_path / "evil.npy")
 
@@ -82,10 +89,15 @@ def test_ground_velocity_is_seen_from_the_heading(make_run):
     yaw = np.deg2rad(30.0)
     qpos, qvel = run.qpos.copy(), run.qvel.copy()
     qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
-    qvel[:, :2] = 3.0 * np.cos(yaw) - 0.5 * np.sin(yaw), 3.0 * np.sin(yaw) + 0.5 * np.cos(yaw)
+    qvel[:, :2] = (
+        3.0 * np.cos(yaw) - 0.5 * np.sin(yaw),
+        3.0 * np.sin(yaw) + 0.5 * np.cos(yaw),
+    )
     run = make_run(duration=0.1, qpos=qpos, qvel=qvel)
     np.testing.assert_allclose(run.heading, yaw, rtol=1e-12)
-    np.testing.assert_allclose(run.ground_velocity, np.tile([3.0, 0.5], (100, 1)), rtol=1e-12)
+    np.testing.assert_allclose(
+        run.ground_velocity, np.tile([3.0, 0.5], (100, 1)), rtol=1e-12
+    )
 
 
 def test_heading_has_no_jump_where_the_angle_wraps(make_run):
@@ -93,11 +105,15 @@ def test_heading_has_no_jump_where_the_angle_wraps(make_run):
     yaw = np.linspace(3.0, 3.5, 100)  # passes pi
     qpos = run.qpos.copy()
     qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
-    np.testing.assert_allclose(make_run(duration=0.1, qpos=qpos).heading, yaw, rtol=1e-12)
+    np.testing.assert_allclose(
+        make_run(duration=0.1, qpos=qpos).heading, yaw, rtol=1e-12
+    )
 
 
 @pytest.mark.attack
-def test_whatever_a_trajectorys_file_says_of_itself_it_is_loaded_or_refused(make_run, tmp_path):
+def test_whatever_a_trajectorys_file_says_of_itself_it_is_loaded_or_refused(
+    make_run, tmp_path
+):
     path = tmp_path / "run.npz"
     make_run(duration=0.1).save(path)
     arrays = dict(np.load(path))
@@ -116,8 +132,11 @@ def test_a_flipped_bit_ends_in_a_trajectory_or_in_one_line(make_run, tmp_path):
             Trajectory.load(path)
 
 
-def test_a_trajectorys_arrays_are_not_unpacked_where_they_do_not_fit(make_run, tmp_path):
-    """What we save is not compressed: arrays larger than their file are a stranger's."""
+def test_a_trajectorys_arrays_are_not_unpacked_where_they_do_not_fit(
+    make_run, tmp_path
+):
+    """What we save is not compressed: arrays larger than their file are a
+    stranger's."""
     path = tmp_path / "run.npz"
     run = make_run(duration=0.1)
     run.save(path)

@@ -32,44 +32,54 @@ def stand(seconds=0.3, **given):
     return run_one(no_action, Course().hold(seconds), STANDING, **given)
 
 
-# --- Slopes ----------------------------------------------------------------------------------------------------
+# --- Slopes ---------------------------------------------------------------------------
 
 
 def test_a_robot_in_flight_over_a_slope_falls_along_it():
-    """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with its legs."""
+    """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with
+    its legs."""
     simulator = settled([RobotSetup(STANDING, World(slope=SLOPE))])
     model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] += 1.0
     mujoco.mj_forward(model, data)
-    momentum = model.body_mass.sum() * np.array([-math.sin(SLOPE), 0.0, -math.cos(SLOPE)]) * GRAVITY
+    momentum = (
+        model.body_mass.sum()
+        * np.array([-math.sin(SLOPE), 0.0, -math.cos(SLOPE)])
+        * GRAVITY
+    )
     np.testing.assert_allclose(-data.qfrc_bias[:3], momentum, rtol=1e-12)
 
 
 @pytest.mark.parametrize("friction", [0.04, 0.9])
 def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction):
-    """a = -g (sin - mu cos) if it slides; with enough friction it stays, but for the sway of its legs."""
+    """a = -g (sin - mu cos) if it slides; with enough friction it stays, but for the
+    sway of its legs."""
     slippery = dataclasses.replace(IDEAL, friction=friction)
     run = stand(0.6, hardware=slippery, world=World(slope=SLOPE))
     late = run.between(0.3, 0.6)
     acceleration = (late.qvel[-1, 0] - late.qvel[0, 0]) / (late.time[-1] - late.time[0])
     slides = min(-GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE)), 0.0)
-    # MuJoCo's friction gives way a little before it slides, and the trunk sways on its springs.
+    # MuJoCo's friction gives way a little before it slides, and the trunk sways on its
+    # springs.
     assert acceleration == pytest.approx(slides, abs=0.05)
 
 
 def test_sensors_on_a_slope_know_the_true_vertical():
     level = np.zeros(23)
     level[3] = 1.0
-    up = sense(jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)).up
+    up = sense(
+        jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)
+    ).up
     np.testing.assert_allclose(up, (math.sin(SLOPE), 0.0, math.cos(SLOPE)), atol=1e-6)
 
 
-# --- Rough ground ------------------------------------------------------------------------------------------------
+# --- Rough ground ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cell", [0.1, 0.4])
 def test_rough_ground_has_the_heights_that_it_says(cell):
-    """Found from above, with MuJoCo's rays, at points of the grid and half-way between them."""
+    """Found from above, with MuJoCo's rays, at points of the grid and half-way between
+    them."""
     world = World(roughness=0.03, cell=cell, seed=1)
     heights = world.heights()
     assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
@@ -82,28 +92,44 @@ def test_rough_ground_has_the_heights_that_it_says(cell):
         column = round(place / cell)
         for between in (0.0, 0.5):
             start = np.array([(column + between) * cell - BEHIND, 2.0, 1.0])
-            hit = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, True, -1, np.zeros(1, np.int32))
-            expected = (1.0 - between) * heights[row, column] + between * heights[row, column + 1]
-            assert 1.0 - hit == pytest.approx(expected, abs=1e-6)  # MuJoCo keeps heights in float32
+            hit = mujoco.mj_ray(
+                model,
+                data,
+                start,
+                np.array([0.0, 0.0, -1.0]),
+                None,
+                True,
+                -1,
+                np.zeros(1, np.int32),
+            )
+            expected = (1.0 - between) * heights[row, column] + between * heights[
+                row, column + 1
+            ]
+            # MuJoCo keeps heights in float32
+            assert 1.0 - hit == pytest.approx(expected, abs=1e-6)
 
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
     world = World(roughness=0.03)
     simulator = settled([RobotSetup(STANDING, world), RobotSetup(STANDING, LEVEL)])
     rough, level = simulator.data
-    # A sphere on a field of heights may touch two triangles: twice the friction holds the feet a few mrad otherwise.
+    # A sphere on a field of heights may touch two triangles: twice the friction holds
+    # the feet a few mrad otherwise.
     np.testing.assert_allclose(rough.qpos, level.qpos, atol=5e-3)
     force = np.sum(stand(world=world).foot_force[-1], axis=0)
-    assert force[2] == pytest.approx(np.sum(load_model().body_mass) * GRAVITY, rel=0.02)  # but for the sway
+    # but for the sway
+    assert force[2] == pytest.approx(np.sum(load_model().body_mass) * GRAVITY, rel=0.02)
 
 
 def test_seeds_lay_other_ground():
-    one, again, other = (World(roughness=0.02, seed=seed).heights() for seed in (1, 1, 2))
+    one, again, other = (
+        World(roughness=0.02, seed=seed).heights() for seed in (1, 1, 2)
+    )
     np.testing.assert_array_equal(one, again)
     assert np.mean(one != other) > 0.9
 
 
-# --- Pushes ------------------------------------------------------------------------------------------------------
+# --- Pushes ---------------------------------------------------------------------------
 
 
 def test_a_push_is_a_jump_of_the_velocity_in_the_frame_of_the_heading():
@@ -129,7 +155,9 @@ def test_a_push_turns_the_robot_about_the_vertical_however_its_trunk_tilts():
     World(pushes=(Push(0.0, 0.0, 0.0, 0.5),)).push(data, 0)
     mujoco.mj_forward(load_model(), data)
     turning = np.zeros(6)
-    mujoco.mj_objectVelocity(load_model(), data, mujoco.mjtObj.mjOBJ_BODY, 1, turning, 0)
+    mujoco.mj_objectVelocity(
+        load_model(), data, mujoco.mjtObj.mjOBJ_BODY, 1, turning, 0
+    )
     np.testing.assert_allclose(turning[:3], (0.0, 0.0, 0.5), atol=1e-12)
     np.testing.assert_array_equal(np.delete(data.qvel, slice(3, 6)), 0.0)
 
@@ -141,7 +169,7 @@ def test_a_push_comes_in_the_ms_that_it_says_and_changes_nothing_before():
     np.testing.assert_allclose(jump, (0.3, 0.4), rtol=1e-9)
 
 
-# --- Latency and gyro --------------------------------------------------------------------------------------------
+# --- Latency and gyro -----------------------------------------------------------------
 
 
 def late(latency):
@@ -150,15 +178,27 @@ def late(latency):
 
 @pytest.mark.parametrize("milliseconds", [3, 5, 12, 20])
 def test_targets_act_after_the_latency_to_the_ms(milliseconds):
-    """The kinematic gait's targets do not depend on the robot: late ones are the same, so many ms later."""
+    """The kinematic gait's targets do not depend on the robot: late ones are the same,
+    so many ms later."""
     prompt, delayed = (
-        run_one(no_action, Ramp(1.0), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02)
+        run_one(
+            no_action,
+            Ramp(1.0),
+            TROTTING,
+            hardware=late(1e-3 * ms),
+            operator=NOBODY,
+            finish=0.02,
+        )
         for ms in (0, milliseconds)
     )
     samples = min(len(prompt), len(delayed))
     assert samples > 100
-    np.testing.assert_array_equal(delayed.target[milliseconds:samples], prompt.target[: samples - milliseconds])
-    np.testing.assert_array_equal(delayed.target[:milliseconds], np.tile(STAND_JOINTS, (milliseconds, 1)))
+    np.testing.assert_array_equal(
+        delayed.target[milliseconds:samples], prompt.target[: samples - milliseconds]
+    )
+    np.testing.assert_array_equal(
+        delayed.target[:milliseconds], np.tile(STAND_JOINTS, (milliseconds, 1))
+    )
 
 
 def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
@@ -173,7 +213,13 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"slope": 1.0}, {"roughness": -0.01}, {"roughness": math.nan}, {"cell": 0.01}, {"seed": -1}],
+    [
+        {"slope": 1.0},
+        {"roughness": -0.01},
+        {"roughness": math.nan},
+        {"cell": 0.01},
+        {"seed": -1},
+    ],
 )
 def test_impossible_worlds_are_refused(wrong):
     with pytest.raises(UserError, match=r"world\."):

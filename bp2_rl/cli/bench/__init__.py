@@ -11,19 +11,35 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
-from bp2_rl.cli.train import answer_early, defaults_here, read_named, unused_left_out, use_processors
+from bp2_rl.cli.train import (
+    answer_early,
+    defaults_here,
+    read_named,
+    unused_left_out,
+    use_processors,
+)
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
 
 Size = Annotated[int, Within(1, 2**24)]
-OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
-STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd", "training")
+OwnPart = Literal[
+    "physics", "environment", "resets", "policy", "sgd", "acting", "training"
+]
+STEP: tuple[OwnPart, ...] = (
+    "physics",
+    "environment",
+    "resets",
+    "policy",
+    "sgd",
+    "training",
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class BenchArguments(Bounded, path="--"):
-    """Measure how fast training is on this machine, part by part: steps a second, memory, compilation.
+    """Measure how fast training is on this machine, part by part: steps a second,
+    memory, compilation.
 
     The presets set the sizes, as for train.py.
 
@@ -43,16 +59,20 @@ class BenchArguments(Bounded, path="--"):
     devices: tuple[Size, ...] = ()
     """numbers of devices; by default all there are"""
     parts: tuple[OwnPart, ...] = ()
-    """what to measure; by default the parts of a train step, with --scaling the train step alone"""
+    """what to measure; by default the parts of a train step, with --scaling the train
+    step alone"""
     scaling: bool = False
-    """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
+    """measure over robots on one device, and over devices with as many robots each and
+    in all; draw a picture"""
     max_robots: Size | None = None
     """with --scaling: the most robots to try; by default 8 times the preset's"""
     peer: Literal["brax", "playground"] | None = None
-    """brax: also run stock Brax's acting loop on the same environment and networks, one device. playground: also train
-    MuJoCo Playground's Go1 as Playground does, one device"""
+    """brax: also run stock Brax's acting loop on the same environment and networks, one
+    device. playground: also train MuJoCo Playground's Go1 as Playground does, one
+    device"""
     startup: bool = False
-    """also time fresh processes up to their first policy, with an empty compilation cache and with a full one"""
+    """also time fresh processes up to their first policy, with an empty compilation
+    cache and with a full one"""
     profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """leave jax.profiler's trace of two train steps here"""
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
@@ -87,11 +107,14 @@ def _bench(argv: list[str]) -> None:
 
 
 def import_jax(argv: list[str]) -> None:
-    """Import JAX and MuJoCo as a training with this command line does, or as Playground, which may want Warp."""
+    """Import JAX and MuJoCo as a training with this command line does, or as
+    Playground, which may want Warp."""
     playground = "--peer playground" in " ".join(argv).replace("=", " ")
     with contextlib.nullcontext() if playground else unused_left_out(read_named(argv)):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    if not playground:  # whose MJX may hang where XLA has more than one thread, to which importing MJX keeps it
+    # whose MJX may hang where XLA has more than one thread, to which importing MJX
+    # keeps it
+    if not playground:
         use_processors(read_named(argv))
 
 

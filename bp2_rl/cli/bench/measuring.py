@@ -27,7 +27,13 @@ from bp2_rl.learning.loop import make_card
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import make_policy
 from bp2_rl.learning.run import make_learner
-from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
+from bp2_rl.tools.throughput.measure import (
+    OUT_OF_MEMORY,
+    BenchOptions,
+    Case,
+    PartName,
+    measure_case,
+)
 from bp2_rl.tools.throughput.playground import measure_playground, playground_settings
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
@@ -48,7 +54,8 @@ from bp2_rl.cli.bench.measuring import first_step; first_step()"""
 
 
 def bench(argv: list[str]) -> None:
-    """Measure as the command line says; the report on disk grows with every size measured."""
+    """Measure as the command line says; the report on disk grows with every size
+    measured."""
     keep_compiled()
     arguments = parse(argv)
     if not arguments.startup:  # whose training refuses by itself
@@ -56,7 +63,10 @@ def bench(argv: list[str]) -> None:
     sizes = list(choose_sizes(arguments))
     robots = arguments.main_robots if arguments.robots else None
     theirs = playground_settings(robots) if arguments.peer == "playground" else None
-    folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    folder = (
+        arguments.out
+        or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    )
     console, report = Console(), describe(arguments)
     _open(folder, report)
     if arguments.startup:  # before this process takes the devices' memory
@@ -64,9 +74,13 @@ def bench(argv: list[str]) -> None:
         report = dataclasses.replace(report, cold_start=cold, warm_start=warm)
     if theirs:
         _tell(console, "MuJoCo Playground's training compiles, for a minute or more")
-        report = dataclasses.replace(report, playground=measure_playground(theirs, arguments.seconds))
+        report = dataclasses.replace(
+            report, playground=measure_playground(theirs, arguments.seconds)
+        )
     for case in measure_all(arguments, sizes, console):
-        report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
+        report = dataclasses.replace(
+            report, cases=(*report.cases, case), host_peak_bytes=_host_peak()
+        )
         save_config(folder / NUMBERS, report)
     if arguments.peer is not None:
         case = _measure_peer(arguments, report.cases, console)
@@ -86,7 +100,11 @@ def describe(arguments: BenchArguments) -> Bench:
     backend = " ".join(device.client.platform_version.split())
     return Bench(
         created=utc_now(),
-        versions={"python": platform.python_version(), "backend": backend, **package_versions()},
+        versions={
+            "python": platform.python_version(),
+            "backend": backend,
+            **package_versions(),
+        },
         platform=device.platform,
         device_kind=device.device_kind,
         device_count=jax.device_count(),
@@ -97,13 +115,18 @@ def describe(arguments: BenchArguments) -> Bench:
 
 
 def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
-    """Yield (robots, devices), each once; raise UserError where there are fewer devices than asked for."""
+    """Yield (robots, devices), each once; raise UserError where there are fewer devices
+    than asked for."""
     there = jax.device_count()
     if max(arguments.devices, default=1) > there:
         raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
     base = arguments.ppo.num_envs
     if not arguments.scaling:
-        sizes = [(n, d) for n in arguments.robots or (base,) for d in arguments.devices or (there,)]
+        sizes = [
+            (n, d)
+            for n in arguments.robots or (base,)
+            for d in arguments.devices or (there,)
+        ]
     else:
         most = arguments.max_robots or 8 * base
         devices = arguments.devices or tuple(2**k for k in range(there.bit_length()))
@@ -114,13 +137,20 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
     yield from dict.fromkeys(sizes)
 
 
-def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console) -> Iterator[Case]:
-    """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
+def measure_all(
+    arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console
+) -> Iterator[Case]:
+    """One size after the other; no larger ones than the first that ran out of memory on
+    as many devices."""
     parts = arguments.parts or (("training",) if arguments.scaling else STEP)
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in sizes:
         if robots >= full.get(devices, robots + 1):
-            yield Case(robots, devices, error=f"not tried: {full[devices]} robots were out of memory")
+            yield Case(
+                robots,
+                devices,
+                error=f"not tried: {full[devices]} robots were out of memory",
+            )
             continue
         case = _measure(arguments, (robots, devices), parts, console)
         if case.error == OUT_OF_MEMORY:
@@ -128,26 +158,43 @@ def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], con
         yield case
 
 
-def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[PartName], console: Console) -> Case:
+def _measure(
+    arguments: BenchArguments,
+    size: tuple[int, int],
+    parts: Sequence[PartName],
+    console: Console,
+) -> Case:
     robots, devices = size
     case = measure_case(
         lambda robots: make_env(arguments, robots),
         arguments.ppo,
         robots,
         jax.devices()[:devices],
-        BenchOptions(parts, arguments.seconds, arguments.profile, lambda timing: _tell(console, say(timing))),
+        BenchOptions(
+            parts,
+            arguments.seconds,
+            arguments.profile,
+            lambda timing: _tell(console, say(timing)),
+        ),
     )
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
     return case
 
 
-def _measure_peer(arguments: BenchArguments, cases: Sequence[Case], console: Console) -> Case:
-    """Measure ours on one device, and stock Brax's; a training measured before is not measured again."""
+def _measure_peer(
+    arguments: BenchArguments, cases: Sequence[Case], console: Console
+) -> Case:
+    """Measure ours on one device, and stock Brax's; a training measured before is not
+    measured again."""
     alone = (arguments.main_robots, 1)
     if arguments.peer == "brax":
         return _measure(arguments, alone, ("acting", "brax"), console)
-    known = (case for case in cases if (case.robots, case.devices) == alone and case.rate("training"))
+    known = (
+        case
+        for case in cases
+        if (case.robots, case.devices) == alone and case.rate("training")
+    )
     return next(known, None) or _measure(arguments, alone, ("training",), console)
 
 
@@ -156,11 +203,12 @@ def make_env(arguments: BenchArguments, robots: int) -> BP2Env:
     return BP2Env(arguments.env, impl=arguments.impl, num_robots=robots)
 
 
-# --- From the start of a process -----------------------------------------------------------------------------
+# --- From the start of a process ------------------------------------------------------
 
 
 def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startup]:
-    """Two fresh processes up to their first train step: the first compiles, the second finds that on disk.
+    """Two fresh processes up to their first train step: the first compiles, the second
+    finds that on disk.
 
     Raises:
         UserError: one of them failed.
@@ -171,20 +219,32 @@ def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startu
             began = time.time()
             command = [sys.executable, "-c", FIRST_STEP, *argv]
             ended = subprocess.run(
-                command, env={**os.environ, "BP2_CACHE": cache}, capture_output=True, text=True, check=False
+                command,
+                env={**os.environ, "BP2_CACHE": cache},
+                capture_output=True,
+                text=True,
+                check=False,
             )
             if ended.returncode:
                 raise UserError(
                     f"--startup: the {name} start failed: {' '.join(ended.stderr.strip().splitlines()[-1:])}"
                 )
             moments = json.loads(ended.stdout.splitlines()[-1])
-            starts.append(from_json(Startup, {key: moment - began for key, moment in moments.items()}))
-            _tell(console, f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began")
+            starts.append(
+                from_json(
+                    Startup, {key: moment - began for key, moment in moments.items()}
+                )
+            )
+            _tell(
+                console,
+                f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began",
+            )
     return starts[0], starts[1]
 
 
 def first_step() -> None:
-    """Start the training that the command line describes; print when what was done, seconds since 1970."""
+    """Start the training that the command line describes; print when what was done,
+    seconds since 1970."""
     moments = {"imported": time.time()}
     programs = keep_compiled()
     arguments = parse(sys.argv[1:])
@@ -198,23 +258,27 @@ def first_step() -> None:
     state, _ = jax.block_until_ready(learner.train_step(state))
     moments["first_step"] = time.time()
     params, normalizer = jax.device_get((state.average, state.normalizer))
-    make_policy(dense_layers(params, learner.mirrors), normalizer, make_card(config, 0, {}))
+    make_policy(
+        dense_layers(params, learner.mirrors), normalizer, make_card(config, 0, {})
+    )
     moments["first_policy"] = time.time()
     print(json.dumps(moments))
 
 
-# --- Details -------------------------------------------------------------------------------------------------
+# --- Details --------------------------------------------------------------------------
 
 
 def _open(folder: Path, report: Bench) -> None:
-    """Begin the report; raises UserError where the folder holds anything but one, or cannot be written."""
+    """Begin the report; raises UserError where the folder holds anything but one, or
+    cannot be written."""
     open_report(folder, NUMBERS, "bench")
     (folder / PICTURE).unlink(missing_ok=True)
     save_config(folder / NUMBERS, report)
 
 
 def _host_peak() -> int | None:
-    """The most memory that this process has held, bytes; None where the system does not tell it, as Windows."""
+    """The most memory that this process has held, bytes; None where the system does not
+    tell it, as Windows."""
     try:
         import resource
     except ImportError:

@@ -1,6 +1,8 @@
-"""`bp2 trajopt COMMAND`: find trajectories, verify them, build the library of reference motions.
+"""`bp2 trajopt COMMAND`: find trajectories, verify them, build the library of reference
+motions.
 
-A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
+A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake
+is answered at once.
 """
 
 import dataclasses
@@ -17,7 +19,15 @@ from bp2_rl.base.folders import make_folder, own_folder
 from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import Command, choose, entries
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, named_robot, parse_on_robot
+from bp2_rl.cli.trajopt.arguments import (
+    OUT,
+    Flat,
+    Folder,
+    Robot,
+    Workers,
+    named_robot,
+    parse_on_robot,
+)
 from bp2_rl.cli.trajopt.solutions import load_solutions, save_family
 from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
 from bp2_rl.optimiser.problem import Problem, Starts
@@ -27,10 +37,11 @@ from bp2_rl.robot.named import find_robot
 
 @dataclasses.dataclass(frozen=True)
 class SolveArguments:
-    """Find the stride that costs least at one speed, by trajectory optimisation; verify it and draw it.
+    """Find the stride that costs least at one speed, by trajectory optimisation; verify
+    it and draw it.
 
-    It takes about three minutes of a processor. The solution, a .npz and a .json file, and its picture are named after
-    the speed.
+    It takes about three minutes of a processor. The solution, a .npz and a .json file,
+    and its picture are named after the speed.
 
     Examples:
         bp2 trajopt solve --speed 8                    # a trot of BP2 at 8 m/s
@@ -52,7 +63,8 @@ class SolveArguments:
             raise UserError("refine must be 0 or at least 2 intervals, got 1")
         hardware, speed = self.problem.hardware, self.problem.speed
         rate = self.problem.speed_margin * float(np.max(hardware.joint_no_load_speed))
-        fastest = rate * 3.0 * hardware.anatomy.leg_length  # two from hip to foot, one from knee to foot
+        # two from hip to foot, one from knee to foot
+        fastest = rate * 3.0 * hardware.anatomy.leg_length
         if speed > fastest:
             raise UserError(
                 f"speed must be at most {fastest:.1f} m/s, as fast as hip and knee move a foot, got {speed:g}"
@@ -61,18 +73,23 @@ class SolveArguments:
 
 @dataclasses.dataclass(frozen=True)
 class VerifyArguments:
-    """Judge solutions by a model that shares no code with the one they were found with."""
+    """Judge solutions by a model that shares no code with the one they were found
+    with."""
 
-    path: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTION_OR_LIBRARY")] = None
-    """a solution's .json or .npz, a folder of solutions, or a library; by default the library that ships"""
+    path: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTION_OR_LIBRARY")
+    ] = None
+    """a solution's .json or .npz, a folder of solutions, or a library; by default the
+    library that ships"""
 
 
 @dataclasses.dataclass(frozen=True)
 class LibraryArguments:
-    """Build the library of a robot's reference motions: solve the family, verify it, write the file.
+    """Build the library of a robot's reference motions: solve the family, verify it,
+    write the file.
 
-    A library of BP2 has the speeds asked for. Another robot's goes up to the robot's limit, found by walking on until
-    no faster trot solves.
+    A library of BP2 has the speeds asked for. Another robot's goes up to the robot's
+    limit, found by walking on until no faster trot solves.
 
     Interrupted, it goes on where it stopped when run again.
     """
@@ -94,8 +111,11 @@ class LibraryArguments:
             raise UserError(f"--to {self.to}: a library is an .npz file")
 
 
-def _parse_library(arguments: type[LibraryArguments], argv: Sequence[str] | None, prog: str) -> LibraryArguments:
-    """The arguments on the robot that `--robot` names; its folder and file have its name unless flags say otherwise."""
+def _parse_library(
+    arguments: type[LibraryArguments], argv: Sequence[str] | None, prog: str
+) -> LibraryArguments:
+    """The arguments on the robot that `--robot` names; its folder and file have its
+    name unless flags say otherwise."""
     robot = named_robot(argv, prog)
     if robot == arguments.robot:
         return app.parse(arguments, argv, prog)
@@ -105,7 +125,9 @@ def _parse_library(arguments: type[LibraryArguments], argv: Sequence[str] | None
         family=FamilyConfig.on(find_robot(robot)),
         robot=robot,
         out=OUT / f"library-{name}",
-        to=file.with_name(f"{name}_trot.npz") if file.suffix else OUT / f"{name}_trot.npz",
+        to=file.with_name(f"{name}_trot.npz")
+        if file.suffix
+        else OUT / f"{name}_trot.npz",
     )
     return app.parse(arguments, argv, prog, default)
 
@@ -117,7 +139,9 @@ def _solve(arguments: SolveArguments) -> None:
     from bp2_rl.optimiser.figure import trajectory_figure
     from bp2_rl.optimiser.verify import verify
 
-    solving = f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"
+    solving = (
+        f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"
+    )
     make_folder(arguments.out)
     with output.spinner(solving):
         found = solve_best(arguments.problem, arguments.starts)
@@ -133,7 +157,8 @@ def _solve(arguments: SolveArguments) -> None:
 
 
 def _verify(arguments: VerifyArguments) -> None:
-    """Print every figure and its limit; a figure beyond its limit is a user's mistake like any other."""
+    """Print every figure and its limit; a figure beyond its limit is a user's mistake
+    like any other."""
     solutions = load_solutions(arguments.path)
 
     from bp2_rl.optimiser.verify import verify
@@ -156,14 +181,22 @@ def _build(arguments: LibraryArguments) -> None:
                 arguments.family,
                 arguments.out,
                 workers=arguments.workers,
-                report=lambda done, total: progress.update(task, completed=done, total=total),
+                report=lambda done, total: progress.update(
+                    task, completed=done, total=total
+                ),
             )
     output.describe(family)
     if arguments.family.fastest is None:
-        print(f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s")
+        print(
+            f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s"
+        )
         kept = {speed_name(solution.problem.speed) for solution in family}
-        if refused := sorted({path.stem for path in arguments.out.glob("speed-*.json")} - kept):
-            print(f"left out, as the verifier refuses them ({arguments.out}): {', '.join(refused)}")
+        if refused := sorted(
+            {path.stem for path in arguments.out.glob("speed-*.json")} - kept
+        ):
+            print(
+                f"left out, as the verifier refuses them ({arguments.out}): {', '.join(refused)}"
+            )
     steps = steps_of(family)
     print(
         f"largest step between neighbours: period {max(abs(step.period) for step in steps):.1%}, "
@@ -182,5 +215,6 @@ COMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
+    """Run the command that `argv` (the process's arguments by default) names; return
+    its exit status."""
     return choose("bp2 trajopt", entries(COMMANDS), argv)

@@ -37,8 +37,13 @@ def named_robot(argv: Sequence[str] | None, prog: str) -> str:
     return app.parse(_Named, argv, prog, part=True).robot
 
 
-def parse_on_robot(arguments: type[Command], argv: Sequence[str] | None, prog: str) -> Command:
-    """The arguments of a command with a `problem`, on the robot that `--robot` names where no flag says otherwise."""
+def parse_on_robot(
+    arguments: type[Command], argv: Sequence[str] | None, prog: str
+) -> Command:
+    """The arguments of a command with a `problem`, on the robot that `--robot` names
+    where no flag says otherwise."""
     default: Any = arguments()
     problem = default.problem.sized(find_robot(named_robot(argv, prog)))
-    return app.parse(arguments, argv, prog, dataclasses.replace(default, problem=problem))
+    return app.parse(
+        arguments, argv, prog, dataclasses.replace(default, problem=problem)
+    )

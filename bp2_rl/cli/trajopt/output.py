@@ -5,7 +5,13 @@ import sys
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.status import Status
 from rich.table import Table
 
@@ -17,7 +23,17 @@ def describe(solutions: Sequence[Solution]) -> None:
     """A row for each solution."""
     from bp2_rl.optimiser.verify import summarise
 
-    table = Table("m/s", "period", "duty", "torque", "force", "energy", "re-simulation", "cost", "s")
+    table = Table(
+        "m/s",
+        "period",
+        "duty",
+        "torque",
+        "force",
+        "energy",
+        "re-simulation",
+        "cost",
+        "s",
+    )
     for solution in solutions:
         summary = summarise(solution)
         energy, position, velocity = (
@@ -50,7 +66,9 @@ def judge(solutions: Sequence[Solution], *, strict: bool = False) -> None:
     for line in lines:
         print(line)
     if lines and strict:
-        raise UserError(f"{len(lines)} figures are beyond their limits: solve again on a finer mesh, into a new folder")
+        raise UserError(
+            f"{len(lines)} figures are beyond their limits: solve again on a finer mesh, into a new folder"
+        )
     if not lines:
         print("verified: every figure is within its limit")
 

@@ -1,9 +1,12 @@
-"""Rates of functions of NumPy's arrays without JAX: a value's imaginary part carries its rate through every operation.
+"""Rates of functions of NumPy's arrays without JAX: a value's imaginary part carries
+its rate through every operation.
 
-    values, rates = differentiate(lambda t: law.stance(command, t), (time,), (np.ones_like(time),))
+    values, rates = differentiate(lambda t: law.stance(command, t), (time,),
+    (np.ones_like(time),))
 
-Squire and Trapp, "Using complex variables to estimate derivatives of real functions" (SIAM Review 40, 1998): the rates
-are exact to rounding, as no numbers that are alike are subtracted. Comparisons are by the real part.
+Squire and Trapp, "Using complex variables to estimate derivatives of real functions"
+(SIAM Review 40, 1998): the rates are exact to rounding, as no numbers that are alike
+are subtracted. Comparisons are by the real part.
 """
 
 from collections.abc import Callable
@@ -16,7 +19,8 @@ STEP = 1e-50  # s; its square is nothing beside 1
 
 
 def _atan2(y: Any, x: Any) -> Any:
-    """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no complex numbers."""
+    """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no
+    complex numbers."""
     a, b = x.real, y.real
     return np.arctan2(b, a) + (y * a - x * b) / (a * a + b * b)
 
@@ -38,12 +42,21 @@ class _ComplexStep(np.ndarray):
 
 
 def differentiate(
-    function: Callable[..., tuple[Any, ...]], values: tuple[np.ndarray, ...], rates: tuple[np.ndarray, ...]
+    function: Callable[..., tuple[Any, ...]],
+    values: tuple[np.ndarray, ...],
+    rates: tuple[np.ndarray, ...],
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return the values of a function of arrays that have these rates, and the values' rates, as `jax.jvp` does.
+    """Return the values of a function of arrays that have these rates, and the values'
+    rates, as `jax.jvp` does.
 
-    The function takes its own functions from the `__array_namespace__()` of its arguments.
+    The function takes its own functions from the `__array_namespace__()` of its
+    arguments.
     """
-    steps = ((value + 1j * STEP * rate).view(_ComplexStep) for value, rate in zip(values, rates, strict=True))
+    steps = (
+        (value + 1j * STEP * rate).view(_ComplexStep)
+        for value, rate in zip(values, rates, strict=True)
+    )
     found: list[Any] = [np.asarray(result) for result in function(*steps)]
-    return tuple(result.real for result in found), tuple(result.imag / STEP for result in found)
+    return tuple(result.real for result in found), tuple(
+        result.imag / STEP for result in found
+    )

@@ -1,7 +1,9 @@
-"""The files of a bundle, read with care: bounded in size, sealed by their hashes, and with numbers that can be.
+"""The files of a bundle, read with care: bounded in size, sealed by their hashes, and
+with numbers that can be.
 
-A network with a flipped bit is still a network, which answers otherwise. So `manifest.json` has the SHA-256 of every
-file, and nothing is loaded whose hash is another. `python -m onboard.seal` writes the manifest anew.
+A network with a flipped bit is still a network, which answers otherwise. So
+`manifest.json` has the SHA-256 of every file, and nothing is loaded whose hash is
+another. `python -m onboard.seal` writes the manifest anew.
 """
 
 import contextlib
@@ -19,7 +21,12 @@ from bp2_rl.base.files import parse_json, read_bytes, write_text
 from bp2_rl.robot.conventions import POLICY_RATE
 
 FORMAT = 5
-SETTINGS, NETWORK, REFERENCE, MANIFEST = "deploy.json", "policy.onnx", "reference.npz", "manifest.json"
+SETTINGS, NETWORK, REFERENCE, MANIFEST = (
+    "deploy.json",
+    "policy.onnx",
+    "reference.npz",
+    "manifest.json",
+)
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 PARTS = (SETTINGS, NETWORK, REFERENCE, NEEDS, f"{CODE}/*.py", f"{ROBOT_FOLDER}/*.xml")
 """The files of a bundle, beside which other files may lie."""
@@ -76,30 +83,37 @@ Where `most` is infinite, null stands for infinity, which JSON does not have.
 
 
 class BundleError(UserError):
-    """A bundle that is missing, damaged, or holds what cannot be: one line that says what, and how to mend it."""
+    """A bundle that is missing, damaged, or holds what cannot be: one line that says
+    what, and how to mend it."""
 
 
 @contextlib.contextmanager
 def loading(folder: Path | str) -> Generator[None]:
-    """Turn whatever a bundle's files make of the code in the block into a `BundleError`.
+    """Turn whatever a bundle's files make of the code in the block into a
+    `BundleError`.
 
-    Files that are damaged and sealed again fail in NumPy, onnxruntime or MuJoCo, each with errors of its own.
+    Files that are damaged and sealed again fail in NumPy, onnxruntime or MuJoCo, each
+    with errors of its own.
     """
     try:
         yield
     except (BundleError, ImportError):
         raise
     except Exception as error:
-        line = one_line(str(error) if isinstance(error, UserError) else repr(error))[:300]
-        raise BundleError(f"bundle {folder} cannot be used: {line}; else export it anew") from error
+        line = one_line(str(error) if isinstance(error, UserError) else repr(error))[
+            :300
+        ]
+        raise BundleError(
+            f"bundle {folder} cannot be used: {line}; else export it anew"
+        ) from error
 
 
 def read_bundle(folder: Path | str) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return the content of `deploy.json`, and the bundle's files by name.
 
     Raises:
-        BundleError: the folder is no bundle of this format, a file is not as it was sealed, or a number is out of its
-            bounds.
+        BundleError: the folder is no bundle of this format, a file is not as it was
+            sealed, or a number is out of its bounds.
     """
     with loading(folder):
         path = Path(folder)
@@ -109,9 +123,18 @@ def read_bundle(folder: Path | str) -> tuple[dict[str, Any], dict[str, bytes]]:
         settings = parse_json(files[SETTINGS], str(path / SETTINGS))
         found = dict(settings).get("format")
         if found != FORMAT:
-            raise BundleError(f"{path / SETTINGS} has format {found}, this controller reads {FORMAT}: export it anew")
-        sealed, there = parse_json(read_bytes(path / MANIFEST, LARGEST), str(path / MANIFEST)), _hashes(files)
-        changed = [name for name in sorted({*sealed, *there}) if sealed.get(name) != there.get(name)]
+            raise BundleError(
+                f"{path / SETTINGS} has format {found}, this controller reads {FORMAT}: export it anew"
+            )
+        sealed, there = (
+            parse_json(read_bytes(path / MANIFEST, LARGEST), str(path / MANIFEST)),
+            _hashes(files),
+        )
+        changed = [
+            name
+            for name in sorted({*sealed, *there})
+            if sealed.get(name) != there.get(name)
+        ]
         if changed:
             raise BundleError(
                 f"{path / changed[0]} is not as it was sealed: if you edited it, run `python -m onboard.seal` in the "
@@ -122,36 +145,44 @@ def read_bundle(folder: Path | str) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 
 def seal(folder: Path) -> list[str]:
-    """Write the manifest of a bundle's files as they are now; return the names of the files that have changed.
+    """Write the manifest of a bundle's files as they are now; return the names of the
+    files that have changed.
 
     Raises:
         BundleError: a file cannot be read or written.
     """
     with loading(folder):
         path = folder / MANIFEST
-        before = read_bytes(path, LARGEST) if path.is_file() else b""  # which may be damaged
+        # which may be damaged
+        before = read_bytes(path, LARGEST) if path.is_file() else b""
         hashes = _hashes(_read(folder))
         write_text(path, json.dumps(hashes, indent=1) + "\n")
         return [name for name, value in hashes.items() if value.encode() not in before]
 
 
 def describe(settings: Settings) -> str:
-    """Describe the bundle in one line: stage, date, weights and robots of its policy."""
+    """Describe the bundle in one line: stage, date, weights and robots of its
+    policy."""
     policy, robots = settings["policy"], ", ".join(dict(settings["robots"]))
     return f"{policy['stage']} policy of {policy['created']}, weights {policy['weights_sha256'][:12]}, for {robots}"
 
 
 def _read(folder: Path) -> dict[str, bytes]:
     paths = (path for part in PARTS for path in sorted(folder.glob(part)))
-    return {path.relative_to(folder).as_posix(): read_bytes(path, LARGEST) for path in paths}
+    return {
+        path.relative_to(folder).as_posix(): read_bytes(path, LARGEST) for path in paths
+    }
 
 
 def _hashes(files: Mapping[str, bytes]) -> dict[str, str]:
-    return {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return {
+        name: hashlib.sha256(content).hexdigest() for name, content in files.items()
+    }
 
 
 def _check(settings: Settings, path: Path) -> None:
-    """Refuse settings with a number that is none or out of its bounds, or a stand beyond the joints' ranges."""
+    """Refuse settings with a number that is none or out of its bounds, or a stand
+    beyond the joints' ranges."""
     json.dumps(settings, allow_nan=False)
     describe(settings)
     for name, (least, most, *shape) in NUMBERS.items():
@@ -162,13 +193,23 @@ def _check(settings: Settings, path: Path) -> None:
             raise BundleError(
                 f"{path}: {name} must be from {least:g} to {most:g}, got {shown(value)}; mend and seal it"
             )
-    (low, high), stand = np.transpose(settings["joint_range"]), settings["control"]["stand"]
-    if np.any(low > stand) or np.any(stand > high) or not {*_find(settings, "model_joints.sign")} <= {-1, 1}:
-        raise BundleError(f"{path}: control.stand is beyond joint_range, or a sign is neither 1 nor -1; export it anew")
+    (low, high), stand = (
+        np.transpose(settings["joint_range"]),
+        settings["control"]["stand"],
+    )
+    if (
+        np.any(low > stand)
+        or np.any(stand > high)
+        or not {*_find(settings, "model_joints.sign")} <= {-1, 1}
+    ):
+        raise BundleError(
+            f"{path}: control.stand is beyond joint_range, or a sign is neither 1 nor -1; export it anew"
+        )
 
 
 def _find(settings: Settings, name: str) -> Any:
-    """Return the value with a dotted name; from a list of objects, a list of their values."""
+    """Return the value with a dotted name; from a list of objects, a list of their
+    values."""
     value: Any = settings
     for part in name.split("."):
         value = [one[part] for one in value] if isinstance(value, list) else value[part]

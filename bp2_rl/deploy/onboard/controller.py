@@ -4,9 +4,10 @@
     while True:                                            # every 5 ms
         targets = controller.step(measurement, command)    # joint targets for the drives' 1 kHz PD loop
 
-A watchdog looks at everything that comes in (`watchdog`). Where sensors fall silent or say what cannot be, the joints
-are led to the standing pose and kept there until `reset`; where the operator falls silent, the robot slows down to a
-stand under the policy.
+A watchdog looks at everything that comes in (`watchdog`). Where sensors fall silent or
+say what cannot be, the joints are led to the standing pose and kept there until
+`reset`; where the operator falls silent, the robot slows down to a stand under the
+policy.
 """
 
 import dataclasses
@@ -30,11 +31,13 @@ from .watchdog import SensorFault, SensorReading, Watchdog
 
 WARMING = 20  # ticks before the first
 PLAYED = 12
-"""Number of speeds, and of phases, at which the reference motion is tried when it is loaded."""
+"""Number of speeds, and of phases, at which the reference motion is tried when it is
+loaded."""
 
 
 class DriveTargets(NamedTuple):
-    """What the drives follow until the next tick: torque = stiffness (position - q) + damping (velocity - qd)."""
+    """What the drives follow until the next tick: torque = stiffness (position - q) +
+    damping (velocity - qd)."""
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
@@ -76,12 +79,13 @@ OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
     "angular_velocity": lambda seen, stand: seen.measurement.angular_velocity,
     "last_action": lambda seen, stand: seen.last_action,
 }
-"""How each entry of a policy's observation is made, by its name in the layout; `NAME@K` is by how much it has changed
-since K ticks ago."""
+"""How each entry of a policy's observation is made, by its name in the layout; `NAME@K`
+is by how much it has changed since K ticks ago."""
 
 
 def split_name(entry: str) -> tuple[str, int]:
-    """Split the name of an observation entry, `NAME@K`, into the name and K ticks; K is 0 where there is none."""
+    """Split the name of an observation entry, `NAME@K`, into the name and K ticks; K is
+    0 where there is none."""
     name, _, ticks = entry.partition("@")
     return name, int(ticks or 0)
 
@@ -92,11 +96,13 @@ class OnboardController:
     Args:
         folder: a bundle that `bp2 export --format onnx` wrote.
         clock: seconds; only asked where `step` is not told the time.
-        convention: whose signs and zeros the joint angles have that `step` takes and returns: the bundle's, or those
-            of the robot's own model, which `model_joints` in `deploy.json` has.
+        convention: whose signs and zeros the joint angles have that `step` takes and
+            returns: the bundle's, or those of the robot's own model, which
+            `model_joints` in `deploy.json` has.
 
     Raises:
-        BundleError: the folder is no bundle of this format, is damaged, or its parts do not fit together.
+        BundleError: the folder is no bundle of this format, is damaged, or its parts do
+            not fit together.
     """
 
     def __init__(
@@ -111,13 +117,19 @@ class OnboardController:
         with loading(folder):
             self.watchdog = Watchdog(self.settings, self._frame)
             self._load_control()
-            arrays = read_npz(Path(folder) / REFERENCE, specs_of(self.settings["reference"]), content=files[REFERENCE])
+            arrays = read_npz(
+                Path(folder) / REFERENCE,
+                specs_of(self.settings["reference"]),
+                content=files[REFERENCE],
+            )
             self.motion = load_motion(self.settings["reference"], arrays)
             self._network = _load_network(files[NETWORK])
             self._load_observation()
             self.reset()
             self._try_motion()
-            still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+            still = SensorReading(
+                self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0
+            )
             for _ in range(WARMING):  # else the first ticks are the slowest
                 self._act(still)
         self.reset()
@@ -127,28 +139,37 @@ class OnboardController:
         self._stand = np.array(control["stand"], float)
         self._lowest, self._highest = np.array(self.settings["joint_range"], float).T
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
-        self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
+        self._residual, self._clock_at_rest = (
+            control["mode"] == "residual",
+            control["clock_at_rest"],
+        )
         self._limits = command_limits(self.settings)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
 
     def _load_observation(self) -> None:
-        layout = [(*split_name(name), size) for name, size in self.settings["observation"]]
+        layout = [
+            (*split_name(name), size) for name, size in self.settings["observation"]
+        ]
         self._entries = [name for name, ticks, _ in layout if not ticks]
         ends = np.cumsum([0, *(size for _, ticks, size in layout if not ticks)])
         places = {name: slice(*ends[i : i + 2]) for i, name in enumerate(self._entries)}
         self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
-        self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
+        self._past: deque[np.ndarray] = deque(
+            maxlen=max((ticks for _, ticks, _ in layout), default=0)
+        )
 
     def _try_motion(self) -> None:
-        """Play the reference motion at commands and phases of all sizes; raise `SensorFault` for impossible targets."""
+        """Play the reference motion at commands and phases of all sizes; raise
+        `SensorFault` for impossible targets."""
         for command in np.linspace(self._least, self._most, PLAYED).tolist():
             for phase in np.arange(PLAYED) / PLAYED:
                 pose = self.motion(command, phase)
                 self.watchdog.check_targets(pose.position, pose.velocity, pose.position)
 
     def reset(self, phase: float = 0.0) -> None:
-        """Begin anew, at a phase of the gait in cycles: the only way out of a stand that the watchdog commanded."""
+        """Begin anew, at a phase of the gait in cycles: the only way out of a stand
+        that the watchdog commanded."""
         self.fault = ""
         """Why the watchdog took over; empty where it did not."""
         self._phase = phase
@@ -159,16 +180,24 @@ class OnboardController:
         self._stopped_at, self._ticks_stopped = self._targets.position, 0
         self.watchdog.reset()
 
-    def step(self, measurement: SensorReading | None, command: Command, now: float | None = None) -> DriveTargets:
+    def step(
+        self,
+        measurement: SensorReading | None,
+        command: Command,
+        now: float | None = None,
+    ) -> DriveTargets:
         """Return the joint targets until the next tick, 5 ms on.
 
-        `step` never raises for what a sensor, a clock or a link may bring, and no target is outside a joint's range.
+        `step` never raises for what a sensor, a clock or a link may bring, and no
+        target is outside a joint's range.
 
         Args:
-            measurement: the newest there is. One counts as new if its time is later than that of all before; an older
-                one, the same again, or None say nothing new.
+            measurement: the newest there is. One counts as new if its time is later
+                than that of all before; an older one, the same again, or None say
+                nothing new.
             command: kept within what the policy was trained for.
-            now: s, by the clock that measurements are stamped with on arrival; by default the clock's time.
+            now: s, by the clock that measurements are stamped with on arrival; by
+                default the clock's time.
         """
         if not self.fault:
             try:
@@ -186,11 +215,15 @@ class OnboardController:
         return DriveTargets(*self._frame.outward(np.stack(self._targets)))
 
     def _to_stand(self) -> DriveTargets:
-        """Return targets on the way to the standing pose: a cubic that begins and ends at rest.
+        """Return targets on the way to the standing pose: a cubic that begins and ends
+        at rest.
 
         Ticks are counted, because a clock may be what is at fault.
         """
-        time, fastest = self.watchdog.limits.stand_time, self.watchdog.limits.joint_speed
+        time, fastest = (
+            self.watchdog.limits.stand_time,
+            self.watchdog.limits.joint_speed,
+        )
         s = min(self._ticks_stopped * self._dt / time, 1.0)
         self._ticks_stopped += 1
         way = self._stand - self._stopped_at
@@ -199,10 +232,11 @@ class OnboardController:
             np.clip(way * (6.0 * s * (1.0 - s) / time), -fastest, fastest),
         )
 
-    # --- The policy -------------------------------------------------------------------------------------------
+    # --- The policy -------------------------------------------------------------------
 
     def _obey(self, command: Command) -> None:
-        """Accept the command, limited to what the policy was trained for; slow down where it is not three numbers."""
+        """Accept the command, limited to what the policy was trained for; slow down
+        where it is not three numbers."""
         try:
             asked = np.asarray(command, float)
         except Exception:  # whatever the link to the operator brings
@@ -211,12 +245,17 @@ class OnboardController:
             told = np.clip(asked, self._least, self._most).astype(np.float32)
         else:
             speed = float(np.linalg.norm(self.command[:2]))
-            slower = max(speed - self.watchdog.limits.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
+            slower = (
+                max(speed - self.watchdog.limits.braking * self._dt, 0.0) / speed
+                if speed > 0.0
+                else 0.0
+            )
             told = self.command * np.float32(slower)
         self.command = eased(self.command, told, self._limits)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
-        """Compute the joint targets of one tick: observation, network, reference motion, targets.
+        """Compute the joint targets of one tick: observation, network, reference
+        motion, targets.
 
         Raises:
             SensorFault: the network's answer, or a target, cannot be.
@@ -224,16 +263,25 @@ class OnboardController:
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
-        frame = np.concatenate([OBSERVATION[name](seen, self._stand) for name in self._entries], dtype=np.float32)
+        frame = np.concatenate(
+            [OBSERVATION[name](seen, self._stand) for name in self._entries],
+            dtype=np.float32,
+        )
         known = len(self._past)
         changes = [
-            frame[place] - self._past[-ticks][place] if ticks <= known else 0.0 * frame[place]
+            frame[place] - self._past[-ticks][place]
+            if ticks <= known
+            else 0.0 * frame[place]
             for ticks, place in self._changes
         ]
         self._past.append(frame)
-        answer: Any = self._network.run(None, {"observation": np.concatenate([frame, *changes])[None]})[0]
+        answer: Any = self._network.run(
+            None, {"observation": np.concatenate([frame, *changes])[None]}
+        )[0]
         if answer.shape != (1, 12) or not np.isfinite(answer).all():
-            raise SensorFault("network: its answer is not 12 finite numbers; is policy.onnx damaged?")
+            raise SensorFault(
+                "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
+            )
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
         self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
         self._last_action = action
@@ -241,17 +289,23 @@ class OnboardController:
         position, velocity = self._stand + offset, np.zeros(12)
         if self._residual:
             pose: Pose = self.motion(command, self._phase)
-            position, velocity = pose.position + self._feedforward * pose.torque + offset, pose.velocity
+            position, velocity = (
+                pose.position + self._feedforward * pose.torque + offset,
+                pose.velocity,
+            )
         targets = self._within_range(position, velocity)
         self.watchdog.check_targets(*targets, self._targets.position)
         return targets
 
     def _within_range(self, position: np.ndarray, velocity: np.ndarray) -> DriveTargets:
-        return DriveTargets(np.minimum(np.maximum(position, self._lowest), self._highest), velocity)
+        return DriveTargets(
+            np.minimum(np.maximum(position, self._lowest), self._highest), velocity
+        )
 
 
 def numbers(values: Settings) -> dict[str, Any]:
-    """Return limits by name as `deploy.json` has them, where None stands for infinity, which JSON does not have.
+    """Return limits by name as `deploy.json` has them, where None stands for infinity,
+    which JSON does not have.
 
     A limit is a number, or an array of twelve where joints differ.
     """
@@ -265,15 +319,21 @@ def numbers(values: Settings) -> dict[str, Any]:
 
 
 def command_limits(settings: Settings) -> ForwardLimits:
-    """Return how fast the forward command rises and falls at most, from `deploy.json`."""
-    return ForwardLimits(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
+    """Return how fast the forward command rises and falls at most, from
+    `deploy.json`."""
+    return ForwardLimits(
+        **numbers({name: settings["control"][name] for name in COMMAND_LIMITS})
+    )
 
 
 def _load_network(content: bytes) -> Any:
-    """Load the network to run on one core: its input is so small that threads would only wait for each other."""
+    """Load the network to run on one core: its input is so small that threads would
+    only wait for each other."""
     import onnxruntime  # here, so that `bp2 export` can say how to install it
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(
+        content, options, providers=["CPUExecutionProvider"]
+    )

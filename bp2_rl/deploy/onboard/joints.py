@@ -1,4 +1,5 @@
-"""Joint angles with the signs and zeros of a bundle, and with those of the robot's own model."""
+"""Joint angles with the signs and zeros of a bundle, and with those of the robot's own
+model."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -13,7 +14,8 @@ from .contents import Settings
 
 @dataclasses.dataclass(frozen=True)
 class JointFrame:
-    """The signs and zeros that a caller's joint angles have: the bundle's angle is sign x the caller's + offset."""
+    """The signs and zeros that a caller's joint angles have: the bundle's angle is sign
+    x the caller's + offset."""
 
     names: Sequence[str]
     sign: np.ndarray  # (12)
@@ -21,7 +23,8 @@ class JointFrame:
 
     @classmethod
     def of(cls, settings: Settings, convention: str) -> "JointFrame":
-        """Return the frame of a `convention`, "bundle" or "model", by the content of `deploy.json`.
+        """Return the frame of a `convention`, "bundle" or "model", by the content of
+        `deploy.json`.
 
         Raises:
             UserError: there is no such convention.
@@ -29,7 +32,10 @@ class JointFrame:
         require_one_of("convention", convention, ("bundle", "model"))
         if convention == "bundle":
             return cls(MOTOR_NAMES, np.ones(12), np.zeros((2, 12)))
-        names, sign, offset = ([one[key] for one in settings["model_joints"]] for key in ("name", "sign", "offset"))
+        names, sign, offset = (
+            [one[key] for one in settings["model_joints"]]
+            for key in ("name", "sign", "offset")
+        )
         return cls(names, np.array(sign), np.stack((offset, np.zeros(12))))
 
     def inward(self, joints: np.ndarray) -> np.ndarray:

@@ -1,6 +1,8 @@
-"""Datagrams between the robot and its computer, and a link that loses some and holds others back.
+"""Datagrams between the robot and its computer, and a link that loses some and holds
+others back.
 
-A datagram is `BP2`, a letter for its kind, its number (uint32), and float64s, little-endian. Only the newest of a kind
+A datagram is `BP2`, a letter for its kind, its number (uint32), and float64s,
+little-endian. Only the newest of a kind
 counts: what comes twice, out of order, or from elsewhere is passed over.
 """
 
@@ -56,7 +58,10 @@ class Radio:
     def send(self, kind: bytes, values: Sequence[float] | np.ndarray) -> None:
         """Send a datagram without waiting; the link gives no sign of its arrival."""
         self._sent[kind] += 1
-        content = HEADER.pack(b"BP2", kind, self._sent[kind]) + np.asarray(values, "<f8").tobytes()
+        content = (
+            HEADER.pack(b"BP2", kind, self._sent[kind])
+            + np.asarray(values, "<f8").tobytes()
+        )
         try:
             self._socket.sendto(content, self._peer)
         except OSError:  # a full buffer, or nobody there any more: lost, as on any link
@@ -74,7 +79,8 @@ class Radio:
                 packets.append(packet)
 
     def wait(self, seconds: float) -> list[Packet]:
-        """Return the packets that have come, and wait at most `seconds` for the first one."""
+        """Return the packets that have come, and wait at most `seconds` for the first
+        one."""
         select.select([self._socket], [], [], max(seconds, 0.0))
         return self.receive()
 
@@ -86,16 +92,25 @@ class Radio:
         if len(content) < HEADER.size:
             return None
         magic, kind, number = HEADER.unpack_from(content)
-        if magic != b"BP2" or kind not in SIZES or len(content) != HEADER.size + 8 * SIZES[kind]:
+        if (
+            magic != b"BP2"
+            or kind not in SIZES
+            or len(content) != HEADER.size + 8 * SIZES[kind]
+        ):
             return None
         if number <= self._newest[kind]:
             return None
         self._newest[kind] = number
-        return Packet(kind, np.frombuffer(content, "<f8", offset=HEADER.size).astype(float), time.monotonic())
+        return Packet(
+            kind,
+            np.frombuffer(content, "<f8", offset=HEADER.size).astype(float),
+            time.monotonic(),
+        )
 
 
 class BadLink(Generic[Item]):
-    """Loses a share of what is put in, and gives the rest back `late` seconds later, in order."""
+    """Loses a share of what is put in, and gives the rest back `late` seconds later, in
+    order."""
 
     def __init__(self, loss: float, late: float, seed: int):
         self._loss, self._late, self._random = loss, late, random.Random(seed)

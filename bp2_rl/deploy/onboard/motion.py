@@ -1,8 +1,10 @@
-"""Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
+"""Reference motions played back without JAX: which joint angles and speeds belong to a
+command and a phase.
 
-The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg in Python's own numbers, for
-which NumPy would be several times slower; time is complex there, so that rates come with the values (`complex_step`).
-The kinematic trot is the very law of training. All numbers come from `reference.npz` and `deploy.json`.
+The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg
+in Python's own numbers, for which NumPy would be several times slower; time is complex
+there, so that rates come with the values (`complex_step`). The kinematic trot is the
+very law of training. All numbers come from `reference.npz` and `deploy.json`.
 """
 
 import math
@@ -25,11 +27,13 @@ IMAGE = (1, 0, 3, 2)  # each leg's mirror image
 COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
 LEAST_SQUARE = 1e-8  # m2, of a length that is divided by
 LEAST_LEFT = 1e-7  # m, of reach
-TRUNK, COORDINATES = 3, 15  # of a row of the table: trunk, then three a leg, then two torques a leg
+# of a row of the table: trunk, then three a leg, then two torques a leg
+TRUNK, COORDINATES = 3, 15
 
 
 LARGEST = 1e5
-"""Of the numbers in `reference.npz`: as large as a motor's torque in Nm may be; others are rad, m, s, and rates."""
+"""Of the numbers in `reference.npz`: as large as a motor's torque in Nm may be; others
+are rad, m, s, and rates."""
 SHAPES: Mapping[str, Mapping[str, Any]] = {
     "collocation": {
         "strides": ("S", 5),
@@ -46,7 +50,8 @@ SHAPES: Mapping[str, Mapping[str, Any]] = {
 
 
 class Pose(NamedTuple):
-    """Joint angles, speeds and torques of the reference motion: FR, FL, RR, RL x abad, hip, knee."""
+    """Joint angles, speeds and torques of the reference motion: FR, FL, RR, RL x abad,
+    hip, knee."""
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
@@ -54,22 +59,33 @@ class Pose(NamedTuple):
 
 
 def specs_of(settings: Settings) -> dict[str, ArraySpec]:
-    """Return the arrays that `reference.npz` must hold for the motion in `reference` of `deploy.json`."""
-    return {name: ArraySpec(np.floating, shape) for name, shape in SHAPES.get(settings["kind"], {}).items()}
+    """Return the arrays that `reference.npz` must hold for the motion in `reference` of
+    `deploy.json`."""
+    return {
+        name: ArraySpec(np.floating, shape)
+        for name, shape in SHAPES.get(settings["kind"], {}).items()
+    }
 
 
-def load_motion(settings: Settings, arrays: Mapping[str, np.ndarray]) -> "Trot | KinematicTrot | Stand":
-    """The motion that `deploy.json` describes in `reference`, of the arrays in `reference.npz`.
+def load_motion(
+    settings: Settings, arrays: Mapping[str, np.ndarray]
+) -> "Trot | KinematicTrot | Stand":
+    """The motion that `deploy.json` describes in `reference`, of the arrays in
+    `reference.npz`.
 
     Raises:
         ValueError: a motion of another kind, or a number that no motion has.
     """
     kinds = {"collocation": Trot, "kinematic": KinematicTrot, "none": Stand}
     if settings["kind"] not in kinds:
-        raise ValueError(f"reference motion {settings['kind']!r}: this controller plays {', '.join(kinds)}")
+        raise ValueError(
+            f"reference motion {settings['kind']!r}: this controller plays {', '.join(kinds)}"
+        )
     for name, array in arrays.items():
         if not np.all(np.abs(array) <= LARGEST):  # nor is NaN
-            raise ValueError(f"reference.npz: {name} holds numbers that are not finite, or beyond {LARGEST:g}")
+            raise ValueError(
+                f"reference.npz: {name} holds numbers that are not finite, or beyond {LARGEST:g}"
+            )
     return kinds[settings["kind"]](settings, arrays)
 
 
@@ -94,7 +110,8 @@ class Stand:
 
 
 class KinematicTrot:
-    """The kinematic trot of `bp2_rl.reference.trot_law`, whose numbers are those of the robot.
+    """The kinematic trot of `bp2_rl.reference.trot_law`, whose numbers are those of the
+    robot.
 
     Args:
         settings: `reference` of `deploy.json`: the law's numbers.
@@ -102,9 +119,17 @@ class KinematicTrot:
     """
 
     def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
-        legs = LegGeometry(**{name: arrays[name].astype(float) for name in LegGeometry._fields})
-        own = {name: arrays[name].astype(float) for name in ("nominal", "sole_clearance")}
-        self._law = TrotLaw(legs=legs, **own, **{name: x for name, x in settings.items() if name != "kind"})
+        legs = LegGeometry(
+            **{name: arrays[name].astype(float) for name in LegGeometry._fields}
+        )
+        own = {
+            name: arrays[name].astype(float) for name in ("nominal", "sole_clearance")
+        }
+        self._law = TrotLaw(
+            legs=legs,
+            **own,
+            **{name: x for name, x in settings.items() if name != "kind"},
+        )
 
     def phase_rate(self, command: Sequence[float]) -> float:
         """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
@@ -145,19 +170,34 @@ class _PlayedLengths(NamedTuple):
 
 
 class Trot:
-    """A library of trots between its speeds and beyond them: `bp2_rl.reference.library.trot` says how.
+    """A library of trots between its speeds and beyond them:
+    `bp2_rl.reference.library.trot` says how.
 
     Args:
-        settings: `reference` of `deploy.json`: lengths in m, speeds in m/s, angles in rad.
-        arrays: `strides` (S 5), `cubics` (2 N S 4 23), `stand_feet` and `leg_origins` (4 3), `stand_torque` (4 2).
+        settings: `reference` of `deploy.json`: lengths in m, speeds in m/s, angles in
+            rad.
+        arrays: `strides` (S 5), `cubics` (2 N S 4 23), `stand_feet` and `leg_origins`
+            (4 3), `stand_torque` (4 2).
     """
 
     def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
-        self._strides, self._cubics = arrays["strides"].astype(float).tolist(), arrays["cubics"].astype(float)
-        self._rest, self._hips = arrays["stand_feet"].tolist(), arrays["leg_origins"].tolist()
+        self._strides, self._cubics = (
+            arrays["strides"].astype(float).tolist(),
+            arrays["cubics"].astype(float),
+        )
+        self._rest, self._hips = (
+            arrays["stand_feet"].tolist(),
+            arrays["leg_origins"].tolist(),
+        )
         self._rest_torque = arrays["stand_torque"].astype(float)
-        self._stepping_speed, self._foot_circle = settings["stepping_speed"], settings["foot_circle"]
-        self._legs = [_PlayedLengths(**leg) for leg, _ in zip(settings["legs"], LATER, strict=True)]
+        self._stepping_speed, self._foot_circle = (
+            settings["stepping_speed"],
+            settings["foot_circle"],
+        )
+        self._legs = [
+            _PlayedLengths(**leg)
+            for leg, _ in zip(settings["legs"], LATER, strict=True)
+        ]
 
     def phase_rate(self, command: Sequence[float]) -> float:
         """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
@@ -168,7 +208,8 @@ class Trot:
         stride, stepping = self._stride(command), self.stepping(command)
         cycle = phase - math.floor(phase)
         mirrored = cycle >= 0.5
-        now = complex((2.0 * cycle - mirrored) * stride.half, STEP)  # s, since the last pair of feet landed
+        # s, since the last pair of feet landed
+        now = complex((2.0 * cycle - mirrored) * stride.half, STEP)
         row = self._sample(stride, now)
         value = row.tolist()
         q = np.empty((4, 3), complex)
@@ -176,43 +217,76 @@ class Trot:
             at = TRUNK + 3 * (IMAGE[leg] if mirrored else leg)
             x, z, spring = (
                 rest + stepping * (moved - rest)
-                for rest, moved in zip((*self._rest[leg][::2], lengths.sag), value[at : at + 3], strict=True)
+                for rest, moved in zip(
+                    (*self._rest[leg][::2], lengths.sag),
+                    value[at : at + 3],
+                    strict=True,
+                )
             )
             moved_x, moved_y = self._displacement(
-                leg, command, stride, stepping, now + stride.half if LATER[leg] != mirrored else now
+                leg,
+                command,
+                stride,
+                stepping,
+                now + stride.half if LATER[leg] != mirrored else now,
             )
-            feet = (x, self._rest[leg][1], z), (x + moved_x, self._rest[leg][1] + moved_y, z)
-            q[leg] = self._joints(leg, feet, lengths.lower - spring, stepping * value[2])
+            feet = (
+                (x, self._rest[leg][1], z),
+                (x + moved_x, self._rest[leg][1] + moved_y, z),
+            )
+            q[leg] = self._joints(
+                leg, feet, lengths.lower - spring, stepping * value[2]
+            )
         torque = np.real(row[COORDINATES:]).reshape(4, 2)
-        torque = self._rest_torque + stepping * ((torque[list(IMAGE)] if mirrored else torque) - self._rest_torque)
+        torque = self._rest_torque + stepping * (
+            (torque[list(IMAGE)] if mirrored else torque) - self._rest_torque
+        )
         feedforward = np.concatenate([np.zeros((4, 1)), torque], axis=1)
-        return Pose(np.real(q).reshape(12), np.imag(q).reshape(12) / STEP, feedforward.reshape(12))
+        return Pose(
+            np.real(q).reshape(12),
+            np.imag(q).reshape(12) / STEP,
+            feedforward.reshape(12),
+        )
 
     def stepping(self, command: Sequence[float]) -> float:
         """0 when standing, 1 from the stepping speed on."""
         vx, vy, omega = command
-        y = min((vx**2 + vy**2 + (self._foot_circle * omega) ** 2) / self._stepping_speed**2, 1.0)
+        y = min(
+            (vx**2 + vy**2 + (self._foot_circle * omega) ** 2)
+            / self._stepping_speed**2,
+            1.0,
+        )
         return y * (2.0 - y)
 
     def _stride(self, command: Sequence[float]) -> _PlayedStride:
-        """Where the command lies between the library's speeds; the weights make the mean speed the one commanded."""
+        """Where the command lies between the library's speeds; the weights make the
+        mean speed the one commanded."""
         strides = self._strides
         speed = min(max(command[0], strides[0][0]), strides[-1][0])
         row = 0
         while row < len(strides) - 2 and strides[row + 1][0] <= speed:
             row += 1
         below, above = strides[row], strides[row + 1]
-        away = (above[0] - speed) * (above[1] + above[2]), (speed - below[0]) * (below[1] + below[2])
+        away = (
+            (above[0] - speed) * (above[1] + above[2]),
+            (speed - below[0]) * (below[1] + below[2]),
+        )
         a, b = away[0] / (away[0] + away[1]), away[1] / (away[0] + away[1])
-        stance, flight, fore, hind = (a * low + b * high for low, high in zip(below[1:], above[1:], strict=True))
-        return _PlayedStride(row, (a, b), speed, stance, stance + flight, (fore, fore, hind, hind))
+        stance, flight, fore, hind = (
+            a * low + b * high for low, high in zip(below[1:], above[1:], strict=True)
+        )
+        return _PlayedStride(
+            row, (a, b), speed, stance, stance + flight, (fore, fore, hind, hind)
+        )
 
     def _sample(self, stride: _PlayedStride, since: complex) -> np.ndarray:
         """The library's row of 23 so many seconds after a touchdown of FL and RR."""
         in_flight = since.real >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
         intervals = self._cubics.shape[1]
-        position = (since - stride.stance if in_flight else since) / duration * intervals
+        position = (
+            (since - stride.stance if in_flight else since) / duration * intervals
+        )
         interval = min(max(int(position.real), 0), intervals - 1)
         u = position - interval
         ends = self._cubics[int(in_flight), interval, stride.row : stride.row + 2]
@@ -220,15 +294,25 @@ class Trot:
         return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
 
     def _displacement(
-        self, leg: int, command: Sequence[float], stride: _PlayedStride, stepping: float, since: complex
+        self,
+        leg: int,
+        command: Sequence[float],
+        stride: _PlayedStride,
+        stepping: float,
+        since: complex,
     ) -> tuple[complex, complex]:
-        """How far a foot is, seen from above, from where the library has it, (x, y) in m.
+        """How far a foot is, seen from above, from where the library has it, (x, y) in
+        m.
 
-        In stance, what the ground does beyond the library's speed; in the swing, the cubic that joins its ends.
+        In stance, what the ground does beyond the library's speed; in the swing, the
+        cubic that joins its ends.
         """
         vx, vy, omega = min(command[0], self._strides[-1][0]), command[1], command[2]
         library = stepping * stride.speed
-        x0, y0 = self._rest[leg][0] + stepping * (stride.middle[leg] - self._rest[leg][0]), self._rest[leg][1]
+        x0, y0 = (
+            self._rest[leg][0] + stepping * (stride.middle[leg] - self._rest[leg][0]),
+            self._rest[leg][1],
+        )
 
         def drift(tau: complex) -> tuple[complex, complex]:
             x, y = _ground(x0, y0, vx, vy, omega, tau)
@@ -240,15 +324,24 @@ class Trot:
         time = 2.0 * (stride.half - half)
         s: Any = (since - stride.stance) / time
         ends = zip(drift(half + STEP * 1j), drift(-half + STEP * 1j), strict=True)
-        x, y = (hermite_and_rate(s, time, a.real, b.real, a.imag / STEP, b.imag / STEP)[0] for a, b in ends)
+        x, y = (
+            hermite_and_rate(s, time, a.real, b.real, a.imag / STEP, b.imag / STEP)[0]
+            for a, b in ends
+        )
         return x, y
 
     def _joints(
-        self, leg: int, feet: Sequence[tuple[complex, complex, complex]], lower: complex, pitch: complex
+        self,
+        leg: int,
+        feet: Sequence[tuple[complex, complex, complex]],
+        lower: complex,
+        pitch: complex,
     ) -> tuple[complex, complex, complex]:
-        """(abad, hip, knee) that put a foot where the library has it and displaced, both level, within reach.
+        """(abad, hip, knee) that put a foot where the library has it and displaced,
+        both level, within reach.
 
-        A displacement that takes more than half of what is left of the reach gets the other half only by and by.
+        A displacement that takes more than half of what is left of the reach gets the
+        other half only by and by.
         """
         c, s, hip, lengths = cos(pitch), sin(pitch), self._hips[leg], self._legs[leg]
         thigh, extended = lengths.thigh, math.cos(lengths.straight_knee)
@@ -256,10 +349,17 @@ class Trot:
         (*_, now), (x, y, z, then) = (
             (px, py, pz, sqrt(px * px + py * py + pz * pz))
             for px, py, pz in (
-                (c * x - s * z - hip[0], y - hip[1], c * z + s * x - hip[2] + lengths.drop) for x, y, z in feet
+                (
+                    c * x - s * z - hip[0],
+                    y - hip[1],
+                    c * z + s * x - hip[2] + lengths.drop,
+                )
+                for x, y, z in feet
             )
         )
-        straight = sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * extended + lengths.lateral**2)
+        straight = sqrt(
+            thigh**2 + lower**2 + 2.0 * thigh * lower * extended + lengths.lateral**2
+        )
         left = (straight - now) / 2.0  # half of it
         if left.real < LEAST_LEFT:
             left = complex(LEAST_LEFT)
@@ -273,7 +373,8 @@ class Trot:
 def _angles(
     x: complex, y: complex, z: complex, lower: complex, leg: _PlayedLengths
 ) -> tuple[complex, complex, complex]:
-    """The joints of a leg whose foot is there from its abduction axis: `LegGeometry.joint_angles`."""
+    """The joints of a leg whose foot is there from its abduction axis:
+    `LegGeometry.joint_angles`."""
     d, thigh = leg.lateral, leg.thigh
     square = y * y + z * z - d * d
     h = sqrt(square if square.real > LEAST_SQUARE else LEAST_SQUARE)
@@ -283,7 +384,11 @@ def _angles(
     if abs(cosine.real) > COSINE_LIMIT:
         cosine = complex(math.copysign(COSINE_LIMIT, cosine.real))
     sine = leg.bend * sqrt(1.0 - cosine * cosine)
-    return abad, _angle(-x, h) - _angle(lower * sine, thigh + lower * cosine), _angle(sine, cosine)
+    return (
+        abad,
+        _angle(-x, h) - _angle(lower * sine, thigh + lower * cosine),
+        _angle(sine, cosine),
+    )
 
 
 def _angle(y: complex, x: complex) -> complex:
@@ -292,10 +397,16 @@ def _angle(y: complex, x: complex) -> complex:
     return complex(math.atan2(y.real, x.real), turning)
 
 
-def _ground(x: float, y: float, vx: float, vy: float, omega: float, tau: complex) -> tuple[complex, complex]:
-    """Where a point of the ground is, seen from the trunk, `tau` seconds after it was at (x, y)."""
+def _ground(
+    x: float, y: float, vx: float, vy: float, omega: float, tau: complex
+) -> tuple[complex, complex]:
+    """Where a point of the ground is, seen from the trunk, `tau` seconds after it was
+    at (x, y)."""
     half = omega * tau / 2.0
     square = half * half
-    chord = tau * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))  # tau sinc(half)
+    # tau sinc(half)
+    chord = tau * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))
     c, s, c2, s2 = cos(half), sin(half), cos(2.0 * half), sin(2.0 * half)
-    return c2 * x + s2 * y - chord * (c * vx + s * vy), c2 * y - s2 * x - chord * (c * vy - s * vx)
+    return c2 * x + s2 * y - chord * (c * vx + s * vy), c2 * y - s2 * x - chord * (
+        c * vy - s * vx
+    )

@@ -1,4 +1,5 @@
-"""The world that a controller is rehearsed in: a robot in C MuJoCo, its operator, and the links to both."""
+"""The world that a controller is rehearsed in: a robot in C MuJoCo, its operator, and
+the links to both."""
 
 import dataclasses
 from pathlib import Path
@@ -18,14 +19,17 @@ FAULTS = ("", "nan", "silence", "operator")
 
 @dataclasses.dataclass(frozen=True)
 class RehearsalPlan:
-    """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault may occur on the way."""
+    """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault
+    may occur on the way."""
 
     speed: float  # m/s
     acceleration: float = 2.4  # m/s2
     hold: float = 20.0  # s
     loss: float = 0.05  # share of the datagrams that are lost, in each direction
     late: float = 0.005  # s, by which joint targets come into force late
-    fault: str = ""  # nan: a joint's encoder says NaN; silence: no sensor says anything; operator: no command comes
+    # nan: a joint's encoder says NaN; silence: no sensor says anything; operator: no
+    # command comes
+    fault: str = ""
     fault_at: float = 0.0  # s
     after: float = 4.0  # s, for which the robot is watched after a fault
     seed: int = 0
@@ -46,7 +50,8 @@ class RehearsalPlan:
 
 
 class RehearsalWorld:
-    """The simulated surroundings of a controller in one rehearsal, advanced millisecond by millisecond.
+    """The simulated surroundings of a controller in one rehearsal, advanced millisecond
+    by millisecond.
 
     Args:
         folder: the bundle.
@@ -59,11 +64,14 @@ class RehearsalWorld:
         self.robot, self.plan = SimulatedRobot(folder, robot), plan
         self._operator, self._most = settings["operator"], settings["command"]["most"]
         control = settings["control"]
-        self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(plan.loss, 0.0, plan.seed)
+        self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(
+            plan.loss, 0.0, plan.seed
+        )
         self._in: BadLink[DriveTargets] = BadLink(plan.loss, plan.late, plan.seed + 1)
         self._targets = DriveTargets(np.array(control["stand"]), np.zeros(12))
         self.milliseconds = round(plan.duration / DT)
-        self.places = np.zeros((self.milliseconds, 4))  # x, y (m), yaw (rad), forward speed (m/s)
+        # x, y (m), yaw (rad), forward speed (m/s)
+        self.places = np.zeros((self.milliseconds, 4))
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
@@ -71,7 +79,8 @@ class RehearsalWorld:
         self._told = np.zeros(3)
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
-        """The datagrams that leave in the millisecond k: every fifth the command and what the sensors report."""
+        """The datagrams that leave in the millisecond k: every fifth the command and
+        what the sensors report."""
         if k % TICK:
             return []
         fault = self.plan.fault if k * DT >= self.plan.fault_at else ""
@@ -98,7 +107,8 @@ class RehearsalWorld:
             self.fell_at = round((k + 1) * DT, 6)
 
     def outcome(self) -> dict[str, float | None]:
-        """What came of it: speeds over the part that the speed was held, m/s, and where the robot ended."""
+        """What came of it: speeds over the part that the speed was held, m/s, and where
+        the robot ended."""
         x, y, _, speed = self.places.T
         held = speed[round(self.plan.ramp / DT) :] if not self.plan.fault else speed[:0]
         return {
@@ -113,19 +123,28 @@ class RehearsalWorld:
         }
 
     def _steer(self, time: float) -> np.ndarray:
-        """The operator's command: the plan's speed, trimmed until the robot runs it, and a yaw rate along the line."""
+        """The operator's command: the plan's speed, trimmed until the robot runs it,
+        and a yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
         hold, forward = self._operator, self.plan.forward(time)
-        self._told = eased(self._told, np.array([forward, 0.0, 0.0]), self._limits)  # as the controller takes it
+        # as the controller takes it
+        self._told = eased(self._told, np.array([forward, 0.0, 0.0]), self._limits)
         if self._told[0] >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)
         rate = -hold["heading_gain"] * yaw - hold["lane_gain"] * y
-        return np.array([max(forward + self._trim, 0.0), 0.0, min(max(rate, -hold["limit"]), hold["limit"])])
+        return np.array(
+            [
+                max(forward + self._trim, 0.0),
+                0.0,
+                min(max(rate, -hold["limit"]), hold["limit"]),
+            ]
+        )
 
 
 def _least_mean(values: np.ndarray, window: int) -> float | None:
-    """Return the least mean over `window` successive values; None if there are fewer values."""
+    """Return the least mean over `window` successive values; None if there are fewer
+    values."""
     if len(values) < window:
         return None
     sums = np.concatenate([[0.0], np.cumsum(values)])

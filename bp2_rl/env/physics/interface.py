@@ -1,6 +1,7 @@
 """The interface of the physics engines: five physics steps of 1 ms per control step.
 
-Every engine recomputes the joint torque (PD law, current loop, envelope, bus) at each physics step:
+Every engine recomputes the joint torque (PD law, current loop, envelope, bus) at each
+physics step:
 
     jax     MJX as it is (`physics.mjx`): the reference, runs anywhere
     kernel  the same equations, fused (`physics.kernel`): the fastest, runs anywhere
@@ -21,9 +22,11 @@ from bp2_rl.robot import conventions
 
 
 def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
-    """Return how long ago each of the last targets was issued when a physics step begins, s, newest first."""
+    """Return how long ago each of the last targets was issued when a physics step
+    begins, s, newest first."""
     return np.add.outer(
-        conventions.PHYSICS_STEP * np.arange(conventions.SUBSTEPS), conventions.CONTROL_STEP * np.arange(targets)
+        conventions.PHYSICS_STEP * np.arange(conventions.SUBSTEPS),
+        conventions.CONTROL_STEP * np.arange(targets),
     )
 
 
@@ -33,7 +36,8 @@ LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remember
 
 
 class Physics(struct.PyTreeNode):
-    """The simulated robot between two control steps: all that the simulator has to remember, and the motors."""
+    """The simulated robot between two control steps: all that the simulator has to
+    remember, and the motors."""
 
     qpos: Float[Array, "... nq"]
     qvel: Float[Array, "... nv"]
@@ -58,13 +62,17 @@ class PhysicsEngine(Protocol):
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """Take five physics steps of one robot.
 
-        Return the state afterwards, the mean effort, and 1 for each foot that touches the ground at the end.
+        Return the state afterwards, the mean effort, and 1 for each foot that touches
+        the ground at the end.
         """
         ...
 
 
-def newest_active(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
-    """Return which of the targets of these ages the joints follow: the newest that is older than the latency (s).
+def newest_active(
+    ages: Float[Any, " targets"], latency: Float[Any, "*robots"]
+) -> Int[Any, "*robots"]:
+    """Return which of the targets of these ages the joints follow: the newest that is
+    older than the latency (s).
 
     NumPy and JAX arrays alike.
     """
@@ -73,6 +81,11 @@ def newest_active(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) 
 
 
 def target_history(physics: Physics, targets: Targets) -> tuple[Targets, Targets]:
-    """Return the joint targets of this and of the last two control steps, newest first ("3 12"), and the first two."""
-    history = jax.tree.map(lambda now, before: jnp.concatenate([now[None], before]), targets, physics.targets)
+    """Return the joint targets of this and of the last two control steps, newest first
+    ("3 12"), and the first two."""
+    history = jax.tree.map(
+        lambda now, before: jnp.concatenate([now[None], before]),
+        targets,
+        physics.targets,
+    )
     return history, jax.tree.map(lambda x: x[:-1], history)

@@ -1,4 +1,5 @@
-"""The five physics steps of a control step in the fused kernel, all robots of a batch side by side."""
+"""The five physics steps of a control step in the fused kernel, all robots of a batch
+side by side."""
 
 from typing import Any, NamedTuple
 
@@ -10,7 +11,13 @@ from jaxtyping import Array, Float
 
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
+from bp2_rl.env.physics.interface import (
+    TARGET_AGES,
+    Effort,
+    Physics,
+    newest_active,
+    target_history,
+)
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import Actuator, joint_torque
@@ -33,7 +40,9 @@ class KernelPhysics:
         UserError: the kernel does not know this robot.
     """
 
-    def __init__(self, model: mujoco.MjModel, motors: Actuator, resistance: Resistance | None):
+    def __init__(
+        self, model: mujoco.MjModel, motors: Actuator, resistance: Resistance | None
+    ):
         self.design = Design.of(model)
         self._foot_radius = model.geom_size[foot_geom_ids(model), 0]
         self.motors, self.resistance = motors, resistance
@@ -43,7 +52,8 @@ class KernelPhysics:
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """See `interface.PhysicsEngine`; under `jax.vmap` the robots of the batch are computed side by side."""
+        """See `interface.PhysicsEngine`; under `jax.vmap` the robots of the batch are
+        computed side by side."""
         return self._one(physics, targets, robot)
 
     def _single(
@@ -53,12 +63,21 @@ class KernelPhysics:
         return jax.tree.map(lambda x: x[0], self._side_by_side(*batch))
 
     def _batched(
-        self, size: int, batched: list[Any], physics: Physics, targets: Targets, robot: Randomization
+        self,
+        size: int,
+        batched: list[Any],
+        physics: Physics,
+        targets: Targets,
+        robot: Randomization,
     ) -> tuple[Any, Any]:
         """`custom_vmap`'s rule: what is the same for all robots is repeated."""
         arguments = [physics, targets, robot]
         whole = jax.tree.map(
-            lambda x, is_batched: x if is_batched else jnp.broadcast_to(x, (size, *x.shape)), arguments, batched
+            lambda x, is_batched: (
+                x if is_batched else jnp.broadcast_to(x, (size, *x.shape))
+            ),
+            arguments,
+            batched,
         )
         out = self._side_by_side(*whole)
         return out, jax.tree.map(lambda _: True, out)
@@ -66,25 +85,41 @@ class KernelPhysics:
     def _side_by_side(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "N 4"]]:
-        """Step robots that lie along the first axis; inside the kernel they lie along the last."""
+        """Step robots that lie along the first axis; inside the kernel they lie along
+        the last."""
         masses = Masses.of(self.design, robot.mass.T, robot.com_offset.T)
         robots = Robots(self.design, masses, robot.friction)
-        motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
+        motors, resistance = (
+            randomization.randomize_actuator(self.motors, robot),
+            self.resistance,
+        )
         if resistance is not None:
             resistance = randomization.randomize_resistance(resistance, robot)
         history, remembered = jax.vmap(target_history)(physics, targets)
 
-        def physics_step(state: _State, ages: Array) -> tuple["_State", tuple[Array, ...]]:
+        def physics_step(
+            state: _State, ages: Array
+        ) -> tuple["_State", tuple[Array, ...]]:
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = state.moving.qpos.T, state.moving.qvel.T
             q, qd = joint_positions(qpos), joint_velocities(qvel)
             torque = joint_torque(
-                motors, state.torque, q, qd, issued.position, issued.velocity, conventions.PHYSICS_STEP
+                motors,
+                state.torque,
+                q,
+                qd,
+                issued.position,
+                issued.velocity,
+                conventions.PHYSICS_STEP,
             )
-            applied = with_legs(jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4]))
+            applied = with_legs(
+                jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4])
+            )
             if resistance is not None:
-                applied += losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
+                applied += losses.generalized(
+                    losses.loss(resistance, qpos, qvel, torque), qvel
+                )
             moving, heights = step(robots, state.moving, applied.T)
             return _State(moving, torque), (torque, torque * qd, heights)
 
@@ -93,9 +128,15 @@ class KernelPhysics:
             physics_step, _State(before, physics.torque), jnp.asarray(TARGET_AGES)
         )
         touching = (self._foot_radius >= heights[-1].T).astype(jnp.float32)
-        effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
+        effort = Effort(
+            torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0)
+        )
         moved = jax.tree.map(lambda x: x.T, after.moving)
-        return Physics(*moved, torque=after.torque, targets=remembered), effort, touching
+        return (
+            Physics(*moved, torque=after.torque, targets=remembered),
+            effort,
+            touching,
+        )
 
 
 class _State(NamedTuple):
@@ -106,7 +147,8 @@ class _State(NamedTuple):
 
 
 def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:
-    """One of the three for each robot, by selections: a gather would go through them one by one."""
+    """One of the three for each robot, by selections: a gather would go through them
+    one by one."""
     chosen = among[:, -1]
     for i in reversed(range(among.shape[1] - 1)):
         chosen = jnp.where((which == i)[:, None], among[:, i], chosen)

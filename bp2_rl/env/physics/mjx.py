@@ -11,7 +11,13 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
+from bp2_rl.env.physics.interface import (
+    TARGET_AGES,
+    Effort,
+    Physics,
+    newest_active,
+    target_history,
+)
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import Actuator, joint_torque
@@ -21,11 +27,13 @@ from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import foot_geom_ids
 
 SOLVER_LIMITS = 1 << 9 | 1 << 10
-"""MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only the extra `warp` brings."""
+"""MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only
+the extra `warp` brings."""
 
 
 class Remembered(NamedTuple):
-    """The state that a physics step leaves to the next; all else in `mjx.Data` is computed anew, to save memory."""
+    """The state that a physics step leaves to the next; all else in `mjx.Data` is
+    computed anew, to save memory."""
 
     qpos: Float[Array, " nq"]
     qvel: Float[Array, " nv"]
@@ -34,18 +42,22 @@ class Remembered(NamedTuple):
 
 
 class MjxPhysics:
-    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of the robot's motors.
+    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of the robot's
+    motors.
 
-    Before each step of 1 ms the motors' torque is computed (PD law, current loop, envelope, bus) and applied as `ctrl`;
-    what resists motion (`robot.losses`) is applied as `qfrc_applied`. Torque is held for the step and keeps to the
-    envelope at the step's start. A hardware's `envelope="throughout"`, which also bounds the torque at the step's end,
-    is honoured in C MuJoCo alone (`simulation.simulator`); training treats it as `start`, in every engine.
+    Before each step of 1 ms the motors' torque is computed (PD law, current loop,
+    envelope, bus) and applied as `ctrl`; what resists motion (`robot.losses`) is
+    applied as `qfrc_applied`. Torque is held for the step and keeps to the envelope at
+    the step's start. A hardware's `envelope="throughout"`, which also bounds the torque
+    at the step's end, is honoured in C MuJoCo alone (`simulation.simulator`); training
+    treats it as `start`, in every engine.
 
     Args:
         model: the robot on flat ground, without what is only seen.
         motors: its motors at full strength.
         resistance: of the robot as designed, if anything resists.
-        impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and not exactly repeatable.
+        impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and
+            not exactly repeatable.
         num_robots: for `warp`, the largest number of robots in one batch.
 
     Raises:
@@ -71,41 +83,81 @@ class MjxPhysics:
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """See `interface.PhysicsEngine`."""
         model = randomize_model(self.model, robot, self._trunk)
-        motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
+        motors, resistance = (
+            randomization.randomize_actuator(self.motors, robot),
+            self.resistance,
+        )
         if resistance is not None:
             resistance = randomization.randomize_resistance(resistance, robot)
         history, remembered = target_history(physics, targets)
 
-        def substep(state: Remembered, ages: Array) -> tuple[Remembered, tuple[Array, ...]]:
+        def substep(
+            state: Remembered, ages: Array
+        ) -> tuple[Remembered, tuple[Array, ...]]:
             now = newest_active(ages, robot.latency)
             after, height = self.physics_step(
-                model, motors, resistance, state, Targets(history.position[now], history.velocity[now])
+                model,
+                motors,
+                resistance,
+                state,
+                Targets(history.position[now], history.velocity[now]),
             )
             torque, qd = after.torque, joint_velocities(state.qvel)
             return after, (torque, torque * qd, height)
 
-        before = Remembered(physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque)
-        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(TARGET_AGES))
+        before = Remembered(
+            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
+        )
+        after, (torques, powers, heights) = jax.lax.scan(
+            substep, before, jnp.asarray(TARGET_AGES)
+        )
         touching = heights[-1] <= self._foot_radius
-        effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
+        effort = Effort(
+            torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0)
+        )
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
     def physics_step(
-        self, model: mjx.Model, motors: Actuator, resistance: Resistance | None, state: Remembered, targets: Targets
+        self,
+        model: mjx.Model,
+        motors: Actuator,
+        resistance: Resistance | None,
+        state: Remembered,
+        targets: Targets,
     ) -> tuple[Remembered, Float[Array, "4"]]:
-        """Take one physics step; return the state afterwards and the heights of the feet's centres, m."""
+        """Take one physics step; return the state afterwards and the heights of the
+        feet's centres, m."""
         qpos, qvel, warmstart, torque = state
         q, qd = joint_positions(qpos), joint_velocities(qvel)
-        torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, conventions.PHYSICS_STEP)
-        data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
+        torque = joint_torque(
+            motors,
+            torque,
+            q,
+            qd,
+            targets.position,
+            targets.velocity,
+            conventions.PHYSICS_STEP,
+        )
+        data = self._template.replace(
+            qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
+        )
         if resistance is not None:
-            data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel))
+            data = data.replace(
+                qfrc_applied=losses.generalized(
+                    losses.loss(resistance, qpos, qvel, torque), qvel
+                )
+            )
         data = mjx.step(model, data)
-        return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
+        return Remembered(
+            data.qpos, data.qvel, data.qacc_warmstart, torque
+        ), data.geom_xpos[self._feet, 2]
 
 
-def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:
-    """Return the model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
+def randomize_model(
+    model: mjx.Model, randomization: Randomization, trunk: int
+) -> mjx.Model:
+    """Return the model with this robot's masses, inertias, trunk centre of mass and
+    friction (`trunk`: body index)."""
     return model.replace(
         body_mass=model.body_mass * randomization.mass,
         body_inertia=model.body_inertia * randomization.mass[:, None],
@@ -114,19 +166,29 @@ def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) 
     )
 
 
-def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:
-    """Return MJX's model and an empty state on this process's own device; MJX would take the first of all processes."""
+def _put_on_device(
+    model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int
+) -> tuple[mjx.Model, mjx.Data]:
+    """Return MJX's model and an empty state on this process's own device; MJX would
+    take the first of all processes."""
     device = jax.local_devices()[0]
     if impl == "jax":
         return mjx.put_model(model, device=device), mjx.make_data(model, device=device)
     if importlib.util.find_spec("warp") is None:
         raise not_installed("--impl warp", "warp-lang", "warp", ", or use --impl jax")
     if jax.default_backend() != "gpu":
-        raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
+        raise UserError(
+            f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax"
+        )
     feet, limits = len(conventions.LEGS), conventions.NUM_MOTORS
     rows = 4 * feet + limits  # a pyramidal contact has four
-    data = mjx.make_data(model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows)
+    data = mjx.make_data(
+        model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows
+    )
     device_model: Any = mjx.put_model(model, impl="warp", device=device)
-    # Training takes a few iterations of the solver, converged or not; Warp would say so on the console at each step.
-    warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS}
+    # Training takes a few iterations of the solver, converged or not; Warp would say so
+    # on the console at each step.
+    warnings = {
+        "opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS
+    }
     return device_model.tree_replace(warnings), data

@@ -21,8 +21,8 @@ from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot
 BEYOND = 0.25, 0.7
-"""Shares of its fastest command: a robot that runs at best between them is told what it runs; a slower one does not run
-at all."""
+"""Shares of its fastest command: a robot that runs at best between them is told what it
+runs; a slower one does not run at all."""
 MOST = 1000.0
 """Of a result on a card, SI units."""
 CRUISE = 0.6
@@ -30,10 +30,12 @@ CRUISE = 0.6
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
-    """The command (m/s) under which the card's result was measured: a robot may run slower than it is told.
+    """The command (m/s) under which the card's result was measured: a robot may run
+    slower than it is told.
 
-    A card without a result of this benchmark gives the one of its top speed. One without either gives the fastest
-    command of the training, or, where that is far beyond the robot, what the judge of the training measured.
+    A card without a result of this benchmark gives the one of its top speed. One
+    without either gives the fastest command of the training, or, where that is far
+    beyond the robot, what the judge of the training measured.
     """
     for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
@@ -44,10 +46,11 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
 
 
 def top_speed(policy: Policy) -> float:
-    """Return a policy's own top speed, m/s: what `topspeed` left on its card, else what the judge measured.
+    """Return a policy's own top speed, m/s: what `topspeed` left on its card, else what
+    the judge measured.
 
-    Of a policy that fell in the judge's launch it is the best second before. A policy that nobody measured gives the
-    fastest command of its training.
+    Of a policy that fell in the judge's launch it is the best second before. A policy
+    that nobody measured gives the fastest command of its training.
     """
     found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "fell_after"))
     measured = (on_card(policy, *each) for each in found)
@@ -55,9 +58,11 @@ def top_speed(policy: Policy) -> float:
 
 
 def cruising_speed(policy: Policy) -> float:
-    """A speed, m/s, at which a robot should be safe: fleets, stops, pushes and rehearsals run at it.
+    """A speed, m/s, at which a robot should be safe: fleets, stops, pushes and
+    rehearsals run at it.
 
-    BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own top speed.
+    BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own
+    top speed.
     """
     if policy.card.env.hardware.is_bp2:
         return bp2.OUTDOOR_TOP_SPEED
@@ -75,25 +80,36 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     for name in (benchmark, "topspeed"):
         group = policy.card.results.get(name, {})
         value = (group.get(result) or 0.0) if isinstance(group, dict) else group
-        if not isinstance(group, dict) or type(value) not in (int, float) or not 0.0 <= value <= MOST:
-            raise UserError(f"the policy's card is not as we write it: {result} of {name} is {shown(value)}")
+        if (
+            not isinstance(group, dict)
+            or type(value) not in (int, float)
+            or not 0.0 <= value <= MOST
+        ):
+            raise UserError(
+                f"the policy's card is not as we write it: {result} of {name} is {shown(value)}"
+            )
         if value:
             return float(value)
     return None
 
 
 def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
-    """The robot that runs: the one asked for, or else the built one; the card's own where that has no name."""
+    """The robot that runs: the one asked for, or else the built one; the card's own
+    where that has no name."""
     own = policy.card.env.hardware
     if setup.robot is None:
         return BUILT if robot_name(own) else own
     chosen = find_robot(setup.robot)
     if chosen.anatomy.name != own.anatomy.name:
-        raise UserError(f"--robot {setup.robot}: the policy was trained for {own.anatomy.name}, another robot")
+        raise UserError(
+            f"--robot {setup.robot}: the policy was trained for {own.anatomy.name}, another robot"
+        )
     return chosen
 
 
-def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> dict[str, str]:
+def conditions(
+    policy: Policy, schedule: str, simulator: str, setup: Setup
+) -> dict[str, str]:
     """What a reader must know to do it again, by name."""
     return {
         "robot": describe_robot(robot_of(policy, setup)),
@@ -118,7 +134,8 @@ def describe(policy: Policy) -> str:
 
 
 def describe_subject(policy: Policy, setup: Setup) -> str:
-    """Return what runs, for titles: without the commanded speed, which a reader would take for the speed run."""
+    """Return what runs, for titles: without the commanded speed, which a reader would
+    take for the speed run."""
     noisy = ", noisy sensors" if setup.sensor_noise else ""
     return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{noisy}"
 
@@ -136,7 +153,11 @@ def describe_robot(hardware: HardwareSpec) -> str:
         return f"{title_of(hardware)}: config {config_hash(hardware)}"
     slides = f", slides {losses.spring_friction:g} N" if hardware.anatomy.sprung else ""
     out, into = 1e-3 * losses.bus_power_out, 1e-3 * losses.bus_power_in
-    bus = f", bus {out:g} kW out and {into:g} kW in with {losses.bus_sag:.2%} sag a kW" if math.isfinite(out) else ""
+    bus = (
+        f", bus {out:g} kW out and {into:g} kW in with {losses.bus_sag:.2%} sag a kW"
+        if math.isfinite(out)
+        else ""
+    )
     legs = "solid legs" if hardware.solid_legs else "legs that pass through each other"
     return (
         f"{name if is_bp2 else f'{title_of(hardware)}, {hardware.mass:.3g} kg'}: CdA {losses.drag_area:g} m², gears "
@@ -149,7 +170,9 @@ def describe_robot(hardware: HardwareSpec) -> str:
 
 def _by_joint(value: ByJoint) -> str:
     """Return one number for all joints, or those of abad, hip and knee."""
-    return " / ".join(f"{number:g}" for number in (value if isinstance(value, tuple) else (value,)))
+    return " / ".join(
+        f"{number:g}" for number in (value if isinstance(value, tuple) else (value,))
+    )
 
 
 def title_of(hardware: HardwareSpec) -> str:
@@ -200,7 +223,8 @@ def describe_operator(operator: HeadingHold) -> str:
 
 
 def describe_easing(control: ControlConfig) -> str:
-    """What the controller makes of a forward command before the policy is told it, in one line."""
+    """What the controller makes of a forward command before the policy is told it, in
+    one line."""
     fall = []
     if math.isfinite(control.braking):
         fall.append(f"{control.braking:g} m/s²")
@@ -217,15 +241,24 @@ def _launching(of: ControlConfig | Ramp) -> str:
     """How fast a command v rises at most; nothing where there is no limit."""
     if not math.isfinite(of.launching):
         return ""
-    share = f" x (1 - v / {of.launching_speed:g} m/s)" if math.isfinite(of.launching_speed) else ""
+    share = (
+        f" x (1 - v / {of.launching_speed:g} m/s)"
+        if math.isfinite(of.launching_speed)
+        else ""
+    )
     return f"{of.launching:g} m/s²{share}"
 
 
-def describe_simulator(backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT) -> str:
+def describe_simulator(
+    backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT
+) -> str:
     """The physics of a single run in one line."""
     held = describe_limits(IDEAL if backend == "mjx" else hardware)
     if backend == "drake":
-        contact = ", ".join(f"{name} {'of the robot' if x is None else x}" for name, x in vars(drake).items())
+        contact = ", ".join(
+            f"{name} {'of the robot' if x is None else x}"
+            for name, x in vars(drake).items()
+        )
         version = importlib.metadata.version("drake")
         return f"Drake {version}, {drake.steps} kHz, float64; contact: {contact}; {held}; policy at 200 Hz"
     return {

@@ -1,4 +1,5 @@
-"""That no speed comes from the numerics: the top-speed run under finer physics, and under motors as fine."""
+"""That no speed comes from the numerics: the top-speed run under finer physics, and
+under motors as fine."""
 
 import dataclasses
 
@@ -6,7 +7,16 @@ import mujoco
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
+from bp2_rl.base.plotting import (
+    FALL,
+    INK,
+    LEG_COLORS,
+    QUIET,
+    WIDTH,
+    legend_above,
+    moving_mean,
+    styled,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_limits,
@@ -15,7 +25,15 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.benchmarks.outcome import (
+    Evaluation,
+    Picture,
+    Row,
+    Table,
+    rounded,
+    show,
+    show_fall,
+)
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.metrics import RIPPLE, measure
 from bp2_rl.simulation.parallel import simulate_all
@@ -66,7 +84,10 @@ class ConvergenceMetrics:
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed under all numerics and compare."""
     robot = robot_of(policy, setup)
-    requests = [RunRequest(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
+    requests = [
+        RunRequest(ramp, robot, setup.operator, numerics=how, name=name)
+        for name, how in VARIANTS.items()
+    ]
     runs = dict(zip(VARIANTS, simulate_all(as_it_is, policy, requests), strict=True))
     metrics = compare(runs)
     simulator = (
@@ -79,7 +100,8 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         backend="C MuJoCo",
         conditions=conditions(policy, describe_ramp(ramp), simulator, setup),
         verdict=verdict(metrics),
-        good=metrics.greatest_change <= TOLERANCE and not any(v.fell_at for v in metrics.variants),
+        good=metrics.greatest_change <= TOLERANCE
+        and not any(v.fell_at for v in metrics.variants),
         rows=convergence_rows(metrics),
         tiles=TILES,
         pictures=(Picture("convergence", CAPTION, convergence_figure(runs, metrics)),),
@@ -104,7 +126,9 @@ def compare(runs: dict[str, Trajectory]) -> ConvergenceMetrics:
             mean_speed=m.mean_speed,
             best_speed=m.best_speed,
             mean_speed_change=m.mean_speed / first.mean_speed - 1.0,
-            best_speed_change=m.best_speed / first.best_speed - 1.0 if m.best_speed and first.best_speed else None,
+            best_speed_change=m.best_speed / first.best_speed - 1.0
+            if m.best_speed and first.best_speed
+            else None,
             fell_at=m.fell_at,
         )
         for name, m in measured.items()
@@ -113,12 +137,14 @@ def compare(runs: dict[str, Trajectory]) -> ConvergenceMetrics:
     return ConvergenceMetrics(first.commanded_speed, greatest, variants)
 
 
-# --- What is shown -------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 
 def verdict(metrics: ConvergenceMetrics) -> str:
     """The comparison in one sentence."""
-    fallen = [variant.name for variant in metrics.variants if variant.fell_at is not None]
+    fallen = [
+        variant.name for variant in metrics.variants if variant.fell_at is not None
+    ]
     fall = f" Fell: {', '.join(fallen)}." if fallen else ""
     return f"Finer physics changes the mean speed held by {metrics.greatest_change:.2%} at most.{fall}"
 
@@ -127,10 +153,23 @@ def convergence_rows(metrics: ConvergenceMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     first, *others = metrics.variants
     return (
-        Row("Greatest change", f"{metrics.greatest_change:.2%}", "of the mean speed held, relative"),
-        Row("Mean speed", f"{first.mean_speed:.3f} m/s", "while held, in steps of 1 ms"),
-        Row("Best speed", show(first.best_speed, ".3f", "m/s"), "best 1-s mean, in steps of 1 ms"),
-        *(Row(f"Change, {v.name}", f"{v.mean_speed_change:+.3%}", MEANINGS[v.name]) for v in others),
+        Row(
+            "Greatest change",
+            f"{metrics.greatest_change:.2%}",
+            "of the mean speed held, relative",
+        ),
+        Row(
+            "Mean speed", f"{first.mean_speed:.3f} m/s", "while held, in steps of 1 ms"
+        ),
+        Row(
+            "Best speed",
+            show(first.best_speed, ".3f", "m/s"),
+            "best 1-s mean, in steps of 1 ms",
+        ),
+        *(
+            Row(f"Change, {v.name}", f"{v.mean_speed_change:+.3%}", MEANINGS[v.name])
+            for v in others
+        ),
     )
 
 
@@ -161,7 +200,10 @@ def convergence_results(metrics: ConvergenceMetrics) -> dict[str, object]:
             "commanded_speed": metrics.commanded_speed,
             "greatest_change": metrics.greatest_change,
             "mean_speed": metrics.variants[0].mean_speed,
-            "changes": {variant.name: variant.mean_speed_change for variant in metrics.variants[1:]},
+            "changes": {
+                variant.name: variant.mean_speed_change
+                for variant in metrics.variants[1:]
+            },
         }
     )
 
@@ -175,7 +217,9 @@ CAPTION = (
 
 
 @styled
-def convergence_figure(runs: dict[str, Trajectory], metrics: ConvergenceMetrics) -> Figure:
+def convergence_figure(
+    runs: dict[str, Trajectory], metrics: ConvergenceMetrics
+) -> Figure:
     """The speeds overlaid, and their relative differences."""
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
     speed, change = figure.subplots(2, 1, height_ratios=(1.7, 1))
@@ -185,30 +229,64 @@ def convergence_figure(runs: dict[str, Trajectory], metrics: ConvergenceMetrics)
     return figure
 
 
-def _draw_speeds(axes: Axes, runs: dict[str, Trajectory], colors: dict[str, str]) -> None:
+def _draw_speeds(
+    axes: Axes, runs: dict[str, Trajectory], colors: dict[str, str]
+) -> None:
     for place, (name, run) in enumerate(runs.items()):
         mean = moving_mean(run.ground_velocity[:, 0], round(RIPPLE / run.dt))
-        width = 1.2 * (len(runs) - place)  # where runs agree, the earlier shows on both sides of the later
+        # where runs agree, the earlier shows on both sides of the later
+        width = 1.2 * (len(runs) - place)
         axes.plot(run.time, mean, color=colors[name], linewidth=width, label=name)
         if run.fell_at is not None:
             axes.plot(run.time[-1], mean[-1], "X", ms=8, color=FALL)
     end = max(len(run) * run.dt for run in runs.values())
-    axes.set(title="Forward speed", xlabel="Time [s]", ylabel="Speed [m/s]", xlim=(0.0, end), ylim=(0.0, None))
+    axes.set(
+        title="Forward speed",
+        xlabel="Time [s]",
+        ylabel="Speed [m/s]",
+        xlim=(0.0, end),
+        ylim=(0.0, None),
+    )
     axes.legend(loc="lower right")
 
 
-def _draw_changes(axes: Axes, metrics: ConvergenceMetrics, colors: dict[str, str]) -> None:
+def _draw_changes(
+    axes: Axes, metrics: ConvergenceMetrics, colors: dict[str, str]
+) -> None:
     others = metrics.variants[1:]
     for place, variant in enumerate(others):
         color = colors[variant.name]
         axes.plot(1e2 * variant.mean_speed_change, place, "o", ms=8, color=color)
         if variant.best_speed_change is not None:
-            axes.plot(1e2 * variant.best_speed_change, place, "o", ms=8, mfc="none", mew=1.4, color=color)
+            axes.plot(
+                1e2 * variant.best_speed_change,
+                place,
+                "o",
+                ms=8,
+                mfc="none",
+                mew=1.4,
+                color=color,
+            )
     axes.plot([], [], "o", ms=8, color=QUIET, label="mean speed held")
     axes.plot([], [], "o", ms=8, mfc="none", mew=1.4, color=QUIET, label="best speed")
     axes.axvline(0.0, color=INK, linewidth=1.0)
-    reach = 1.2 * max(0.1, *(1e2 * abs(c) for v in others for c in (v.mean_speed_change, v.best_speed_change or 0.0)))
-    axes.set(title="Difference from the usual run", xlabel="Relative difference [%]", xlim=(-reach, reach))
-    axes.set(yticks=range(len(others)), yticklabels=[v.name for v in others], ylim=(len(others) - 0.5, -0.5))
+    reach = 1.2 * max(
+        0.1,
+        *(
+            1e2 * abs(c)
+            for v in others
+            for c in (v.mean_speed_change, v.best_speed_change or 0.0)
+        ),
+    )
+    axes.set(
+        title="Difference from the usual run",
+        xlabel="Relative difference [%]",
+        xlim=(-reach, reach),
+    )
+    axes.set(
+        yticks=range(len(others)),
+        yticklabels=[v.name for v in others],
+        ylim=(len(others) - 0.5, -0.5),
+    )
     axes.tick_params(axis="y", length=0)
     legend_above(axes)

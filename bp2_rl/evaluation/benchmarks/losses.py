@@ -1,8 +1,11 @@
-"""What each loss costs: the same policy from the ideal robot to the built one, a loss at a time.
+"""What each loss costs: the same policy from the ideal robot to the built one, a loss
+at a time.
 
-Every loss is tried alone on the ideal robot, and left out alone from the built one; then they are added one to the
-other, which is the waterfall. Below stands how much faster the built robot runs than BP2 did: outdoors, and without air
-where BP2 ran on a treadmill. A robot of a file is the built one; the ideal one is that robot without its losses.
+Every loss is tried alone on the ideal robot, and left out alone from the built one;
+then they are added one to the other, which is the waterfall. Below stands how much
+faster the built robot runs than BP2 did: outdoors, and without air where BP2 ran on a
+treadmill. A robot of a file is the built one; the ideal one is that robot without its
+losses.
 """
 
 import dataclasses
@@ -23,7 +26,15 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.benchmarks.outcome import (
+    Evaluation,
+    Picture,
+    Row,
+    Table,
+    rounded,
+    show,
+    show_fall,
+)
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
@@ -37,7 +48,8 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
-"""What `bp2 paper trajectories limits --losses --robot built` found; parts by the names of `robot.variants`."""
+"""What `bp2 paper trajectories limits --losses --robot built` found; parts by the names
+of `robot.variants`."""
 TREADMILL, OUTDOORS = "Over the treadmill", "Over outdoors"
 TILES = "Ideal robot", "Built robot", "Costliest alone"
 PUBLISHED = {TREADMILL: bp2.TREADMILL_TOP_SPEED, OUTDOORS: bp2.OUTDOOR_TOP_SPEED}
@@ -60,7 +72,8 @@ class PricedLoss:
     alone: Tried  # on the ideal robot
     without: Tried  # on the built one without it
     added: Tried  # on the ideal robot with this one and all before it
-    optimiser: float | None  # m/s, greatest speed of the optimiser's ideal robot with this loss alone
+    # m/s, greatest speed of the optimiser's ideal robot with this loss alone
+    optimiser: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,15 +84,23 @@ class LossesMetrics:
     ideal: Tried
     built: Tried
     losses: tuple[PricedLoss, ...]
-    optimiser: tuple[float, float] | None  # m/s, greatest speeds of its ideal and its built robot
+    # m/s, greatest speeds of its ideal and its built robot
+    optimiser: tuple[float, float] | None
     is_bp2: bool = True  # whether BP2's published speeds are those of this robot
 
     @property
     def over_published(self) -> dict[str, tuple[float, float]]:
-        """Speeds of the built robot and of BP2 by condition, m/s; on a treadmill there is no air."""
-        without_air = next((loss.without for loss in self.losses if loss.name == "air"), self.built)
+        """Speeds of the built robot and of BP2 by condition, m/s; on a treadmill there
+        is no air."""
+        without_air = next(
+            (loss.without for loss in self.losses if loss.name == "air"), self.built
+        )
         ours = {TREADMILL: without_air.speed, OUTDOORS: self.built.speed}
-        return {name: (ours[name], theirs) for name, theirs in PUBLISHED.items()} if self.is_bp2 else {}
+        return (
+            {name: (ours[name], theirs) for name, theirs in PUBLISHED.items()}
+            if self.is_bp2
+            else {}
+        )
 
 
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
@@ -91,29 +112,53 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robots = [ideal, built]
     for part in parts:
         added = with_parts(added, built, [part])
-        robots += [with_parts(ideal, built, [part]), with_parts(built, ideal, [part]), added]
+        robots += [
+            with_parts(ideal, built, [part]),
+            with_parts(built, ideal, [part]),
+            added,
+        ]
     different = list(dict.fromkeys(robots))
-    ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
+    ran = simulate_all(
+        speed_held,
+        policy,
+        [RunRequest(ramp, robot, setup.operator) for robot in different],
+    )
     tried = dict(zip(different, ran, strict=True))
     is_bp2 = built.is_bp2
     found = greatest_speeds() if robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):
-        alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
+        alone, without, added = (
+            tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i]
+        )
         name = part if is_bp2 else part.removesuffix(", tracks")
-        rows.append(PricedLoss(name, alone, without, added, found.get(f"ideal + {part}")))
-    pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
-    metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair, is_bp2)
+        rows.append(
+            PricedLoss(name, alone, without, added, found.get(f"ideal + {part}"))
+        )
+    pair = (
+        (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
+    )
+    metrics = LossesMetrics(
+        ramp.target[0], tried[ideal], tried[built], tuple(rows), pair, is_bp2
+    )
     return Evaluation(
         benchmark="losses",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", built), setup),
+        conditions=conditions(
+            policy, describe_ramp(ramp), describe_simulator("mujoco", built), setup
+        ),
         verdict=verdict(metrics),
         good=metrics.built.fell_at is None,
         rows=losses_rows(metrics),
         tiles=(*TILES, *(PUBLISHED if is_bp2 else ())),
-        pictures=(Picture("losses", CAPTION.format(CAPTION_OF_BP2 if is_bp2 else ""), losses_figure(metrics)),),
+        pictures=(
+            Picture(
+                "losses",
+                CAPTION.format(CAPTION_OF_BP2 if is_bp2 else ""),
+                losses_figure(metrics),
+            ),
+        ),
         metrics=metrics,
         results=losses_results(metrics),
         tables=(loss_table(metrics),),
@@ -134,25 +179,26 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
     """
     robot = robot_of(policy, setup)
     if not differing(ideal_of(robot), robot):
-        raise UserError("--benchmark losses: the robot of this policy's card has no losses to leave out")
+        raise UserError(
+            "--benchmark losses: the robot of this policy's card has no losses to leave out"
+        )
     return ramp_to_topspeed(policy, setup, hold=LOSSES_HOLD)
 
 
 def greatest_speeds() -> dict[str, float]:
-    """What the optimiser found: `ideal`, `ideal + part`, `built`; m/s. Empty where it was not asked."""
+    """What the optimiser found: `ideal`, `ideal + part`, `built`; m/s. Empty where it
+    was not asked."""
     path = asset_path(OPTIMISER)
     return read_json(path)["speeds"] if path.is_file() else {}
 
 
-# --- What is shown -------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 CAPTION = (
     "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with that loss "
     "alone{}. The axis does not begin at 0."
 )
-CAPTION_OF_BP2 = (
-    "; below, what BP2 itself ran, and how much faster the built robot is there, on a treadmill without air"
-)
+CAPTION_OF_BP2 = "; below, what BP2 itself ran, and how much faster the built robot is there, on a treadmill without air"
 
 
 def verdict(metrics: LossesMetrics) -> str:
@@ -160,7 +206,11 @@ def verdict(metrics: LossesMetrics) -> str:
     for name, tried in (("ideal", metrics.ideal), ("built", metrics.built)):
         if tried.fell_at is not None:
             return f"The {name} robot fell at {tried.fell_at:.2f} s."
-    ran = f"; BP2: {' and '.join(f'{speed:g}' for speed in PUBLISHED.values())} m/s" if metrics.is_bp2 else ""
+    ran = (
+        f"; BP2: {' and '.join(f'{speed:g}' for speed in PUBLISHED.values())} m/s"
+        if metrics.is_bp2
+        else ""
+    )
     return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s{ran}."
 
 
@@ -171,14 +221,30 @@ def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
     rows = (
         Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
         Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "mean while held"),
-        Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
-        Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
-        Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "greatest speed of its stride"),
+        Row(
+            "Costliest alone",
+            costliest.name,
+            show(price(metrics.ideal, costliest.alone), ".2f", "m/s"),
+        ),
+        Row(
+            "Optimiser, ideal",
+            show(optimiser[0], ".2f", "m/s"),
+            "greatest speed of its stride",
+        ),
+        Row(
+            "Optimiser, built",
+            show(optimiser[1], ".2f", "m/s"),
+            "greatest speed of its stride",
+        ),
     )
     if not metrics.is_bp2:
         return rows[:3]
     over = (
-        Row(name, _signed(ours - theirs), f"{ours:.2f} m/s{', without air,' if name == TREADMILL else ''} less BP2's")
+        Row(
+            name,
+            _signed(ours - theirs),
+            f"{ours:.2f} m/s{', without air,' if name == TREADMILL else ''} less BP2's",
+        )
         for name, (ours, theirs) in metrics.over_published.items()
     )
     return (*rows[:3], *over, *rows[3:])
@@ -219,7 +285,11 @@ def loss_table(metrics: LossesMetrics) -> Table:
 
 
 def _speed(tried: Tried) -> str:
-    return f"{tried.speed:.2f}" if tried.fell_at is None else f"fell {show_fall(tried.fell_at)}"
+    return (
+        f"{tried.speed:.2f}"
+        if tried.fell_at is None
+        else f"fell {show_fall(tried.fell_at)}"
+    )
 
 
 def _signed(speed: float) -> str:
@@ -258,12 +328,31 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
     before = metrics.ideal.speed
     for place, loss in enumerate(metrics.losses, 1):
         after = loss.added.speed
-        axes.barh(place, after - before, left=before, height=0.62, color=FALL if after < before else "#7FB3A0")
-        axes.plot([before, before], [place - 1, place], color=QUIET, linewidth=0.7, zorder=0.8)
+        axes.barh(
+            place,
+            after - before,
+            left=before,
+            height=0.62,
+            color=FALL if after < before else "#7FB3A0",
+        )
+        axes.plot(
+            [before, before], [place - 1, place], color=QUIET, linewidth=0.7, zorder=0.8
+        )
         if loss.alone.fell_at is None:
             axes.plot(loss.alone.speed, place, "o", ms=5, mfc="white", mec=INK, mew=1.0)
-        change = "fell" if loss.added.fell_at is not None else f"{round(after - before, 2) + 0.0:+.2f}"
-        axes.text(min(before, after) - 0.08, place, change, va="center", ha="right", fontsize=8.5)
+        change = (
+            "fell"
+            if loss.added.fell_at is not None
+            else f"{round(after - before, 2) + 0.0:+.2f}"
+        )
+        axes.text(
+            min(before, after) - 0.08,
+            place,
+            change,
+            va="center",
+            ha="right",
+            fontsize=8.5,
+        )
         before = after
     end = len(metrics.losses) + 1
     _draw_total(axes, end, metrics.built.speed, FRONT)
@@ -271,18 +360,46 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
     for place, (name, (ours, theirs)) in enumerate(published.items(), end + 1):
         _draw_total(axes, place, theirs, INK)
         gap, robot = ours - theirs, "built, no air" if name == TREADMILL else "built"
-        axes.barh(place, gap, left=theirs, height=0.62, color="none", edgecolor=QUIET, hatch="////", linewidth=0.8)
-        axes.text(max(theirs, ours) + 0.08, place, f"{robot} {gap:+.2f}", va="center", fontsize=8.5)
-    axes.plot([], [], "o", ms=5, mfc="white", mec=INK, label="that loss alone, on the ideal robot")
+        axes.barh(
+            place,
+            gap,
+            left=theirs,
+            height=0.62,
+            color="none",
+            edgecolor=QUIET,
+            hatch="////",
+            linewidth=0.8,
+        )
+        axes.text(
+            max(theirs, ours) + 0.08,
+            place,
+            f"{robot} {gap:+.2f}",
+            va="center",
+            fontsize=8.5,
+        )
+    axes.plot(
+        [],
+        [],
+        "o",
+        ms=5,
+        mfc="white",
+        mec=INK,
+        label="that loss alone, on the ideal robot",
+    )
     axes.legend(loc="center left", frameon=False)
     speeds = [metrics.ideal.speed, *(loss.added.speed for loss in metrics.losses)]
     speeds += [theirs for _, theirs in published.values()]
-    left, right = (2.2, 1.2) if metrics.is_bp2 else (0.25 * max(speeds), 0.1 * max(speeds))
+    left, right = (
+        (2.2, 1.2) if metrics.is_bp2 else (0.25 * max(speeds), 0.1 * max(speeds))
+    )
     axes.set(
-        yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6), xlabel="Mean speed held [m/s]",
+        yticks=range(len(names)),
+        yticklabels=names,
+        ylim=(len(names) - 0.4, -0.6),
+        xlabel="Mean speed held [m/s]",
         xlim=(min(speeds) - left, max(speeds) + right),
         title=f"From the ideal robot to the built one{', and to BP2' if metrics.is_bp2 else ''}",
-    )  # fmt: skip
+    )
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
     return figure
@@ -291,4 +408,12 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
 def _draw_total(axes: Axes, place: int, speed: float, color: str) -> None:
     axes.barh(place, speed, height=0.62, color=color)
     axes.axvline(speed, color=FAINT, linewidth=0.8, zorder=0.5)
-    axes.text(speed - 0.08, place, f"{speed:.2f}", va="center", ha="right", color="white", fontweight="bold")
+    axes.text(
+        speed - 0.08,
+        place,
+        f"{speed:.2f}",
+        va="center",
+        ha="right",
+        color="white",
+        fontweight="bold",
+    )

@@ -1,4 +1,5 @@
-"""What may be chosen about a benchmark; read before JAX is imported, so that a mistake is answered at once."""
+"""What may be chosen about a benchmark; read before JAX is imported, so that a mistake
+is answered at once."""
 
 import dataclasses
 from typing import Annotated
@@ -31,7 +32,9 @@ class Setup(Bounded, path="--"):
         """Refuse what cannot be run."""
         super().__post_init__()
         if self.backend != "drake" and self.drake != DrakeContact():
-            raise UserError(f"--drake.* is of --backend drake; got --backend {self.backend}")
+            raise UserError(
+                f"--drake.* is of --backend drake; got --backend {self.backend}"
+            )
 
     @property
     def noise_seed(self) -> int | None:
@@ -41,7 +44,11 @@ class Setup(Bounded, path="--"):
     @property
     def chosen(self) -> tuple[str, ...]:
         """The flags that are not at their default."""
-        return tuple(f.name for f in dataclasses.fields(self) if getattr(self, f.name) != f.default)
+        return tuple(
+            f.name
+            for f in dataclasses.fields(self)
+            if getattr(self, f.name) != f.default
+        )
 
     def only(self, flags: tuple[str, ...]) -> "Setup":
         """Return these flags alone; every other one is left to the benchmark."""

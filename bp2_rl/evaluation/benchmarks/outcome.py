@@ -22,7 +22,8 @@ class Row(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A further table of the page; all columns but the first (and the last, if `words`) hold numbers."""
+    """A further table of the page; all columns but the first (and the last, if `words`)
+    hold numbers."""
 
     title: str
     head: Sequence[str]
@@ -53,7 +54,8 @@ class Evaluation:
     tiles: tuple[str, ...]  # labels of the rows that are shown large
     pictures: tuple[Picture, ...]
     metrics: Any  # a dataclass: everything that was measured
-    results: dict[str, Any]  # what a policy's card says: SI units, shares of 1, None where it was not measured
+    # what a policy's card says: SI units, shares of 1, None where it was not measured
+    results: dict[str, Any]
     tables: tuple[Table, ...] = ()
     trajectory: Trajectory | None = None  # of the one run, where there was one
 
@@ -69,13 +71,18 @@ def show_fall(fell_at: float | None) -> str:
 
 
 def rounded(results: dict[str, Any]) -> dict[str, Any]:
-    """Round numbers to four digits, within lists and groups too; None stands for what is not finite."""
+    """Round numbers to four digits, within lists and groups too; None stands for what
+    is not finite."""
 
     def four_digits(value: Any) -> Any:
         if isinstance(value, float):
             return float(f"{value:.4g}") if math.isfinite(value) else None
         if isinstance(value, dict):
             return rounded(value)
-        return [four_digits(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return (
+            [four_digits(entry) for entry in value]
+            if isinstance(value, list | tuple)
+            else value
+        )
 
     return {name: four_digits(value) for name, value in results.items()}

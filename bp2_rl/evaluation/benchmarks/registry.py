@@ -1,4 +1,5 @@
-"""What a policy is put to: each benchmark runs it under a stated schedule and measures what comes of it."""
+"""What a policy is put to: each benchmark runs it under a stated schedule and measures
+what comes of it."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -8,7 +9,10 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres
-from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import disturbances, ramp_to_disturbances
+from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
+    disturbances,
+    ramp_to_disturbances,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
@@ -35,37 +39,91 @@ BENCHMARKS = {
     "topspeed": Benchmark(
         ramp_to_topspeed,
         topspeed,
-        ("backend", "robot", "speed", "acceleration", "hold", "seed", "sensor_noise", "operator", "drake"),
+        (
+            "backend",
+            "robot",
+            "speed",
+            "acceleration",
+            "hold",
+            "seed",
+            "sensor_noise",
+            "operator",
+            "drake",
+        ),
     ),
     "sprint": Benchmark(
-        race, sprint, ("backend", "robot", "speed", "acceleration", "seed", "sensor_noise", "operator", "drake")
+        race,
+        sprint,
+        (
+            "backend",
+            "robot",
+            "speed",
+            "acceleration",
+            "seed",
+            "sensor_noise",
+            "operator",
+            "drake",
+        ),
     ),
     "robustness": Benchmark(
         ramp_to_robustness,
         robustness,
-        ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "drake"),
+        (
+            "backend",
+            "robot",
+            "speed",
+            "acceleration",
+            "hold",
+            "robots",
+            "seed",
+            "operator",
+            "drake",
+        ),
     ),
-    "manoeuvres": Benchmark(ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")),
-    "disturbances": Benchmark(ramp_to_disturbances, disturbances, ("robot", "speed", "seed", "operator")),
-    "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
-    "losses": Benchmark(ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")),
-    "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),
+    "manoeuvres": Benchmark(
+        ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")
+    ),
+    "disturbances": Benchmark(
+        ramp_to_disturbances, disturbances, ("robot", "speed", "seed", "operator")
+    ),
+    "convergence": Benchmark(
+        ramp_to_topspeed,
+        convergence,
+        ("robot", "speed", "acceleration", "hold", "operator"),
+    ),
+    "losses": Benchmark(
+        ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")
+    ),
+    "sensitivity": Benchmark(
+        ramp_to_sensitivity,
+        sensitivity,
+        ("robot", "speed", "acceleration", "hold", "operator"),
+    ),
 }
 
 
-def choose(name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS) -> dict[str, Setup]:
-    """Return the benchmarks of this name, each with what is chosen of it; `all` gives each the flags that it knows.
+def choose(
+    name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS
+) -> dict[str, Setup]:
+    """Return the benchmarks of this name, each with what is chosen of it; `all` gives
+    each the flags that it knows.
 
     Raises:
         UserError: no benchmark of this name, or a flag that it does not know.
     """
     if name == ALL:
-        return {each: setup.only(benchmark.flags) for each, benchmark in benchmarks.items()}
+        return {
+            each: setup.only(benchmark.flags) for each, benchmark in benchmarks.items()
+        }
     if name not in benchmarks:
-        raise UserError(f"--benchmark {name}: there are {', '.join(benchmarks)}, and {ALL}")
+        raise UserError(
+            f"--benchmark {name}: there are {', '.join(benchmarks)}, and {ALL}"
+        )
     known = benchmarks[name].flags
     for flag in setup.chosen:
         if flag not in known:
             flag, *others = (word.replace("_", "-") for word in (flag, *known))
-            raise UserError(f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in others)}")
+            raise UserError(
+                f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in others)}"
+            )
     return {name: setup}

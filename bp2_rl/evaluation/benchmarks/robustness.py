@@ -1,4 +1,5 @@
-"""How many of many robots stay up, each drawn as in training, at the paper's top speed or another robot's cruise."""
+"""How many of many robots stay up, each drawn as in training, at the paper's top speed
+or another robot's cruise."""
 
 import dataclasses
 import math
@@ -9,7 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
+from bp2_rl.base.plotting import (
+    FALL,
+    FRONT,
+    INK,
+    WIDTH,
+    legend_above,
+    moving_mean,
+    styled,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     cruising_speed,
@@ -36,9 +45,16 @@ from bp2_rl.simulation.simulator import Numerics
 
 NUM_ROBOTS = 200
 ROBUSTNESS_HOLD = 15.0  # s
-CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
+# standard deviations of a normal distribution that hold 95 % of it
+CONFIDENCE_95 = 1.959964
 GOOD = "no robot falls"
-TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
+TILES = (
+    "Without a fall",
+    "Mean speed",
+    "Slowest 5 %",
+    "Off the line",
+    "Worst off the line",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +66,8 @@ class DrawnRobot:
     mass: float  # kg
     strength: float  # share of the peak torque that its weakest motor has
     mean_speed: float | None  # m/s, while held; None if it fell
-    offset: float | None  # m, greatest distance of its trunk from the line through the start; None if it fell
+    # m, greatest distance of its trunk from the line through the start; None if it fell
+    offset: float | None
     fell_at: float | None  # s
 
 
@@ -72,23 +89,38 @@ class RobustnessMetrics:
     upright: int  # robots that did not fall
     share: float  # of all
     share_interval: tuple[float, float]  # Wilson score interval, 95 %
-    mean_speed: Quantiles | None  # m/s, over robots, of each one's mean while held; None if all fell
-    offset: Quantiles | None  # m, over robots, of each one's greatest distance from the line
+    # m/s, over robots, of each one's mean while held; None if all fell
+    mean_speed: Quantiles | None
+    # m, over robots, of each one's greatest distance from the line
+    offset: Quantiles | None
     greatest_offset: float | None  # m
     fallen_at: tuple[float, ...]  # s, in order
-    legs_touch: int  # robots with a leg at or in another or the trunk at the beginning of some control step
+    # robots with a leg at or in another or the trunk at the beginning of some control
+    # step
+    legs_touch: int
     leg_depth: float  # m, greatest
     robots: tuple[DrawnRobot, ...]
 
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
-    robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
+    robots, seed, robot = (
+        setup.robots or NUM_ROBOTS,
+        setup.seed or 0,
+        robot_of(policy, setup),
+    )
     drawn = on_robot(EnvConfig(), robot).randomization
-    request = RunRequest(ramp, robot, setup.operator, numerics=Numerics(drake=setup.drake))
+    request = RunRequest(
+        ramp, robot, setup.operator, numerics=Numerics(drake=setup.drake)
+    )
     run = run_fleet(policy, request, drawn, robots, seed, setup.backend)
     metrics = measure_fleet(run)
-    said = conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend, robot, setup.drake), setup)
+    said = conditions(
+        policy,
+        describe_ramp(ramp),
+        describe_simulator(setup.backend, robot, setup.drake),
+        setup,
+    )
     return Evaluation(
         benchmark="robustness",
         subject=f"{robots} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
@@ -116,8 +148,12 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: of BP2 the same for every policy, so that they can be compared."""
     if setup.backend == "mjx":
-        raise UserError("--backend mjx runs topspeed and sprint; robustness takes mujoco or drake")
-    return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD)
+        raise UserError(
+            "--backend mjx runs topspeed and sprint; robustness takes mujoco or drake"
+        )
+    return ramp_to_topspeed(
+        policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD
+    )
 
 
 def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> str:
@@ -136,7 +172,7 @@ def _range(bounds: tuple[float, float]) -> str:
     return f"{bounds[0]:g} to {bounds[1]:g}"
 
 
-# --- What is measured ----------------------------------------------------------------------------------------
+# --- What is measured -----------------------------------------------------------------
 
 
 def measure_fleet(run: FleetRun) -> RobustnessMetrics:
@@ -171,19 +207,28 @@ def measure_fleet(run: FleetRun) -> RobustnessMetrics:
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927): unlike the normal one it is of use at 0 and at all of them."""
+    """95 % interval of a share (Wilson 1927): unlike the normal one it is of use at 0
+    and at all of them."""
     z, p = CONFIDENCE_95, successes / trials
     middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = z / (1 + z**2 / trials) * math.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2))
+    half = (
+        z
+        / (1 + z**2 / trials)
+        * math.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2))
+    )
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
     """5 %, median and 95 %; None of nothing."""
-    return Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95)))) if len(values) else None
+    return (
+        Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95))))
+        if len(values)
+        else None
+    )
 
 
-# --- What is shown -------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 
 def verdict(metrics: RobustnessMetrics) -> str:
@@ -197,17 +242,57 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
     m, (low, high) = metrics, metrics.share_interval
     speed, offset = m.mean_speed, m.offset
     return (
-        Row("Without a fall", f"{m.share:.1%}", f"upright for {m.duration:.1f} s: {m.upright} of {len(m.robots)}"),
-        Row("95 % interval", f"{low:.1%} to {high:.1%}", "Wilson score interval of that share"),
+        Row(
+            "Without a fall",
+            f"{m.share:.1%}",
+            f"upright for {m.duration:.1f} s: {m.upright} of {len(m.robots)}",
+        ),
+        Row(
+            "95 % interval",
+            f"{low:.1%} to {high:.1%}",
+            "Wilson score interval of that share",
+        ),
         Row("Commanded speed", f"{m.commanded_speed:.2f} m/s", "at the end"),
-        Row("Mean speed", show(speed and speed.median, ".2f", "m/s"), "while held, median of the upright"),
-        Row("Slowest 5 %", show(speed and speed.low, ".2f", "m/s"), "while held, 5 % quantile of the upright"),
-        Row("Fastest 5 %", show(speed and speed.high, ".2f", "m/s"), "while held, 95 % quantile of the upright"),
-        Row("Off the line", show(offset and offset.median, ".2f", "m"), "greatest, median of the upright"),
-        Row("Worst off the line", show(m.greatest_offset, ".2f", "m"), "greatest of the upright"),
-        Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
-        Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
-        Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
+        Row(
+            "Mean speed",
+            show(speed and speed.median, ".2f", "m/s"),
+            "while held, median of the upright",
+        ),
+        Row(
+            "Slowest 5 %",
+            show(speed and speed.low, ".2f", "m/s"),
+            "while held, 5 % quantile of the upright",
+        ),
+        Row(
+            "Fastest 5 %",
+            show(speed and speed.high, ".2f", "m/s"),
+            "while held, 95 % quantile of the upright",
+        ),
+        Row(
+            "Off the line",
+            show(offset and offset.median, ".2f", "m"),
+            "greatest, median of the upright",
+        ),
+        Row(
+            "Worst off the line",
+            show(m.greatest_offset, ".2f", "m"),
+            "greatest of the upright",
+        ),
+        Row(
+            "First fall",
+            show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"),
+            "after the start",
+        ),
+        Row(
+            "Last fall",
+            show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"),
+            "after the start",
+        ),
+        Row(
+            "Legs touch",
+            f"{m.legs_touch}",
+            f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most",
+        ),
     )
 
 
@@ -231,9 +316,7 @@ def fleet_results(metrics: RobustnessMetrics) -> dict[str, object]:
     )
 
 
-ROBOTS_CAPTION = (
-    "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; crosses: fallen."
-)
+ROBOTS_CAPTION = "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; crosses: fallen."
 FLEET_CAPTION = (
     "Speed over time (0.25-s means) of the robots that had not fallen until then: the median, and the bands that hold "
     "half and nine tenths of them; ticks: falls."
@@ -242,22 +325,51 @@ FLEET_CAPTION = (
 
 @styled
 def robots_figure(metrics: RobustnessMetrics) -> Figure:
-    """Mean speed over friction, coloured by latency; falls where their speed would be, below all others."""
+    """Mean speed over friction, coloured by latency; falls where their speed would be,
+    below all others."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes: Axes = figure.subplots()
-    robots = [(r.friction, r.mean_speed, 1e3 * r.latency) for r in metrics.robots if r.mean_speed is not None]
+    robots = [
+        (r.friction, r.mean_speed, 1e3 * r.latency)
+        for r in metrics.robots
+        if r.mean_speed is not None
+    ]
     fallen = [r.friction for r in metrics.robots if r.fell_at is not None]
     latencies = [1e3 * robot.latency for robot in metrics.robots]
     if robots:
         friction, speed, latency = zip(*robots, strict=True)
         points = axes.scatter(
-            friction, speed, c=latency, s=26, linewidths=0, cmap="cividis", vmin=min(latencies), vmax=max(latencies)
+            friction,
+            speed,
+            c=latency,
+            s=26,
+            linewidths=0,
+            cmap="cividis",
+            vmin=min(latencies),
+            vmax=max(latencies),
         )
-        figure.colorbar(points, ax=axes, label="Latency [ms]", pad=0.02).outline.set_visible(False)
-    axes.axhline(metrics.commanded_speed, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+        figure.colorbar(
+            points, ax=axes, label="Latency [ms]", pad=0.02
+        ).outline.set_visible(False)
+    axes.axhline(
+        metrics.commanded_speed,
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
+        label="command",
+    )
     if fallen:
         floor, at = [0.03] * len(fallen), axes.get_xaxis_transform()
-        axes.plot(fallen, floor, "x", ms=7, mew=1.8, color=FALL, transform=at, label=f"{len(fallen)} fell")
+        axes.plot(
+            fallen,
+            floor,
+            "x",
+            ms=7,
+            mew=1.8,
+            color=FALL,
+            transform=at,
+            label=f"{len(fallen)} fell",
+        )
     axes.set(title="Mean speed held", xlabel="Friction [1]", ylabel="Speed [m/s]")
     axes.margins(y=0.12)
     legend_above(axes)
@@ -276,14 +388,46 @@ def fleet_figure(run: FleetRun) -> Figure:
     shown = np.where(standing, speed, np.nan)[:last]
     bands = np.nanquantile(shown, (0.05, 0.25, 0.5, 0.75, 0.95), axis=1)
     time = run.time[:last]
-    axes.fill_between(time, bands[0], bands[4], color=FRONT, alpha=0.18, linewidth=0, label="90 % of the robots")
-    axes.fill_between(time, bands[1], bands[3], color=FRONT, alpha=0.35, linewidth=0, label="50 %")
+    axes.fill_between(
+        time,
+        bands[0],
+        bands[4],
+        color=FRONT,
+        alpha=0.18,
+        linewidth=0,
+        label="90 % of the robots",
+    )
+    axes.fill_between(
+        time, bands[1], bands[3], color=FRONT, alpha=0.35, linewidth=0, label="50 %"
+    )
     axes.plot(time, bands[2], color=FRONT, linewidth=1.8, label="median")
-    axes.plot(run.time, run.command, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    axes.plot(
+        run.time,
+        run.command,
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
+        label="command",
+    )
     fell = run.fell_at[np.isfinite(run.fell_at)]
     if len(fell):
         at = axes.get_xaxis_transform()
-        axes.plot(fell, 0.03 + 0.0 * fell, "|", ms=10, mew=1.6, color=FALL, transform=at, label="falls")
-    axes.set(title="Speed", xlabel="Time [s]", ylabel="Speed [m/s]", xlim=(0.0, run.time[-1]), ylim=(0.0, None))
+        axes.plot(
+            fell,
+            0.03 + 0.0 * fell,
+            "|",
+            ms=10,
+            mew=1.6,
+            color=FALL,
+            transform=at,
+            label="falls",
+        )
+    axes.set(
+        title="Speed",
+        xlabel="Time [s]",
+        ylabel="Speed [m/s]",
+        xlim=(0.0, run.time[-1]),
+        ylim=(0.0, None),
+    )
     legend_above(axes)
     return figure

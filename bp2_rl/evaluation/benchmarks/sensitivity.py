@@ -1,6 +1,7 @@
 """What of a speed rests on the robot that was assumed: the same policy on others.
 
-Physics and motors change; the policy, its reference motion and its controller stay as they are.
+Physics and motors change; the policy, its reference motion and its controller stay as
+they are.
 """
 
 import dataclasses
@@ -18,8 +19,21 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
-from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
+from bp2_rl.evaluation.benchmarks.outcome import (
+    Evaluation,
+    Picture,
+    Row,
+    Table,
+    rounded,
+    show,
+)
+from bp2_rl.evaluation.benchmarks.sprint import (
+    TRACK,
+    SprintMetrics,
+    describe_race,
+    measure_sprint,
+    race,
+)
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec, times
@@ -31,10 +45,17 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
 AS_ASSUMED, WEAKER = "as assumed", "peak torque 100 Nm"
-SLOW = 1.2  # of the fastest time over 100 m: those beyond are drawn at the picture's edge
+# of the fastest time over 100 m: those beyond are drawn at the picture's edge
+SLOW = 1.2
 FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
 HOLLOW: dict[str, Any] = FULL | {"mfc": "white", "mew": 1.4}
-TILES = "Without a fall", "Lowest best speed", "Highest best speed", "Fastest 100 m", "Slowest 100 m"
+TILES = (
+    "Without a fall",
+    "Lowest best speed",
+    "Highest best speed",
+    "Fastest 100 m",
+    "Slowest 100 m",
+)
 
 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
@@ -44,7 +65,10 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
 
     def stops(factor: float) -> HardwareSpec:
-        compression, rebound = factor * assumed.spring_stop_stiffness, factor * assumed.rebound_stiffness
+        compression, rebound = (
+            factor * assumed.spring_stop_stiffness,
+            factor * assumed.rebound_stiffness,
+        )
         return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
 
     springs = {
@@ -81,7 +105,9 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
             "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
             "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
         }
-    return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
+    return {AS_ASSUMED: assumed} | {
+        name: robot for name, robot in others.items() if robot != assumed
+    }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +119,8 @@ class RobotMetrics:
     mean_speed: float | None  # m/s, while held; None if it fell
     fell_at: float | None  # s, while ramping up to top speed or holding it
     stop_hits: int  # times that a spring came onto its stop meanwhile
-    leg_contact_time: float  # s, for which a leg was at or in another or the trunk meanwhile
+    # s, for which a leg was at or in another or the trunk meanwhile
+    leg_contact_time: float
     leg_depth: float  # m, greatest
     time_100m: float | None  # s; None if it did not arrive
     fell_in_sprint_at: float | None  # s
@@ -107,7 +134,8 @@ class RobotMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class SensitivityMetrics:
-    """All robots, the assumed one first; ranges are over those that did not fall, None if all did."""
+    """All robots, the assumed one first; ranges are over those that did not fall, None
+    if all did."""
 
     commanded_speed: float  # m/s
     upright: int  # robots that fell in neither run
@@ -120,12 +148,19 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
     sprint, robot = race(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
-    held = [RunRequest(ramp, other, setup.operator, name=name) for name, other in robots.items()]
+    held = [
+        RunRequest(ramp, other, setup.operator, name=name)
+        for name, other in robots.items()
+    ]
     raced = [dataclasses.replace(one, schedule=sprint, finish=TRACK) for one in held]
     ran: list[Any] = simulate_all(measure_try, policy, [*held, *raced])
     pairs = zip(robots, ran[: len(robots)], ran[len(robots) :], strict=True)
-    metrics = compare(ramp.target[0], [measure_robot(name, *pair) for name, *pair in pairs])
-    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
+    metrics = compare(
+        ramp.target[0], [measure_robot(name, *pair) for name, *pair in pairs]
+    )
+    said = conditions(
+        policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup
+    )
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
@@ -151,12 +186,13 @@ def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule of the runs at top speed; that of the sprints is looked at, too, before any robot runs."""
+    """The schedule of the runs at top speed; that of the sprints is looked at, too,
+    before any robot runs."""
     race(policy, setup)
     return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 
 
-# --- What is measured ----------------------------------------------------------------------------------------
+# --- What is measured -----------------------------------------------------------------
 
 
 def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMetrics:
@@ -192,7 +228,7 @@ def _range(values: list[float | None]) -> tuple[float, float] | None:
     return (min(measured), max(measured)) if measured else None
 
 
-# --- What is shown -------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 
 ROBOTS = (
@@ -218,15 +254,41 @@ def verdict(metrics: SensitivityMetrics) -> str:
 
 def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
-    (slow, fast), (least, most) = metrics.best_speeds or (None, None), metrics.times_100m or (None, None)
+    (slow, fast), (least, most) = (
+        metrics.best_speeds or (None, None),
+        metrics.times_100m or (None, None),
+    )
     return (
-        Row("Without a fall", f"{metrics.upright} of {len(metrics.robots)}", "in both runs"),
-        Row("Lowest best speed", show(slow, ".2f", "m/s"), "best 1-s mean, of the upright"),
-        Row("Highest best speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
+        Row(
+            "Without a fall",
+            f"{metrics.upright} of {len(metrics.robots)}",
+            "in both runs",
+        ),
+        Row(
+            "Lowest best speed",
+            show(slow, ".2f", "m/s"),
+            "best 1-s mean, of the upright",
+        ),
+        Row(
+            "Highest best speed",
+            show(fast, ".2f", "m/s"),
+            "best 1-s mean, of the upright",
+        ),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "to the sprint's end"),
-        *(Row(r.name[0].upper() + r.name[1:], show(r.best_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
+        Row(
+            "Lane kept",
+            f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}",
+            "to the sprint's end",
+        ),
+        *(
+            Row(
+                r.name[0].upper() + r.name[1:],
+                show(r.best_speed, ".2f", "m/s"),
+                _in_words(r),
+            )
+            for r in metrics.robots
+        ),
     )
 
 
@@ -245,7 +307,15 @@ def _fall(fell_at: float | None, none: str = "none") -> str:
 def robot_table(metrics: SensitivityMetrics) -> Table:
     """Every robot."""
     head = (
-        *("Robot", "Best speed [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "Legs touch [ms]", "Depth [mm]"),
+        *(
+            "Robot",
+            "Best speed [m/s]",
+            "Mean held [m/s]",
+            "Fall",
+            "Stop hits",
+            "Legs touch [ms]",
+            "Depth [mm]",
+        ),
         *("100 m [s]", "Fall", "Lane kept"),
     )
     return Table(
@@ -270,7 +340,8 @@ def robot_table(metrics: SensitivityMetrics) -> Table:
 
 
 def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
-    """What a policy's card says of the comparison; a robot that fell has no speed and no time there."""
+    """What a policy's card says of the comparison; a robot that fell has no speed and
+    no time there."""
     return rounded(
         {
             "commanded_speed": metrics.commanded_speed,
@@ -279,7 +350,10 @@ def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
             "best_speed_range": metrics.best_speeds,
             "time_100m_range": metrics.times_100m,
             "lanes_kept": sum(robot.lane_kept for robot in metrics.robots),
-            "best_speeds": {r.name: None if r.fell_at is not None else r.best_speed for r in metrics.robots},
+            "best_speeds": {
+                r.name: None if r.fell_at is not None else r.best_speed
+                for r in metrics.robots
+            },
             "times_100m": {r.name: r.time_100m for r in metrics.robots},
         }
     )
@@ -288,12 +362,18 @@ def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
 @styled
 def sensitivity_figure(metrics: SensitivityMetrics) -> Figure:
     """Speeds and times of all robots, one below the other."""
-    figure = Figure(figsize=(WIDTH, 1.1 + 0.3 * len(metrics.robots)), layout="constrained")
+    figure = Figure(
+        figsize=(WIDTH, 1.1 + 0.3 * len(metrics.robots)), layout="constrained"
+    )
     speed, time = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1))
     robots = metrics.robots
     _draw_speeds(speed, robots)
     _draw_times(time, robots)
-    speed.set(yticks=range(len(robots)), yticklabels=[robot.name for robot in robots], ylim=(len(robots) - 0.5, -0.5))
+    speed.set(
+        yticks=range(len(robots)),
+        yticklabels=[robot.name for robot in robots],
+        ylim=(len(robots) - 0.5, -0.5),
+    )
     for axes in (speed, time):
         axes.tick_params(axis="y", length=0)
         legend_above(axes)
@@ -323,7 +403,14 @@ def _draw_times(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
         elif robot.time_100m > edge:
             at = axes.get_yaxis_transform()
             axes.plot(0.97, place, ">", **look, transform=at)
-            axes.text(0.93, place, f"{robot.time_100m:.1f} s", transform=at, ha="right", va="center")
+            axes.text(
+                0.93,
+                place,
+                f"{robot.time_100m:.1f} s",
+                transform=at,
+                ha="right",
+                va="center",
+            )
         else:
             axes.plot(robot.time_100m, place, "o", **look)
     axes.plot([], [], "o", **FULL, label="in its lane")

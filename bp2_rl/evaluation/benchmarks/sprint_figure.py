@@ -1,4 +1,5 @@
-"""The picture of a race: speed over distance, the lane from above, and the times of others."""
+"""The picture of a race: speed over distance, the lane from above, and the times of
+others."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -51,47 +52,96 @@ def sprint_figure(run: Trajectory, time: float | None) -> Figure:
 def _draw_speed(axes: Axes, run: Trajectory) -> None:
     along, forward = track_position(run)[0], run.ground_velocity[:, 0]
     axes.plot(along, forward, color=FRONT, alpha=0.25, linewidth=0.7)
-    axes.plot(along, moving_mean(forward, round(RIPPLE / run.dt)), color=FRONT, linewidth=2.0, label=POLICY)
+    axes.plot(
+        along,
+        moving_mean(forward, round(RIPPLE / run.dt)),
+        color=FRONT,
+        linewidth=2.0,
+        label=POLICY,
+    )
     middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
-    axes.plot(middles, means, "o", ms=5, color=LEG_COLORS["FL"], label="Bolt 2009, mean of each 10 m")
+    axes.plot(
+        middles,
+        means,
+        "o",
+        ms=5,
+        color=LEG_COLORS["FL"],
+        label="Bolt 2009, mean of each 10 m",
+    )
     if run.hardware.is_bp2:
-        mark_level(axes, bp2.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s")
+        mark_level(
+            axes,
+            bp2.OUTDOOR_TOP_SPEED,
+            f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s",
+        )
     axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
     axes.tick_params(axis="x", labelbottom=False)
     legend_above(axes)
     if run.fell_at is not None:
         axes.plot(along[-1], forward[-1], "X", ms=9, color=FALL, clip_on=False)
         end = along[-1], forward[-1]
-        axes.annotate("fell", end, (8, 4), color=FALL, textcoords="offset points", annotation_clip=False)
+        axes.annotate(
+            "fell",
+            end,
+            (8, 4),
+            color=FALL,
+            textcoords="offset points",
+            annotation_clip=False,
+        )
 
 
 def _draw_lane(axes: Axes, run: Trajectory) -> None:
     along, left = track_position(run)
     trunk, feet = trunk_edges(run), foot_edges(run)
-    axes.fill_between(along, *trunk.T, color=FRONT, alpha=0.3, linewidth=0, label="trunk")
+    axes.fill_between(
+        along, *trunk.T, color=FRONT, alpha=0.3, linewidth=0, label="trunk"
+    )
     for i, label in enumerate(("feet", None)):
         axes.plot(along, feet[:, i], color=LEG_COLORS["FL"], linewidth=1.0, label=label)
     axes.plot(along, left, color=INK, linewidth=1.0, label="trunk's centre")
     half = LANE_WIDTH / 2
     for side in (-half, half):
         axes.axhline(side, color=INK, linewidth=1.6)
-    axes.set(title=f"Lane of {LANE_WIDTH:g} m", xlabel="Distance [m]", ylabel="To the left [m]")
+    axes.set(
+        title=f"Lane of {LANE_WIDTH:g} m",
+        xlabel="Distance [m]",
+        ylabel="To the left [m]",
+    )
     axes.set(yticks=(-half, 0.0, half), ylim=(-1.4 * half, 1.4 * half))
     legend_above(axes)
 
 
 def _draw_times(axes: Axes, time: float | None, is_bp2: bool) -> None:
-    times = {name: value for name, value in TIMES.items() if is_bp2 or name != PAPER_BP2}
+    times = {
+        name: value for name, value in TIMES.items() if is_bp2 or name != PAPER_BP2
+    }
     times |= {POLICY: round(time, 2)} if time is not None else {}
     ranked = sorted(times, key=lambda name: -times[name])
     for place, name in enumerate(ranked):
         ours = name == POLICY
         color = FRONT if ours else QUIET
-        axes.plot((0.0, times[name]), (place, place), color=color, linewidth=2.4 if ours else 1.0)
+        axes.plot(
+            (0.0, times[name]),
+            (place, place),
+            color=color,
+            linewidth=2.4 if ours else 1.0,
+        )
         axes.plot(times[name], place, "o", ms=6, color=color)
         at, weight = (times[name], place), "bold" if ours else "normal"
-        axes.annotate(f"{times[name]:g}", at, (7, 0), textcoords="offset points", va="center", weight=weight)
-    axes.set(title="Time over 100 m", xlabel="Time [s]", yticks=range(len(ranked)), yticklabels=ranked)
+        axes.annotate(
+            f"{times[name]:g}",
+            at,
+            (7, 0),
+            textcoords="offset points",
+            va="center",
+            weight=weight,
+        )
+    axes.set(
+        title="Time over 100 m",
+        xlabel="Time [s]",
+        yticks=range(len(ranked)),
+        yticklabels=ranked,
+    )
     axes.set(xlim=(0.0, 1.1 * max(times.values())), ylim=(-0.7, len(ranked) - 0.3))
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)

@@ -32,14 +32,20 @@ class Report:
     benchmark: str
     conditions: dict[str, str]
     results: dict[str, Any]  # by the benchmark's name: what a policy's card says
-    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)  # everything that was measured
+    # everything that was measured
+    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def open_folder(folder: Path, benchmark: str) -> None:
-    """Make a report's folder; raises UserError where that cannot be, or where it holds anything but such a report."""
+    """Make a report's folder; raises UserError where that cannot be, or where it holds
+    anything but such a report."""
     open_report(folder, METRICS, "report")
-    if (folder / METRICS).is_file() and (old := read_report(folder).benchmark) != benchmark:
-        raise UserError(f"--out {folder} holds a report of {old}: name another folder for {benchmark}")
+    if (folder / METRICS).is_file() and (
+        old := read_report(folder).benchmark
+    ) != benchmark:
+        raise UserError(
+            f"--out {folder} holds a report of {old}: name another folder for {benchmark}"
+        )
 
 
 def write_report(
@@ -50,29 +56,42 @@ def write_report(
     gl_library: str | None = None,
     command: str | None = None,
 ) -> str | None:
-    """Write the whole report to an open folder; `command` is what makes it again, for the page.
+    """Write the whole report to an open folder; `command` is what makes it again, for
+    the page.
 
     Returns the reason, in one line, if a film was asked for and could not be made.
     """
     for old in (PAGE, VIDEO, STILL, TRAJECTORY):
         (folder / old).unlink(missing_ok=True)
-    results, metrics = {evaluation.benchmark: card_results(evaluation)}, to_json(evaluation.metrics)
-    save_config(folder / METRICS, Report(evaluation.benchmark, evaluation.conditions, results, metrics))
+    results, metrics = (
+        {evaluation.benchmark: card_results(evaluation)},
+        to_json(evaluation.metrics),
+    )
+    save_config(
+        folder / METRICS,
+        Report(evaluation.benchmark, evaluation.conditions, results, metrics),
+    )
     for picture in evaluation.pictures:
         write_bytes(folder / f"{picture.name}.png", png(picture.figure))
     no_video = None
     if evaluation.trajectory is not None:
         evaluation.trajectory.save(folder / TRAJECTORY)
         no_video = _film(folder, gl_library) if video else None
-    write_text(folder / PAGE, page(evaluation, has_video=(folder / VIDEO).is_file(), command=command))
+    write_text(
+        folder / PAGE,
+        page(evaluation, has_video=(folder / VIDEO).is_file(), command=command),
+    )
     return no_video
 
 
 def write_overview(evaluations: Sequence[Evaluation], folder: Path) -> None:
-    """Write the page and the results of several benchmarks, whose reports lie in `folder` under their names."""
+    """Write the page and the results of several benchmarks, whose reports lie in
+    `folder` under their names."""
     first = evaluations[0].conditions
     shared = {name: first[name] for name in ("policy", "weights_sha256")}
-    results = {evaluation.benchmark: card_results(evaluation) for evaluation in evaluations}
+    results = {
+        evaluation.benchmark: card_results(evaluation) for evaluation in evaluations
+    }
     save_config(folder / METRICS, Report(ALL, shared, results))
     write_text(folder / PAGE, overview(evaluations))
 
@@ -87,16 +106,30 @@ def _film(folder: Path, gl_library: str | None) -> str | None:
 
 
 def read_report(folder: Path) -> Report:
-    """What was measured, of a folder that `write_report` wrote; raises UserError for any other."""
+    """What was measured, of a folder that `write_report` wrote; raises UserError for
+    any other."""
     if not (folder / METRICS).is_file():
-        raise UserError(f"no report in {folder}: expected {METRICS} there, as python eval.py --out {folder} leaves it")
+        raise UserError(
+            f"no report in {folder}: expected {METRICS} there, as python eval.py --out {folder} leaves it"
+        )
     return load_config(Report, folder / METRICS)
 
 
 def card_results(evaluation: Evaluation) -> dict[str, Any]:
-    """What a policy's card says of the benchmark: the results, and the conditions that it does not say itself."""
+    """What a policy's card says of the benchmark: the results, and the conditions that
+    it does not say itself."""
     said = evaluation.conditions
-    return {name: said[name] for name in _CARD_CONDITIONS if name in said} | evaluation.results
+    return {
+        name: said[name] for name in _CARD_CONDITIONS if name in said
+    } | evaluation.results
 
 
-_CARD_CONDITIONS = ("robot", "schedule", "sprint", "simulator", "sensors", "operator", "steering")
+_CARD_CONDITIONS = (
+    "robot",
+    "schedule",
+    "sprint",
+    "simulator",
+    "sensors",
+    "operator",
+    "steering",
+)

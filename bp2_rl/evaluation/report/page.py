@@ -11,7 +11,8 @@ PAGE, VIDEO, STILL, TRAJECTORY = "index.html", "run.mp4", "run.jpg", "trajectory
 
 
 def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None) -> str:
-    """The report as one HTML page; only the film and the trajectory stay files beside it.
+    """The report as one HTML page; only the film and the trajectory stay files beside
+    it.
 
     Args:
         evaluation: what to show.
@@ -23,7 +24,10 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
         "evaluation/report/benchmark.html",
         evaluation=evaluation,
         tiles=_tiles(evaluation),
-        tables=(Table("Measures", MEASURES, evaluation.rows, words=True), *evaluation.tables),
+        tables=(
+            Table("Measures", MEASURES, evaluation.rows, words=True),
+            *evaluation.tables,
+        ),
         run=None if run is None else describe(run),
         has_video=has_video,
         command=command,
@@ -34,7 +38,12 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
 
 def overview(evaluations: Sequence[Evaluation]) -> str:
     """One page that leads to the page of every benchmark."""
-    return render("evaluation/report/overview.html", evaluations=evaluations, tiles=_tiles, PAGE=PAGE)
+    return render(
+        "evaluation/report/overview.html",
+        evaluations=evaluations,
+        tiles=_tiles,
+        PAGE=PAGE,
+    )
 
 
 def _tiles(evaluation: Evaluation) -> Iterator[tuple[str, str]]:

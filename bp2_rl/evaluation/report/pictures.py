@@ -1,4 +1,5 @@
-"""A benchmark's figures within a page: as SVG, which stays sharp, or as PNG where that would be too much."""
+"""A benchmark's figures within a page: as SVG, which stays sharp, or as PNG where that
+would be too much."""
 
 import base64
 import io

@@ -11,7 +11,9 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 
 def print_table(evaluation: Evaluation, console: Console) -> None:
     """The figures of merit on the terminal."""
-    table = _terminal_table(f"{evaluation.benchmark}: {evaluation.subject} ({evaluation.backend})")
+    table = _terminal_table(
+        f"{evaluation.benchmark}: {evaluation.subject} ({evaluation.backend})"
+    )
     table.add_column(no_wrap=True)
     table.add_column(justify="right", style="bold", no_wrap=True)
     table.add_column(style="dim")
@@ -27,12 +29,21 @@ def print_overview(evaluations: Sequence[Evaluation], console: Console) -> None:
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for evaluation in evaluations:
-        table.add_row(evaluation.benchmark, Text(evaluation.verdict, style=_mood_color(evaluation)))
+        table.add_row(
+            evaluation.benchmark,
+            Text(evaluation.verdict, style=_mood_color(evaluation)),
+        )
     console.print(table)
 
 
 def _terminal_table(title: str) -> TerminalTable:
-    return TerminalTable(title=Text(title), title_justify="left", title_style="bold", box=None, show_header=False)
+    return TerminalTable(
+        title=Text(title),
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        show_header=False,
+    )
 
 
 def _mood_color(evaluation: Evaluation) -> str:

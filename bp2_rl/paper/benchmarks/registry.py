@@ -10,15 +10,31 @@ BENCHMARKS = {
     "endurance": Benchmark(
         ramp_to_endurance,
         endurance,
-        ("robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "heat", "quick"),
+        (
+            "robot",
+            "speed",
+            "acceleration",
+            "hold",
+            "robots",
+            "seed",
+            "operator",
+            "heat",
+            "quick",
+        ),
     ),
     "mechanism": Benchmark(
-        ramp_to_mechanism, mechanism, ("robot", "speed", "acceleration", "hold", "operator", "quick")
+        ramp_to_mechanism,
+        mechanism,
+        ("robot", "speed", "acceleration", "hold", "operator", "quick"),
     ),
     "efficiency": Benchmark(
-        ramp_to_efficiency, efficiency, ("robot", "speed", "acceleration", "hold", "operator", "quick")
+        ramp_to_efficiency,
+        efficiency,
+        ("robot", "speed", "acceleration", "hold", "operator", "quick"),
     ),
     "stability": Benchmark(
-        ramp_to_stability, stability, ("robot", "speed", "acceleration", "robots", "seed", "operator", "quick")
+        ramp_to_stability,
+        stability,
+        ("robot", "speed", "acceleration", "robots", "seed", "operator", "quick"),
     ),
 }

@@ -1,4 +1,5 @@
-"""What benchmarks at several speeds share: the runs, the whole strides of each, the optimiser's beside them."""
+"""What benchmarks at several speeds share: the runs, the whole strides of each, the
+optimiser's beside them."""
 
 import dataclasses
 import functools
@@ -36,19 +37,24 @@ def run_speeds(
     commands: Sequence[float],
     setup: DeepSetup,
 ) -> list[Result]:
-    """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
+    """`measure` of the run at each command, m/s, that `ramp` is led to, in their order;
+    it must be picklable."""
     robot = robot_of(policy, setup)
     ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
     requests = [RunRequest(each, robot, setup.operator) for each in ramps]
     return simulate_all(functools.partial(_measure, measure), policy, requests)
 
 
-def _measure(measure: Callable[[Ramp, Trajectory], Result], one: RunRequest, run: Trajectory) -> Result:
+def _measure(
+    measure: Callable[[Ramp, Trajectory], Result], one: RunRequest, run: Trajectory
+) -> Result:
     assert isinstance(one.schedule, Ramp)
     return measure(one.schedule, run)
 
 
-def steady_strides(run: Trajectory, ramp: Ramp, most: int | None = None) -> tuple[Trajectory, int] | None:
+def steady_strides(
+    run: Trajectory, ramp: Ramp, most: int | None = None
+) -> tuple[Trajectory, int] | None:
     """`whole_strides` of the hold behind its `EASING`; None of a run that fell, too."""
     steady = ramp.steady_from + min(EASING, 0.5 * ramp.hold)
     end = len(run) * run.dt
@@ -57,18 +63,26 @@ def steady_strides(run: Trajectory, ramp: Ramp, most: int | None = None) -> tupl
     return whole_strides(run.between(steady, end), most)
 
 
-def whole_strides(run: Trajectory, most: int | None = None) -> tuple[Trajectory, int] | None:
-    """The last whole strides of a run, from one touchdown of `LEG` to another, and how many; None without two."""
+def whole_strides(
+    run: Trajectory, most: int | None = None
+) -> tuple[Trajectory, int] | None:
+    """The last whole strides of a run, from one touchdown of `LEG` to another, and how
+    many; None without two."""
     landed = touchdowns(contacts(run)[:, LEG])
     if most is not None:
         landed = landed[-most - 1 :]
     if len(landed) < 2:
         return None
-    return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(landed) - 1
+    return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(
+        landed
+    ) - 1
 
 
 def nearest_solutions(speeds: Sequence[float]) -> list[Solution]:
     """The shipped library's motion at the speed nearest to each of these, m/s."""
     library = load_library(CollocationConfig().file)
     family = family_of(library.arrays, library.provenance)
-    return [min(family, key=lambda solution: abs(solution.problem.speed - speed)) for speed in speeds]
+    return [
+        min(family, key=lambda solution: abs(solution.problem.speed - speed))
+        for speed in speeds
+    ]

@@ -1,6 +1,7 @@
 """`bp2 paper COMMAND`: what the paper claims, computed again.
 
-A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
+A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are right: a
+mistake is answered at once.
 """
 
 from collections.abc import Sequence
@@ -16,5 +17,6 @@ COMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
+    """Run the command that `argv` (the process's arguments by default) names; return
+    its exit status."""
     return choose("bp2 paper", modules("bp2_rl.paper.cli", COMMANDS), argv)

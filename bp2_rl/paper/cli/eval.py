@@ -1,4 +1,5 @@
-"""`bp2 paper eval`: put a policy to the deep benchmarks, with a table and a report as `python eval.py` leaves them."""
+"""`bp2 paper eval`: put a policy to the deep benchmarks, with a table and a report as
+`python eval.py` leaves them."""
 
 import dataclasses
 import shlex
@@ -19,32 +20,35 @@ DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability",
 
 @dataclasses.dataclass(frozen=True)
 class DeepEvalConfig(EvalConfig):
-    """Measure what the paper says of a gait on a policy, and leave a report with table, plots and film.
+    """Measure what the paper says of a gait on a policy, and leave a report with table,
+    plots and film.
 
     Without a policy: the one that ships with bp2_rl.
     """
 
     benchmark: DeepBenchmarkName = "stability"  # pyright: ignore[reportIncompatibleVariableOverride]
-    """endurance: how long the motors last at 10.74 m/s and at the top speed. mechanism: whose inertia balances whose,
-    at five speeds. efficiency: what running costs, at eight speeds, and where the energy goes. stability: whether the
-    gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after
-    the other."""
+    """endurance: how long the motors last at 10.74 m/s and at the top speed. mechanism:
+    whose inertia balances whose, at five speeds. efficiency: what running costs, at
+    eight speeds, and where the energy goes. stability: whether the gait repeats itself
+    under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all:
+    one after the other."""
     backend: Annotated[Backend, tyro.conf.Suppress] = "mujoco"
     drake: Annotated[DrakeContact, tyro.conf.Suppress] = DrakeContact()
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in endurance 180 at most. Not of
-    stability."""
+    """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in
+    endurance 180 at most. Not of stability."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn. Of endurance: beside the one measured; by default 8. Of stability: with noise; by
-    default 6."""
+    """How many robots are drawn. Of endurance: beside the one measured; by default 8.
+    Of stability: with noise; by default 6."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What these robots, in stability the sensors' noise, are drawn from; by default 0. Of endurance and stability."""
+    """What these robots, in stability the sensors' noise, are drawn from; by default 0.
+    Of endurance and stability."""
     sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
     heat: MotorHeat = MotorHeat()
     quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
-    mechanism and efficiency: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four
-    directions."""
+    """The short version, in half a minute. Of endurance: heat runs four times as fast
+    as motion, and no scan. Of mechanism and efficiency: two speeds. Of stability: 30
+    strides at 10.74 m/s, no return map, pushes in four directions."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,4 +56,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     again = shlex.join(["bp2", "paper", "eval", *words])
     registry = "bp2_rl.paper.benchmarks.registry"
-    return app.run(lambda: evaluate(app.parse(DeepEvalConfig, words, "bp2 paper eval"), DeepSetup, registry, again))
+    return app.run(
+        lambda: evaluate(
+            app.parse(DeepEvalConfig, words, "bp2 paper eval"),
+            DeepSetup,
+            registry,
+            again,
+        )
+    )

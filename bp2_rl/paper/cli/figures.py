@@ -1,4 +1,5 @@
-"""`bp2 paper figures FIGURE`: a figure of the paper with every number in it; `bp2 paper figures --all`: all of them."""
+"""`bp2 paper figures FIGURE`: a figure of the paper with every number in it; `bp2 paper
+figures --all`: all of them."""
 
 import dataclasses
 import sys
@@ -36,9 +37,14 @@ class FigureReport:
 
 
 def _figure(name: str, arguments: Any) -> None:
-    """Draw a figure as the command line says, print its tables, and leave its report."""
+    """Draw a figure as the command line says, print its tables, and leave its
+    report."""
     require_name(arguments.out)
-    report = arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure
+    report = (
+        arguments.out,
+        name,
+        lambda metrics: load_config(FigureReport, metrics).figure,
+    )
     if arguments.out.exists():
         open_folder(*report)  # before the work
     with spinner(name):
@@ -50,12 +56,17 @@ def _figure(name: str, arguments: Any) -> None:
 
 
 def leave(arguments: Any, name: str, drawn: "Drawn") -> None:
-    """Write a figure's pictures and numbers to the open folder that its arguments name."""
+    """Write a figure's pictures and numbers to the open folder that its arguments
+    name."""
     from bp2_rl.base.plotting import save_figure
 
     said = tuple(to_json(comparison) for comparison in drawn.comparisons)
     several, found = isinstance(drawn.results, dict), drawn.results
-    results = {kind: [to_json(one) for one in found[kind]] for kind in found} if several else to_json(found)
+    results = (
+        {kind: [to_json(one) for one in found[kind]] for kind in found}
+        if several
+        else to_json(found)
+    )
     report = FigureReport(name, to_json(arguments.settings), said, results)
     save_config(arguments.out / METRICS, report)
     if drawn.arrays:
@@ -72,14 +83,23 @@ def show(drawn: "Drawn") -> None:
             table.add_column(
                 column,
                 no_wrap=place == 0,
-                justify="left" if place == 0 or (words and place == len(head) - 1) else "right",
+                justify="left"
+                if place == 0 or (words and place == len(head) - 1)
+                else "right",
             )
         for line in lines:
             table.add_row(*map(Text, line))
         print_table(table, COLUMNS)
     if not drawn.comparisons:
         return
-    table = Table("The paper", "Here", "", title="What the paper says", title_justify="left", title_style="bold")
+    table = Table(
+        "The paper",
+        "Here",
+        "",
+        title="What the paper says",
+        title_justify="left",
+        title_style="bold",
+    )
     for said in drawn.comparisons:
         verdict = ": ".join(filter(None, (said.verdict, said.because)))
         table.add_row(*map(Text, (said.paper, said.ours, verdict)))
@@ -87,16 +107,27 @@ def show(drawn: "Drawn") -> None:
 
 
 def _entry(name: str, settings: type[Any]) -> Entry:
-    command = Command(f"bp2 paper figures {name}", with_folder(settings, OUT / name), partial(_figure, name))
+    command = Command(
+        f"bp2 paper figures {name}",
+        with_folder(settings, OUT / name),
+        partial(_figure, name),
+    )
     return (settings.__doc__ or "").splitlines()[0], command
 
 
 COMMANDS = {name: _entry(name, settings) for name, (settings, _) in FIGURES.items()} | {
-    FLAG: ("every panel that can be made, and a page that says of each item of the paper what is ours", make_all)
+    FLAG: (
+        "every panel that can be made, and a page that says of each item of the paper what is ours",
+        make_all,
+    )
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the figure that `argv` (the process's arguments by default) names; return its exit status."""
+    """Run the figure that `argv` (the process's arguments by default) names; return its
+    exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    return choose("bp2 paper figures", COMMANDS, sorted(words, key=lambda word: word != FLAG))  # wherever --all stands
+    # wherever --all stands
+    return choose(
+        "bp2 paper figures", COMMANDS, sorted(words, key=lambda word: word != FLAG)
+    )

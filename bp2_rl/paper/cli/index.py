@@ -1,4 +1,5 @@
-"""`bp2 paper figures --all`: every command with pictures or numbers of an item of the paper, and a page."""
+"""`bp2 paper figures --all`: every command with pictures or numbers of an item of the
+paper, and a page."""
 
 import dataclasses
 import hashlib
@@ -20,7 +21,15 @@ from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill, read_items
-from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
+from bp2_rl.paper.index.sources import (
+    KEY,
+    SOURCES,
+    Choice,
+    Key,
+    Source,
+    arguments,
+    key_of,
+)
 
 FLAG = "--all"
 OUT = Path("reports/figures/all")
@@ -29,9 +38,11 @@ PAGE, METRICS, LOG = "index.html", "metrics.json", "log.txt"
 
 @dataclasses.dataclass(frozen=True)
 class IndexArguments:
-    """Make every panel of the paper that can be made, and one page that says of each item what is ours.
+    """Make every panel of the paper that can be made, and one page that says of each
+    item what is ours.
 
-    What a command made before is taken as it is, if the policy, the shipped files and the version are the same.
+    What a command made before is taken as it is, if the policy, the shipped files and
+    the version are the same.
     """
 
     policy: Annotated[Path | None, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
@@ -65,12 +76,15 @@ class FailedError(Exception):
 
 
 def _make_all(chosen: IndexArguments) -> None:
-    """Run what has to be run, one command after the other, and write the page anew after each."""
+    """Run what has to be run, one command after the other, and write the page anew
+    after each."""
     policy = chosen.policy or asset_path(DEFAULT_POLICY)
     for name in (policy, chosen.out):
         require_name(name)
     if not policy.is_dir():
-        raise UserError(f"--policy {policy} is no folder: name a policy or a training run")
+        raise UserError(
+            f"--policy {policy} is no folder: name a policy or a training run"
+        )
     _open(chosen.out)
     choice = Choice(policy, chosen.quick, chosen.video)
     keys: dict[str, str] = {}
@@ -98,11 +112,14 @@ def _open(folder: Path) -> None:
         try:
             load_config(IndexReport, folder / METRICS)
         except UserError:
-            raise UserError(f"--out {folder} holds another report: name another folder") from None
+            raise UserError(
+                f"--out {folder} holds another report: name another folder"
+            ) from None
 
 
 def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> bool:
-    """Let a command leave its report in its folder; whether it had to: not if that is there.
+    """Let a command leave its report in its folder; whether it had to: not if that is
+    there.
 
     Raises:
         FailedError: it cannot be run, or fails; what was in its folder stays.
@@ -115,7 +132,8 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
     begun = time.monotonic()
     with new_folder(folder) as fresh:
         words = [*arguments(source, choice, chosen.out), "--out", str(fresh)]
-        # The film's GL library is bound in a process of its own; a command of ours inherits nothing else that counts.
+        # The film's GL library is bound in a process of its own; a command of ours
+        # inherits nothing else that counts.
         ended = subprocess.run(
             [sys.executable, "-m", "bp2_rl", *words],
             capture_output=True,
@@ -123,11 +141,16 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         if ended.returncode != 0 or not (fresh / source.numbers).is_file():
-            said = ended.stderr.strip().splitlines() or [f"ended with status {ended.returncode}"]
+            said = ended.stderr.strip().splitlines() or [
+                f"ended with status {ended.returncode}"
+            ]
             raise FailedError(f"failed: {said[-1]}")
         write_text(fresh / LOG, ended.stdout)
-        for file in (fresh / LOG, *fresh.glob("*.html")):  # they name the folder that they are in
-            write_text(file, file.read_text(encoding="utf-8").replace(str(fresh), str(folder)))
+        # they name the folder that they are in
+        for file in (fresh / LOG, *fresh.glob("*.html")):
+            write_text(
+                file, file.read_text(encoding="utf-8").replace(str(fresh), str(folder))
+            )
         seconds = time.monotonic() - begun
         save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
     print(f"{'':14} {seconds:.0f} s", flush=True)
@@ -135,7 +158,8 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
 
 
 def is_current(source: Source, folder: Path, key: str) -> bool:
-    """Whether a folder holds what the command would make: its key, and numbers that nobody has touched since."""
+    """Whether a folder holds what the command would make: its key, and numbers that
+    nobody has touched since."""
     folder = find_folder(folder)
     try:
         found = load_config(Key, folder / KEY)
@@ -152,13 +176,28 @@ def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
     """The page and its numbers, of what there is."""
     from bp2_rl.paper.index.page import Made, index_page
 
-    folders = {source.name: find_folder(chosen.out / source.name) for source in SOURCES if source.name not in missing}
-    reports = {
-        source.name: read_json(folders[source.name] / source.numbers) for source in SOURCES if source.name in folders
+    folders = {
+        source.name: find_folder(chosen.out / source.name)
+        for source in SOURCES
+        if source.name not in missing
     }
-    groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in read_items().items()}
-    seconds = {name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()}
-    made = [Made(source, folders[source.name], seconds[source.name]) for source in SOURCES if source.name in folders]
+    reports = {
+        source.name: read_json(folders[source.name] / source.numbers)
+        for source in SOURCES
+        if source.name in folders
+    }
+    groups = {
+        heading: [fill(item, reports, missing) for item in items]
+        for heading, items in read_items().items()
+    }
+    seconds = {
+        name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()
+    }
+    made = [
+        Made(source, folders[source.name], seconds[source.name])
+        for source in SOURCES
+        if source.name in folders
+    ]
     commands = {source.name: source.command for source in SOURCES}
     said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(chosen)}{', short versions' if chosen.quick else ''}"
     rows = [row for of_group in groups.values() for row in of_group]
@@ -182,7 +221,11 @@ def policy_name(chosen: IndexArguments) -> str:
 
 
 def _numbers(row: IndexRow) -> dict[str, Any]:
-    return {part.at: part.value for part in (*row.ours, *row.because) if not isinstance(part, str)}
+    return {
+        part.at: part.value
+        for part in (*row.ours, *row.because)
+        if not isinstance(part, str)
+    }
 
 
 make_all = Command(f"bp2 paper figures {FLAG}", IndexArguments, _make_all)

@@ -1,4 +1,5 @@
-"""`bp2 paper scaling`: the speeds of many robots beside what their legs and motors allow."""
+"""`bp2 paper scaling`: the speeds of many robots beside what their legs and motors
+allow."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,12 +16,14 @@ from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import open_folder, with_folder
 
 OUT = Path("reports/scaling")
-SEARCH, LIMITS = "search.json", "limits.json"  # of the optimiser: whose limits it looks for, and those found
+# of the optimiser: whose limits it looks for, and those found
+SEARCH, LIMITS = "search.json", "limits.json"
 
 
 @dataclasses.dataclass(frozen=True)
 class LimitSettings(Bounded, path="--"):
-    """Compare published and learned speeds of robots with the greatest speed that their legs and motors allow.
+    """Compare published and learned speeds of robots with the greatest speed that their
+    legs and motors allow.
 
     Interrupted, a search goes on where it stopped when run again.
 
@@ -33,9 +36,11 @@ class LimitSettings(Bounded, path="--"):
     simulate: bool = False
     """find the limits anew, by the optimiser"""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...")] = ()
-    """with --simulate: only robots whose names have one of these words; bp2 has its variants"""
+    """with --simulate: only robots whose names have one of these words; bp2 has its
+    variants"""
     intervals: Annotated[Intervals, Within(2, 500)] = 16
-    """with --simulate: of the optimiser's mesh, in each segment; three times as many where there are springs"""
+    """with --simulate: of the optimiser's mesh, in each segment; three times as many
+    where there are springs"""
     impact: Annotated[float, Within(0.0, 1.0)] = MOST_IMPACT
     """with --simulate: share of the weight that landings may bear"""
     workers: Workers = 2
@@ -60,22 +65,33 @@ def _compare(arguments: Any) -> None:
         raise UserError("--robots chooses whose limits to find anew: add --simulate")
     robots, variants = study.choose_robots(settings.robots)
     if not (out / SEARCH).is_file():
-        open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
+        open_folder(
+            out, "limits", lambda metrics: load_config(FigureReport, metrics).figure
+        )
     limits = study.read_limits()
     if settings.simulate:
-        search = study.LimitSearch(robots, variants, Rules(settings.intervals, settings.impact))
+        search = study.LimitSearch(
+            robots, variants, Rules(settings.intervals, settings.impact)
+        )
         claim_folder(out, SEARCH, search, "a search")
         begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
         with progress() as bar:
             found = study.simulate(search, settings.workers, begun)
-            for limits in bar.track(found, len(robots) + len(variants) + 1, description="limits"):
+            for limits in bar.track(
+                found, len(robots) + len(variants) + 1, description="limits"
+            ):
                 save_config(out / LIMITS, limits)  # as they are found
     compared = study.compare_limits(limits, read_robots(), study.read_learned())
     print(*study.refutations(compared), sep="\n")
-    drawn = Drawn(compared, study.tables(compared), (), {"scaling": draw_limits(compared)})
+    drawn = Drawn(
+        compared, study.tables(compared), (), {"scaling": draw_limits(compared)}
+    )
     show(drawn)
     print(*study.verdict(compared), sep="\n")
-    left = ("no trot was found of", compared.not_found), ("legs or motors not published", compared.left_out)
+    left = (
+        ("no trot was found of", compared.not_found),
+        ("legs or motors not published", compared.left_out),
+    )
     for what, names in left:
         if names:
             print(f"{what}: {', '.join(names)}")
@@ -84,5 +100,6 @@ def _compare(arguments: Any) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command on `argv`, the process's arguments by default; return the exit status."""
+    """Run the command on `argv`, the process's arguments by default; return the exit
+    status."""
     return Command("bp2 paper scaling", with_folder(LimitSettings, OUT), _compare)(argv)

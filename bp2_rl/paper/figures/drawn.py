@@ -24,8 +24,11 @@ class Comparison:
 class Drawn(NamedTuple):
     """A figure, and all that it shows."""
 
-    results: Any  # every number in pictures, tables and comparisons, not rounded: a dataclass, or several by name
+    # every number in pictures, tables and comparisons, not rounded: a dataclass, or
+    # several by name
+    results: Any
     tables: tuple[Table, ...]
     comparisons: tuple[Comparison, ...]
     pictures: Mapping[str, Figure]  # by name
-    arrays: Mapping[str, Any] = {}  # what the curves are drawn from, where no other file has them
+    # what the curves are drawn from, where no other file has them
+    arrays: Mapping[str, Any] = {}

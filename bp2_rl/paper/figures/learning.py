@@ -1,4 +1,5 @@
-"""How soon policies run: what the judge beside a training said of them, over control steps and over time."""
+"""How soon policies run: what the judge beside a training said of them, over control
+steps and over time."""
 
 import dataclasses
 from pathlib import Path
@@ -15,7 +16,8 @@ from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import LearningSettings
 from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
 
-LETTERS, SAMPLE = 100, 8  # letters that a line of the legend has room for, and of those a line's sample takes
+# letters that a line of the legend has room for, and of those a line's sample takes
+LETTERS, SAMPLE = 100, 8
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 
@@ -24,7 +26,9 @@ class JudgedPolicy:
     """A policy, under the judge's launches from a stand."""
 
     steps: int  # control steps before it
-    seconds: float  # from the first line of log.txt, settings read and robots made, until its speed was known
+    # from the first line of log.txt, settings read and robots made, until its speed was
+    # known
+    seconds: float
     speed: float  # m/s, held for 5 s after a launch at 3 m/s2; 0 where it fell
     falls: int  # of all launches
 
@@ -39,7 +43,9 @@ class Curve:
     @property
     def reached(self) -> JudgedPolicy | None:
         """The first policy as fast as BP2 outdoors."""
-        return next((one for one in self.judged if one.speed >= OUTDOOR_TOP_SPEED), None)
+        return next(
+            (one for one in self.judged if one.speed >= OUTDOOR_TOP_SPEED), None
+        )
 
     @property
     def best(self) -> JudgedPolicy:
@@ -59,7 +65,9 @@ def learning(settings: LearningSettings) -> Drawn:
     if not settings.runs:
         raise UserError("--runs: name the folders of one training or more")
     numbers = LearningNumbers(tuple(read_curve(run) for run in settings.runs))
-    return Drawn(numbers, (_table(numbers),), (), {"learning": learning_figure(numbers)})
+    return Drawn(
+        numbers, (_table(numbers),), (), {"learning": learning_figure(numbers)}
+    )
 
 
 def read_curve(run: Path) -> Curve:
@@ -71,14 +79,20 @@ def read_curve(run: Path) -> Curve:
     try:
         start = run_began(run)
     except (OSError, ValueError) as error:
-        raise UserError(f"--runs: {run} is not the folder of a training that has begun") from error
+        raise UserError(
+            f"--runs: {run} is not the folder of a training that has begun"
+        ) from error
     judged = [
-        JudgedPolicy(record["step"], record["wall_time"] - start, result.speed, result.falls)
+        JudgedPolicy(
+            record["step"], record["wall_time"] - start, result.speed, result.falls
+        )
         for record, result in read_judge_results(run)
         if isinstance(record.get("wall_time"), float)  # else a damaged line
     ]
     if not judged:
-        raise UserError(f"--runs: no policy of {run} was judged: train with --run.judged 1 or more")
+        raise UserError(
+            f"--runs: no policy of {run} was judged: train with --run.judged 1 or more"
+        )
     return Curve(run.resolve().name, tuple(sorted(judged, key=lambda one: one.steps)))
 
 
@@ -97,14 +111,22 @@ def _table(numbers: LearningNumbers) -> Table:
             )
         )
     head = (
-        "Run", f"{OUTDOOR_TOP_SPEED:g} m/s reached after", "Known after [s]", "Its speed [m/s]", "Best [m/s]", "After",
-    )  # fmt: skip
-    return Table("Policies from a stand in C MuJoCo, beside their training", head, lines)
+        "Run",
+        f"{OUTDOOR_TOP_SPEED:g} m/s reached after",
+        "Known after [s]",
+        "Its speed [m/s]",
+        "Best [m/s]",
+        "After",
+    )
+    return Table(
+        "Policies from a stand in C MuJoCo, beside their training", head, lines
+    )
 
 
 @styled
 def learning_figure(numbers: LearningNumbers) -> Figure:
-    """Speed over control steps, and over time; circles are filled where no launch fell."""
+    """Speed over control steps, and over time; circles are filled where no launch
+    fell."""
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for place, curve in enumerate(numbers.curves):
@@ -112,19 +134,36 @@ def learning_figure(numbers: LearningNumbers) -> Figure:
         _draw(left, [one.steps / 1e6 for one in curve.judged], curve, color)
         _draw(right, [one.seconds / 60.0 for one in curve.judged], curve, color)
     for axes in (left, right):
-        axes.axhline(OUTDOOR_TOP_SPEED, color=INK, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
+        axes.axhline(
+            OUTDOOR_TOP_SPEED, color=INK, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1
+        )
         axes.set(xlim=(0.0, None), ylim=(-0.5, None))
-    left.annotate(f"BP2: {OUTDOOR_TOP_SPEED:g}", (0.0, OUTDOOR_TOP_SPEED), xytext=(4, -13), textcoords="offset points")
+    left.annotate(
+        f"BP2: {OUTDOOR_TOP_SPEED:g}",
+        (0.0, OUTDOOR_TOP_SPEED),
+        xytext=(4, -13),
+        textcoords="offset points",
+    )
     left.set(xlabel="Control steps [M]", ylabel="Speed held for 5 s [m/s], 0: it fell")
     right.set(xlabel="Minutes until it was known")
     longest = max(len(curve.run) for curve in numbers.curves)
     columns = max(1, min(5, LETTERS // (longest + SAMPLE)))
-    figure.legend(handles=left.get_lines()[: len(numbers.curves)], loc="outside lower center", ncols=columns)
+    figure.legend(
+        handles=left.get_lines()[: len(numbers.curves)],
+        loc="outside lower center",
+        ncols=columns,
+    )
     return figure
 
 
 def _draw(axes: Axes, at: list[float], curve: Curve, color: str) -> None:
-    axes.plot(at, [one.speed for one in curve.judged], color=color, linewidth=1.2, label=curve.run)
+    axes.plot(
+        at,
+        [one.speed for one in curve.judged],
+        color=color,
+        linewidth=1.2,
+        label=curve.run,
+    )
     fills = [color if not one.falls else "white" for one in curve.judged]
     speeds = [one.speed for one in curve.judged]
     axes.scatter(at, speeds, s=18, facecolors=fills, edgecolors=color, zorder=3)

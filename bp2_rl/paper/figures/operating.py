@@ -1,4 +1,5 @@
-"""Fig. 5 E of the paper: torque over speed of hips and knees, three cycles, in all four quadrants."""
+"""Fig. 5 E of the paper: torque over speed of hips and knees, three cycles, in all four
+quadrants."""
 
 import dataclasses
 
@@ -56,7 +57,10 @@ class RunNumbers:
     @property
     def fullest(self) -> tuple[str, ...]:
         """The two kinds that are most of the time on their envelopes."""
-        return tuple(kind.name for kind in sorted(self.kinds, key=lambda kind: -kind.on_envelope)[:2])
+        return tuple(
+            kind.name
+            for kind in sorted(self.kinds, key=lambda kind: -kind.on_envelope)[:2]
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,11 +79,15 @@ def operating(settings: OperatingSettings) -> Drawn:
         UserError: no report, or a run without three cycles.
     """
     if not settings.runs:
-        raise UserError(f"--runs takes reports that python eval.py --benchmark {BENCHMARK} leaves, one a speed")
+        raise UserError(
+            f"--runs takes reports that python eval.py --benchmark {BENCHMARK} leaves, one a speed"
+        )
     runs = [run.trajectory for run in read_runs(settings.runs, BENCHMARK)]
     hardware = runs[0].hardware
     if any(run.hardware != hardware for run in runs):
-        raise UserError("--runs: these are of different robots, and one envelope is drawn: name runs of one robot")
+        raise UserError(
+            "--runs: these are of different robots, and one envelope is drawn: name runs of one robot"
+        )
     numbers = OperatingNumbers(
         runs=tuple(measure(run) for run in runs),
         peak=hardware.joint_peak_torque * hardware.joint_corner_speed,
@@ -123,7 +131,11 @@ def compare(numbers: OperatingNumbers) -> tuple[Comparison, ...]:
     on = ", ".join(f"{kind.name} {kind.on_envelope:.1%}" for kind in first.kinds)
     used = {kind.name: kind.on_envelope for kind in first.kinds}
     same = set(first.fullest) == set(FULL) and min(used[name] for name in FULL) >= USED
-    hind = ", ".join(f"{kind.name} {kind.driving:.0f} W" for kind in first.kinds if kind.name.startswith("hind"))
+    hind = ", ".join(
+        f"{kind.name} {kind.driving:.0f} W"
+        for kind in first.kinds
+        if kind.name.startswith("hind")
+    )
     paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
     beyond = ", ".join(f"{kind.name} {kind.brakes:.0%}" for kind in first.kinds)
     at = f"at {first.speed:.2f} m/s"
@@ -173,48 +185,108 @@ def _table(run: RunNumbers) -> Table:
         )
         for kind in run.kinds
     ]
-    return Table(f"{run.speed:.2f} m/s ({run.commanded:g} commanded), steady part", head, lines)
+    return Table(
+        f"{run.speed:.2f} m/s ({run.commanded:g} commanded), steady part", head, lines
+    )
 
 
 @styled
 def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figure:
     """A row a speed, a column a kind of motor."""
     figure = Figure(figsize=(1.3 * WIDTH, 0.9 + 2.9 * len(parts)), layout="constrained")
-    panels = np.reshape(figure.subplots(len(parts), len(KINDS), sharex=True, sharey=True), (len(parts), len(KINDS)))
+    panels = np.reshape(
+        figure.subplots(len(parts), len(KINDS), sharex=True, sharey=True),
+        (len(parts), len(KINDS)),
+    )
     hardware = parts[0].hardware
     cold = Actuator.from_hardware(hardware)
     warm = Temperatures(np.array(numbers.winding), np.array(AMBIENT))
-    hot = heated(cold, Network.from_spec(MotorHeat(), 1.0), warm)  # the way from winding to case does not count here
-    reach = 1.08 * max(hardware.joint_no_load_speed, *(float(np.max(np.abs(part.joint_velocity))) for part in parts))
+    # the way from winding to case does not count here
+    hot = heated(cold, Network.from_spec(MotorHeat(), 1.0), warm)
+    reach = 1.08 * max(
+        hardware.joint_no_load_speed,
+        *(float(np.max(np.abs(part.joint_velocity))) for part in parts),
+    )
     speeds = np.linspace(-reach, reach, 801)
     for row, part, run in zip(panels, parts, numbers.runs, strict=True):
         for axes, kind in zip(row, run.kinds, strict=True):
             _draw_limits(axes, speeds, cold, hot)
             for motor in motors_of(kind.name):
                 color = LEG_COLORS[LEGS[motor // 3]]
-                axes.plot(part.joint_velocity[:, motor], part.torque[:, motor], color=color, linewidth=0.9)
-            axes.plot(kind.speed, kind.torque, "*", ms=12, color="#F0E442", mec=INK, mew=0.8, zorder=5)
-            axes.set_title(f"{kind.name.capitalize()}, {run.speed:.1f} m/s\n", fontsize=9.5)
+                axes.plot(
+                    part.joint_velocity[:, motor],
+                    part.torque[:, motor],
+                    color=color,
+                    linewidth=0.9,
+                )
+            axes.plot(
+                kind.speed,
+                kind.torque,
+                "*",
+                ms=12,
+                color="#F0E442",
+                mec=INK,
+                mew=0.8,
+                zorder=5,
+            )
+            axes.set_title(
+                f"{kind.name.capitalize()}, {run.speed:.1f} m/s\n", fontsize=9.5
+            )
             said = f"{kind.on_envelope:.1%} on the envelope; -{kind.braking:.0f} to {kind.driving:.0f} W"
-            axes.annotate(said, (0.0, 1.0), (0, 5), "axes fraction", "offset points", fontsize=8)
-            axes.set(xlim=(-reach, reach), ylim=(-1.2 * hardware.joint_peak_torque, 1.2 * hardware.joint_peak_torque))
+            axes.annotate(
+                said, (0.0, 1.0), (0, 5), "axes fraction", "offset points", fontsize=8
+            )
+            axes.set(
+                xlim=(-reach, reach),
+                ylim=(
+                    -1.2 * hardware.joint_peak_torque,
+                    1.2 * hardware.joint_peak_torque,
+                ),
+            )
         row[0].set_ylabel("Joint torque [Nm]")
     for axes in panels[-1]:
         axes.set_xlabel("Joint speed [rad/s]")
-    handles = [Line2D([], [], color=color, linewidth=3, label=leg) for leg, color in LEG_COLORS.items()]
+    handles = [
+        Line2D([], [], color=color, linewidth=3, label=leg)
+        for leg, color in LEG_COLORS.items()
+    ]
     paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
     handles += [
         Line2D([], [], color=INK, label="envelope"),
-        Line2D([], [], color=FALL, linestyle=DASHED, label=f"winding at {numbers.winding:g} °C"),
+        Line2D(
+            [],
+            [],
+            color=FALL,
+            linestyle=DASHED,
+            label=f"winding at {numbers.winding:g} °C",
+        ),
         Line2D([], [], color=QUIET, linestyle=DASHED, label=f"{paper} W (paper)"),
-        Line2D([], [], color="#F0E442", marker="*", ms=10, mec=INK, mew=0.8, linestyle="", label="RMS"),
+        Line2D(
+            [],
+            [],
+            color="#F0E442",
+            marker="*",
+            ms=10,
+            mec=INK,
+            mew=0.8,
+            linestyle="",
+            label="RMS",
+        ),
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=8, handlelength=1.5, columnspacing=1.1)
+    figure.legend(
+        handles=handles,
+        loc="outside upper right",
+        ncols=8,
+        handlelength=1.5,
+        columnspacing=1.1,
+    )
     figure.suptitle(f"{CYCLES} cycles; range of power", x=0.01, ha="left", fontsize=9.5)
     return figure
 
 
-def _draw_limits(axes: Axes, speeds: Float[np.ndarray, " N"], cold: Actuator, hot: Actuator) -> None:
+def _draw_limits(
+    axes: Axes, speeds: Float[np.ndarray, " N"], cold: Actuator, hot: Actuator
+) -> None:
     """Envelopes cold and hot, and lines of one power where a motor drives."""
     low, high = torque_limits(cold, speeds)
     axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)

@@ -1,4 +1,5 @@
-"""100 m of athletes, of BP2 as the paper has it, and of policies: splits, starts, fading, and what does not fit."""
+"""100 m of athletes, of BP2 as the paper has it, and of policies: splits, starts,
+fading, and what does not fit."""
 
 import dataclasses
 import math
@@ -38,7 +39,8 @@ class Profile(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """The first `LAUNCH_DISTANCE` metres: the paper's "mean acceleration" has no definition, these are four."""
+    """The first `LAUNCH_DISTANCE` metres: the paper's "mean acceleration" has no
+    definition, these are four."""
 
     time: float  # s
     speed: float  # m/s, on reaching the mark
@@ -53,7 +55,8 @@ class Racer:
     """One of those who run."""
 
     name: str
-    time: float | None  # s over 100 m, from the gun, or since the command; None if it did not arrive
+    # s over 100 m, from the gun, or since the command; None if it did not arrive
+    time: float | None
     reaction: float | None  # s; None where it is not published, 0 of a robot
     male_level: int | None  # of Table S2, that the time meets; None: none
     female_level: int | None
@@ -61,13 +64,18 @@ class Racer:
     distances: tuple[float, ...]  # m, of the splits; empty where none are published
     splits: tuple[float, ...]  # s, on the clock of `time`
     means: tuple[float, ...]  # m/s, from split to split
-    fade: float | None  # m/s, gained from 60 to 100 m by a straight line through these means
+    # m/s, gained from 60 to 100 m by a straight line through these means
+    fade: float | None
     start: Start | None
 
     @property
     def moving_time(self) -> float | None:
         """Without the reaction, where that is known, s."""
-        return None if self.time is None or self.reaction is None else self.time - self.reaction
+        return (
+            None
+            if self.time is None or self.reaction is None
+            else self.time - self.reaction
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +88,11 @@ class PaperRace:
     start: Start  # of that
     time_at_said: float  # s over 100 m: at 2.38 m/s2 to 10.74 m/s, then on
     constant_needed: float  # m/s2, in place of 2.38 there, for 12.2 s
-    constant_times: dict[str, float]  # s for 5 m at the accelerations that the paper says, constant
-    deficit: float  # s, of BP2 on the trained sprinter by these: the most of any reading, if both start alike
+    # s for 5 m at the accelerations that the paper says, constant
+    constant_times: dict[str, float]
+    # s, of BP2 on the trained sprinter by these: the most of any reading, if both start
+    # alike
+    deficit: float
     finish_gap: float  # s, between the two at 100 m
 
 
@@ -98,14 +109,22 @@ class RaceNumbers:
         return next(racer for racer in (*self.racers, *self.runs) if racer.name == name)
 
 
-# --- Who runs ------------------------------------------------------------------------------------------------
+# --- Who runs -------------------------------------------------------------------------
 
 
 def published() -> tuple[Athlete, ...]:
     """Return the athletes that the paper names, with what is published of them."""
     return (
-        Athlete(races.BOLT, races.BOLT_SPLITS[-1], published_races.BOLT_REACTION, races.MARKS, races.BOLT_SPLITS),
-        Athlete(races.LYLES, published_races.LYLES_TIME, published_races.LYLES_REACTION),
+        Athlete(
+            races.BOLT,
+            races.BOLT_SPLITS[-1],
+            published_races.BOLT_REACTION,
+            races.MARKS,
+            races.BOLT_SPLITS,
+        ),
+        Athlete(
+            races.LYLES, published_races.LYLES_TIME, published_races.LYLES_REACTION
+        ),
         Athlete(races.TRAINED, races.TRAINED_TIME, None),
         Athlete(races.PAPER_BP2, bp2.SPRINT_100M_TIME, None),
         Athlete(races.UNTRAINED, races.UNTRAINED_TIME, None),
@@ -113,15 +132,20 @@ def published() -> tuple[Athlete, ...]:
 
 
 def read(settings: RaceSettings) -> tuple[tuple[Athlete, ...], dict[str, Profile]]:
-    """Who runs, and the profiles of all whose splits are known: of one named twice, the user's."""
+    """Who runs, and the profiles of all whose splits are known: of one named twice, the
+    user's."""
     more = published_races.read_athletes(settings.athletes) if settings.athletes else ()
     athletes = {athlete.name: athlete for athlete in (*published(), *more)}
-    profiles = {name: fit(athlete) for name, athlete in athletes.items() if athlete.splits}
+    profiles = {
+        name: fit(athlete) for name, athlete in athletes.items() if athlete.splits
+    }
     return tuple(athletes.values()), profiles
 
 
 def measure(
-    athletes: tuple[Athlete, ...], profiles: dict[str, Profile], runs: tuple[tuple[Athlete, Profile], ...]
+    athletes: tuple[Athlete, ...],
+    profiles: dict[str, Profile],
+    runs: tuple[tuple[Athlete, Profile], ...],
 ) -> RaceNumbers:
     """Everything that the figure shows of them."""
     racers = tuple(judge(athlete, profiles.get(athlete.name)) for athlete in athletes)
@@ -130,14 +154,20 @@ def measure(
 
 def judge(athlete: Athlete, profile: Profile | None) -> Racer:
     """A racer's splits, start and level."""
-    distances, splits = np.array((0.0, *athlete.distances)), np.array((0.0, *athlete.splits))
+    distances, splits = (
+        np.array((0.0, *athlete.distances)),
+        np.array((0.0, *athlete.splits)),
+    )
     means = np.diff(distances) / np.diff(splits)
     arrived = math.isfinite(athlete.time)
     return Racer(
         athlete.name,
         athlete.time if arrived else None,
         athlete.reaction,
-        *(published_races.best_level(athlete.time, category) for category in ("male", "female")),
+        *(
+            published_races.best_level(athlete.time, category)
+            for category in ("male", "female")
+        ),
         said_acceleration=published_races.PUBLISHED_ACCELERATIONS.get(athlete.name),
         distances=athlete.distances,
         splits=athlete.splits,
@@ -147,8 +177,11 @@ def judge(athlete: Athlete, profile: Profile | None) -> Racer:
     )
 
 
-def fading(distances: Float[np.ndarray, " n"], means: Float[np.ndarray, " n-1"]) -> float | None:
-    """How much speed is gained over the last 40 m by a line through the means there, m/s; None with one mean or none.
+def fading(
+    distances: Float[np.ndarray, " n"], means: Float[np.ndarray, " n-1"]
+) -> float | None:
+    """How much speed is gained over the last 40 m by a line through the means there,
+    m/s; None with one mean or none.
 
     Args:
         distances: m, of the splits, with 0 first.
@@ -162,8 +195,11 @@ def fading(distances: Float[np.ndarray, " n"], means: Float[np.ndarray, " n-1"])
 
 
 def fit(athlete: Athlete) -> Profile:
-    """The smoothest curve from a stand through an athlete's splits: a cubic spline, straight at its end."""
-    clock = np.array((0.0, *athlete.splits)) - np.array((0.0, *[athlete.reaction or 0.0] * len(athlete.splits)))
+    """The smoothest curve from a stand through an athlete's splits: a cubic spline,
+    straight at its end."""
+    clock = np.array((0.0, *athlete.splits)) - np.array(
+        (0.0, *[athlete.reaction or 0.0] * len(athlete.splits))
+    )
     ends: Any = ((1, 0.0), (2, 0.0))  # the first derivative there, the second here
     curve = CubicSpline(clock, (0.0, *athlete.distances), bc_type=ends)
     time = np.arange(0.0, clock[-1], STEP)
@@ -176,38 +212,58 @@ def measure_start(profile: Profile) -> Start | None:
         return None
     there = int(np.argmax(profile.distance >= LAUNCH_DISTANCE))
     before = [there - 1, there]
-    time = float(np.interp(LAUNCH_DISTANCE, profile.distance[before], profile.time[before]))
+    time = float(
+        np.interp(LAUNCH_DISTANCE, profile.distance[before], profile.time[before])
+    )
     speed = float(np.interp(time, profile.time, profile.speed))
     until = profile.time <= profile.time[-1] - WINDOW
-    gain = np.interp(profile.time[until] + WINDOW, profile.time, profile.speed) - profile.speed[until]
+    gain = (
+        np.interp(profile.time[until] + WINDOW, profile.time, profile.speed)
+        - profile.speed[until]
+    )
     best = float(np.max(gain, initial=0.0)) / WINDOW
-    return Start(time, speed, speed / time, speed**2 / (2.0 * LAUNCH_DISTANCE), 2.0 * LAUNCH_DISTANCE / time**2, best)
+    return Start(
+        time,
+        speed,
+        speed / time,
+        speed**2 / (2.0 * LAUNCH_DISTANCE),
+        2.0 * LAUNCH_DISTANCE / time**2,
+        best,
+    )
 
 
-# --- Simulated runs ------------------------------------------------------------------------------------------
+# --- Simulated runs -------------------------------------------------------------------
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]:
-    """The races in reports of sprints, their clocks and speeds as those reports'; raises UserError for others."""
-    from bp2_rl.paper.figures.runs import read_runs  # slow to import, and mostly not needed
+    """The races in reports of sprints, their clocks and speeds as those reports';
+    raises UserError for others."""
+    # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs
 
     return tuple(follow(name, run) for name, _, run in read_runs(folders, BENCHMARK))
 
 
 def follow(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
-    """A run's race, by the measures of the sprint benchmark: splits, and speeds as means over `RIPPLE` around."""
+    """A run's race, by the measures of the sprint benchmark: splits, and speeds as
+    means over `RIPPLE` around."""
     from bp2_rl.evaluation.benchmarks.sprint import measure_splits, track_position
 
     splits, along = measure_splits(run), track_position(run)[0]
-    ends = np.clip((run.time - RIPPLE / 2, run.time + RIPPLE / 2), run.time[0], run.time[-1])
+    ends = np.clip(
+        (run.time - RIPPLE / 2, run.time + RIPPLE / 2), run.time[0], run.time[-1]
+    )
     behind, ahead = np.interp(ends, run.time, along)
-    distances, times = tuple(split.distance for split in splits), tuple(split.time for split in splits)
+    distances, times = (
+        tuple(split.distance for split in splits),
+        tuple(split.time for split in splits),
+    )
     arrived = bool(splits) and splits[-1].distance == TRACK
     athlete = Athlete(name, times[-1] if arrived else math.inf, 0.0, distances, times)
     return athlete, Profile(run.time, along, (ahead - behind) / (ends[1] - ends[0]))
 
 
-# --- The paper's race ----------------------------------------------------------------------------------------
+# --- The paper's race -----------------------------------------------------------------
 
 
 def exponential(time_constant: float, speed: float, duration: float) -> Profile:
@@ -218,23 +274,33 @@ def exponential(time_constant: float, speed: float, duration: float) -> Profile:
 
 
 def paper_profile() -> Profile:
-    """BP2's race by the paper's speed and time alone: an exponential rise to 10.74 m/s, and 100 m after 12.2 s."""
-    return exponential(solve_time_constant(), bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME)
+    """BP2's race by the paper's speed and time alone: an exponential rise to 10.74 m/s,
+    and 100 m after 12.2 s."""
+    return exponential(
+        solve_time_constant(), bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME
+    )
 
 
 def solve_time_constant() -> float:
-    """Return the time constant, s, of an exponential rise to 10.74 m/s that covers 100 m in 12.2 s."""
+    """Return the time constant, s, of an exponential rise to 10.74 m/s that covers 100
+    m in 12.2 s."""
     speed, time = bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME
 
     def missing(time_constant: float) -> float:
-        return speed * (time + time_constant * math.expm1(-time / time_constant)) - TRACK
+        return (
+            speed * (time + time_constant * math.expm1(-time / time_constant)) - TRACK
+        )
 
     return float(root_scalar(missing, bracket=(0.01, 100.0), xtol=1e-12).root)
 
 
 def check_paper() -> PaperRace:
     """What the paper's numbers of the race say together."""
-    speed, time, said = bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME, bp2.LAUNCH_ACCELERATION
+    speed, time, said = (
+        bp2.OUTDOOR_TOP_SPEED,
+        bp2.SPRINT_100M_TIME,
+        bp2.LAUNCH_ACCELERATION,
+    )
     profile, time_constant = paper_profile(), solve_time_constant()
     start = measure_start(profile)
     assert start is not None  # it goes on to 100 m
@@ -255,7 +321,7 @@ def check_paper() -> PaperRace:
     )
 
 
-# --- What comes of the paper's statements ---------------------------------------------------------------------
+# --- What comes of the paper's statements ---------------------------------------------
 
 
 FAST = 12.0  # m/s, which the paper has Bolt and Lyles exceed
@@ -263,7 +329,9 @@ FAST = 12.0  # m/s, which the paper has Bolt and Lyles exceed
 
 def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bolt, lyles, ours = (numbers.find(name) for name in (races.BOLT, races.LYLES, races.PAPER_BP2))
+    bolt, lyles, ours = (
+        numbers.find(name) for name in (races.BOLT, races.LYLES, races.PAPER_BP2)
+    )
     paper = numbers.paper
     return (
         _greatest(bolt),
@@ -313,29 +381,46 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
 
 def levels(racer: Racer) -> str:
     """The standards of Table S2 that a time meets."""
-    men, women = (f"{level}" if level else "none" for level in (racer.male_level, racer.female_level))
+    men, women = (
+        f"{level}" if level else "none"
+        for level in (racer.male_level, racer.female_level)
+    )
     return f"level {men} of men, {women} of women".replace("level none", "no level")
 
 
 def _greatest(racer: Racer) -> Comparison:
     said = f"{racer.name} exceeds {FAST:g} m/s"
     if not racer.means:
-        return Comparison(said, "not known", "not comparable", "no citable splits ship here: see --athletes")
+        return Comparison(
+            said,
+            "not known",
+            "not comparable",
+            "no citable splits ship here: see --athletes",
+        )
     fastest = max(racer.means)
     found = f"{fastest:.2f} m/s in the mean of the fastest split"
     if fastest > FAST:
         return Comparison(said, found, "same")
-    return Comparison(said, found, "not comparable", "between splits the greatest speed is above their mean")
+    return Comparison(
+        said,
+        found,
+        "not comparable",
+        "between splits the greatest speed is above their mean",
+    )
 
 
 def _standard(category: str, level: int) -> float:
-    return next(s.time for s in read_standards() if (s.category, s.level) == (category, level))
+    return next(
+        s.time for s in read_standards() if (s.category, s.level) == (category, level)
+    )
 
 
 def _ours(run: Racer, published: Racer) -> Comparison:
     said = f"BP2: {published.time:g} s, {published.said_acceleration:g} m/s² over 5 m, minimal decay"
     if run.time is None or run.start is None or run.fade is None:
-        return Comparison(said, f"{run.name}: did not arrive", "differs", "it fell, or was too slow")
+        return Comparison(
+            said, f"{run.name}: did not arrive", "differs", "it fell, or was too slow"
+        )
     return Comparison(
         said,
         f"{run.name}: {run.time:.2f} s ({levels(run)}), 5 m in {run.start.time:.2f} s with v/t "

@@ -1,6 +1,8 @@
-"""The figures of the paper that are drawn here: what each is told, and the function that draws it.
+"""The figures of the paper that are drawn here: what each is told, and the function
+that draws it.
 
-A new figure is an entry. Nothing slow is imported before a figure is drawn: a mistaken flag is answered at once.
+A new figure is an entry. Nothing slow is imported before a figure is drawn: a mistaken
+flag is answered at once.
 """
 
 import pkgutil
@@ -21,7 +23,10 @@ FIGURES: dict[str, tuple[type[Any], str]] = {
     "operating": (settings.OperatingSettings, "figures.operating:operating"),
     "learning": (settings.LearningSettings, "figures.learning:learning"),
     "wear": (settings.WearSettings, "figures.wear:wear"),
-    "identifiability": (settings.IdentifiabilitySettings, "figures.identifiability:identifiability"),
+    "identifiability": (
+        settings.IdentifiabilitySettings,
+        "figures.identifiability:identifiability",
+    ),
     "binding": (settings.BindingSettings, "figures.binding:binding"),
     "exchange": (pendulum.PendulumExchangeSettings, "pendulum.exchange:study_exchange"),
     "sections": (pendulum.PendulumSectionsSettings, "pendulum.sections:cut_sections"),
@@ -30,7 +35,8 @@ FIGURES: dict[str, tuple[type[Any], str]] = {
     "trapping": (pendulum.PendulumTrappingSettings, "pendulum.trapping:find_trapping"),
     "gaits": (pendulum.PendulumGaitsSettings, "pendulum.gaits:gain_by_gait"),
 }
-"""By name: a frozen dataclass with defaults that says what is drawn, and MODULE:FUNCTION within `bp2_rl.paper`."""
+"""By name: a frozen dataclass with defaults that says what is drawn, and
+MODULE:FUNCTION within `bp2_rl.paper`."""
 
 
 def draw(name: str, told: Any) -> "Drawn":
@@ -41,4 +47,10 @@ def draw(name: str, told: Any) -> "Drawn":
     made = pkgutil.resolve_name(f"bp2_rl.paper.{FIGURES[name][1]}")(told)
     if isinstance(made, Drawn):
         return made
-    return Drawn(made.results, (Table("", made.columns, made.rows),), (), {name: made.figure}, made.arrays)
+    return Drawn(
+        made.results,
+        (Table("", made.columns, made.rows),),
+        (),
+        {name: made.figure},
+        made.arrays,
+    )

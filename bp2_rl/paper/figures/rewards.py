@@ -1,4 +1,5 @@
-"""Table S4 of the paper: base coefficients in both stages, ours beside them, and the schedule over speed."""
+"""Table S4 of the paper: base coefficients in both stages, ours beside them, and the
+schedule over speed."""
 
 import dataclasses
 from typing import Any
@@ -33,9 +34,14 @@ ROWS = {
 
 LINES: dict[Schedule, dict[str, Any]] = {
     "text": {"color": FRONT, "linewidth": 2.2, "label": "by the text: tracking gains"},
-    "literal": {"color": FALL, "linestyle": (0, (3, 1.5)), "label": "to the letter of Table S4"},
+    "literal": {
+        "color": FALL,
+        "linestyle": (0, (3, 1.5)),
+        "label": "to the letter of Table S4",
+    },
 }
-"""How the readings of the schedule are drawn; the weight of imitation is what is left of c_J + c_V."""
+"""How the readings of the schedule are drawn; the weight of imitation is what is left
+of c_J + c_V."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +66,19 @@ class RewardsNumbers:
 def rewards(settings: RewardsSettings) -> Drawn:
     """The figure, the table, and what comes of the schedule."""
     numbers = measure()
-    head = ("Term", *(f"{whose}, {stage}" for whose in ("paper", "ours") for stage in STAGES))
+    head = (
+        "Term",
+        *(f"{whose}, {stage}" for whose in ("paper", "ours") for stage in STAGES),
+    )
     lines = [
-        (row, *(f"{column[stage][row]:g}" for column in (numbers.paper, numbers.ours) for stage in STAGES))
+        (
+            row,
+            *(
+                f"{column[stage][row]:g}"
+                for column in (numbers.paper, numbers.ours)
+                for stage in STAGES
+            ),
+        )
         for row in ROWS
     ]
     loses = numbers.literal.at_top < numbers.literal.at_rest
@@ -75,28 +91,49 @@ def rewards(settings: RewardsSettings) -> Drawn:
         "with c_J > c_V the table's formula turns about; we go by the text (--env.reward.schedule)",
     )
     return Drawn(
-        numbers, (Table("Table S4, base coefficients", head, lines),), (said,), {"rewards": rewards_figure(settings)}
+        numbers,
+        (Table("Table S4, base coefficients", head, lines),),
+        (said,),
+        {"rewards": rewards_figure(settings)},
     )
 
 
 def measure() -> RewardsNumbers:
     """Both columns of the table, ours, and both readings of the schedule."""
     paper, ours = (
-        {stage: {row: float(getattr(column[stage], field)) for row, field in ROWS.items()} for stage in STAGES}
+        {
+            stage: {
+                row: float(getattr(column[stage], field)) for row, field in ROWS.items()
+            }
+            for stage in STAGES
+        }
         for column in (PAPER, OURS)
     )
     return RewardsNumbers(paper, ours, _reading("literal"), _reading("text"))
 
 
-def weights(stage: Stage, schedule: Schedule, share: Float[np.ndarray, " N"]) -> Float[np.ndarray, "2 N"]:
-    """c_m and c_v of the paper's coefficients over the commanded speed as a share of the greatest."""
+def weights(
+    stage: Stage, schedule: Schedule, share: Float[np.ndarray, " N"]
+) -> Float[np.ndarray, "2 N"]:
+    """c_m and c_v of the paper's coefficients over the commanded speed as a share of
+    the greatest."""
     config = PAPER[stage]
-    pairs = [speed_schedule(jnp.asarray(at), 1.0, config.imitation, config.tracking, schedule) for at in share.tolist()]
+    pairs = [
+        speed_schedule(
+            jnp.asarray(at), 1.0, config.imitation, config.tracking, schedule
+        )
+        for at in share.tolist()
+    ]
     return np.array(pairs, dtype=float).T
 
 
 def _reading(schedule: Schedule) -> Reading:
-    return Reading(*(float(value) for value in weights("imitation", schedule, np.array([0.0, 0.5, 1.0]))[1]))
+    return Reading(
+        *(
+            float(value)
+            for value in weights("imitation", schedule, np.array([0.0, 0.5, 1.0]))[1]
+        )
+    )
 
 
 @styled
@@ -106,13 +143,19 @@ def rewards_figure(settings: RewardsSettings) -> Figure:
     share = np.linspace(0.0, 1.0, 121)
     for axes, stage in zip(figure.subplots(1, 2, sharey=True), STAGES, strict=True):
         for schedule, line in LINES.items():
-            axes.plot(settings.speed * share, weights(stage, schedule, share)[1], **line)
+            axes.plot(
+                settings.speed * share, weights(stage, schedule, share)[1], **line
+            )
         axes.set(
-            title=f"{stage.capitalize()} stage, paper's coefficients", xlabel="Commanded speed [m/s]", ylim=(0.0, 0.7)
+            title=f"{stage.capitalize()} stage, paper's coefficients",
+            xlabel="Commanded speed [m/s]",
+            ylim=(0.0, 0.7),
         )
         axes.set_xlim(0.0, settings.speed)
         axes.axhline(0.0, color=QUIET, linewidth=0.8)
     figure.axes[0].set_ylabel("Weight of tracking, c_v")
     handles = figure.axes[0].get_lines()[: len(LINES)]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=2.2)
+    figure.legend(
+        handles=handles, loc="outside upper center", ncols=2, handlelength=2.2
+    )
     return figure

@@ -1,4 +1,5 @@
-"""Runs of policies that a figure is told to show, from folders that eval.py leaves; and three cycles of a run."""
+"""Runs of policies that a figure is told to show, from folders that eval.py leaves; and
+three cycles of a run."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +25,8 @@ class Run(NamedTuple):
 
 
 def read_runs(folders: Sequence[Path], benchmark: str) -> tuple[Run, ...]:
-    """The runs in reports of a benchmark, named by their robots, and policies of others: those alike by folders, too.
+    """The runs in reports of a benchmark, named by their robots, and policies of
+    others: those alike by folders, too.
 
     Raises:
         UserError: a folder holds no report of this benchmark, or no trajectory.
@@ -34,14 +36,24 @@ def read_runs(folders: Sequence[Path], benchmark: str) -> tuple[Run, ...]:
     runs = []
     for folder, report, name in zip(folders, reports, names, strict=True):
         which = f", {folder}" if names.count(name) > 1 else ""
-        runs.append(Run(f"simulated, {name}{which}", report, Trajectory.load(folder / TRAJECTORY)))
+        runs.append(
+            Run(
+                f"simulated, {name}{which}",
+                report,
+                Trajectory.load(folder / TRAJECTORY),
+            )
+        )
     return tuple({run.name: run for run in runs}.values())
 
 
 def _name(report: Report) -> str:
     robot = report.conditions.get("robot", "own").partition(":")[0]
     trained_on = report.conditions.get("trained on", robot).partition(":")[0]
-    return f"{robot} robot" if trained_on == robot else f"{trained_on} policy on the {robot} robot"
+    return (
+        f"{robot} robot"
+        if trained_on == robot
+        else f"{trained_on} policy on the {robot} robot"
+    )
 
 
 def _read(folder: Path, benchmark: str) -> Report:
@@ -58,7 +70,8 @@ LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper
 
 
 def cycles(run: Trajectory) -> Trajectory:
-    """The last three cycles that begin within the best second, from touchdown to touchdown; else the run's last.
+    """The last three cycles that begin within the best second, from touchdown to
+    touchdown; else the run's last.
 
     Raises:
         UserError: there are no three.
@@ -69,6 +82,8 @@ def cycles(run: Trajectory) -> Trajectory:
         until = np.searchsorted(run.time[landed], best.start + 1.0)
         landed = landed[: max(int(until), CYCLES + 1)]
     if len(landed) <= CYCLES:
-        raise UserError(f"the run has {max(len(landed) - 1, 0)} whole strides, {CYCLES} are drawn: name a longer one")
+        raise UserError(
+            f"the run has {max(len(landed) - 1, 0)} whole strides, {CYCLES} are drawn: name a longer one"
+        )
     first, last = landed[-CYCLES - 1], landed[-1]
     return run.between(float(run.time[first]), float(run.time[last]))

@@ -11,7 +11,15 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import ScalingSettings
-from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, PublishedRobot, read_mammals, read_robots, speed_law
+from bp2_rl.paper.robots import (
+    KMH,
+    PAPER_GRAVITY,
+    Mammal,
+    PublishedRobot,
+    read_mammals,
+    read_robots,
+    speed_law,
+)
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.simulation.metrics import froude_number
 
@@ -40,7 +48,8 @@ class ComparedRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """The paper's "typically distributed between 0.6 and 0.8", counted: Table S1 without BP2, with the paper's g."""
+    """The paper's "typically distributed between 0.6 and 0.8", counted: Table S1
+    without BP2, with the paper's g."""
 
     below: tuple[str, ...]
     within: tuple[str, ...]
@@ -77,7 +86,8 @@ class ScalingNumbers:
     mammals: tuple[Species, ...]
     spread: Spread
     froude: float  # v^2 / (g h) of BP2 at its top speed outdoors, h its standing height
-    demand_of_table_s3: float  # BP2's with the 35.8 kg of Table S3 and 9.81 m/s2, as reports here have it
+    # BP2's with the 35.8 kg of Table S3 and 9.81 m/s2, as reports here have it
+    demand_of_table_s3: float
     corner_power: float  # W, of one motor of BP2: peak torque x corner speed
 
     @property
@@ -90,7 +100,9 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
     """Read the tables and the reports, and place what is in them."""
     robots = read_robots()
     published = next(robot for robot in robots if robot.robot == BP2)
-    treadmill = dataclasses.replace(published, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED)
+    treadmill = dataclasses.replace(
+        published, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED
+    )
     simulated = read_reports(settings.runs) if settings.runs else shipped()
     mammals = read_mammals(settings.mammals) if settings.mammals else ()
     own = dataclasses.replace(published, mass=4.0 * bp2.QUARTER_MASS).demand()
@@ -126,12 +138,18 @@ def place(robot: PublishedRobot) -> ComparedRobot:
 def place_mammal(mammal: Mammal) -> Species:
     """A mammal beside the law."""
     speed = mammal.top_speed / KMH
-    return Species(mammal.species, mammal.mass, speed, speed / float(speed_law(mammal.mass)))
+    return Species(
+        mammal.species, mammal.mass, speed, speed / float(speed_law(mammal.mass))
+    )
 
 
 def count(robots: Sequence[PublishedRobot]) -> Spread:
     """Which robots are within the paper's band."""
-    known = {robot: demand for robot in robots if (demand := robot.demand(PAPER_GRAVITY)) is not None}
+    known = {
+        robot: demand
+        for robot in robots
+        if (demand := robot.demand(PAPER_GRAVITY)) is not None
+    }
     low, high = BAND
     first, median, third = np.quantile(list(known.values()), (0.25, 0.5, 0.75))
     within = tuple(robot for robot, demand in known.items() if low <= demand <= high)
@@ -152,15 +170,24 @@ def find(robots: Sequence[ComparedRobot], name: str) -> ComparedRobot:
     return next(robot for robot in robots if robot.name == name)
 
 
-# --- Simulated robots ----------------------------------------------------------------------------------------
+# --- Simulated robots -----------------------------------------------------------------
 
 
 def shipped() -> tuple[PublishedRobot, ...]:
-    """The policy that ships, as its card has it: on the built robot, and of the model's mass; none without results."""
+    """The policy that ships, as its card has it: on the built robot, and of the model's
+    mass; none without results."""
     card = load_policy(asset_path("policies/built")).card
     speed = card.results.get(BENCHMARK, {}).get("best_speed")
     name = card.results.get(BENCHMARK, {}).get("robot", "").partition(":")[0]
-    return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * bp2.QUARTER_MASS, speed),)
+    return (
+        ()
+        if not speed
+        else (
+            _simulated(
+                f"simulated, {name or 'own'} robot", 4.0 * bp2.QUARTER_MASS, speed
+            ),
+        )
+    )
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
@@ -169,7 +196,8 @@ def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
     Raises:
         UserError: no such report, or its robot ran no whole second.
     """
-    from bp2_rl.paper.figures.runs import read_runs  # slow to import, and mostly not needed
+    # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs
 
     robots = []
     for name, report, run in read_runs(folders, BENCHMARK):
@@ -177,7 +205,15 @@ def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
         if not isinstance(speed, float):
             raise UserError(f"--runs: {name} ran no whole second")
         hardware = run.hardware
-        robots.append(_simulated(name, run.mass, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed))
+        robots.append(
+            _simulated(
+                name,
+                run.mass,
+                speed,
+                hardware.joint_peak_torque,
+                hardware.joint_no_load_speed,
+            )
+        )
     return tuple(robots)
 
 
@@ -188,21 +224,30 @@ def _simulated(
     peak_torque: float = bp2.PEAK_TORQUE,
     no_load_speed: float = bp2.NO_LOAD_SPEED,
 ) -> PublishedRobot:
-    return PublishedRobot(name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation")
+    return PublishedRobot(
+        name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation"
+    )
 
 
-# --- What comes of the paper's statements --------------------------------------------------------------------
+# --- What comes of the paper's statements ---------------------------------------------
 
 
 def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
     own, spread = numbers.bp2, numbers.spread
-    raibo2, hound, wildcat = (find(numbers.robots, name) for name in (DEMANDING, HOUND, RUNNER_UP))
+    raibo2, hound, wildcat = (
+        find(numbers.robots, name) for name in (DEMANDING, HOUND, RUNNER_UP)
+    )
     assert own.demand is not None  # these two have motor data
     assert own.demand_as_printed is not None
     assert raibo2.demand_as_printed is not None
-    least = min(robot.demand_as_printed for robot in numbers.robots if robot.demand_as_printed)
-    fastest = max((r for r in numbers.robots if r.name not in (BP2, RUNNER_UP)), key=lambda r: r.share)
+    least = min(
+        robot.demand_as_printed for robot in numbers.robots if robot.demand_as_printed
+    )
+    fastest = max(
+        (r for r in numbers.robots if r.name not in (BP2, RUNNER_UP)),
+        key=lambda r: r.share,
+    )
     return (
         Comparison(
             "the law is 25.5 m^0.26 (1 - exp(-22 m^-0.6)), without a unit",
@@ -231,7 +276,9 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
             f"Table S1 spreads from {least:.2f} to {raibo2.demand_as_printed:.2f}",
         ),
         Comparison(
-            "Raibo2 reaches approximately 1.2", f"{raibo2.demand_as_printed:.2f}, the greatest of the others", "same"
+            "Raibo2 reaches approximately 1.2",
+            f"{raibo2.demand_as_printed:.2f}, the greatest of the others",
+            "same",
         ),
         Comparison(
             "BP2's ratio is markedly higher than any other",
@@ -264,8 +311,18 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
 def _mammals(numbers: ScalingNumbers) -> Comparison:
     paper = "171 species of mammals follow the law"
     if not numbers.mammals:
-        return Comparison(paper, "none ship here", "not comparable", "the table's licence is unclear: see --mammals")
+        return Comparison(
+            paper,
+            "none ship here",
+            "not comparable",
+            "the table's licence is unclear: see --mammals",
+        )
     shares = [species.share for species in numbers.mammals]
     first, median, third = np.quantile(shares, (0.25, 0.5, 0.75))
     found = f"{len(shares)} species: median {median:.2f} of the law, half of them from {first:.2f} to {third:.2f}"
-    return Comparison(paper, found, "same" if first <= 1.0 <= third else "differs", "by the table given")
+    return Comparison(
+        paper,
+        found,
+        "same" if first <= 1.0 <= third else "differs",
+        "by the table given",
+    )

@@ -11,40 +11,48 @@ from bp2_rl.robot.hardware import RobotName
 
 @dataclasses.dataclass(frozen=True)
 class ScalingSettings:
-    """Draw greatest speed over body mass, and what is asked of the motors (paper, Fig. 1 and its inset).
+    """Draw greatest speed over body mass, and what is asked of the motors (paper, Fig.
+    1 and its inset).
 
-    Shown are the robots of the paper's Table S1, the law of animals, and the policy that ships, as its card has it.
+    Shown are the robots of the paper's Table S1, the law of animals, and the policy
+    that ships, as its card has it.
     """
 
     mammals: Path | None = None
     """a table of mammals, CSV with the columns: species,mass [kg],top speed [km/h]"""
     runs: tuple[Path, ...] = ()
-    """folders of reports of eval.py --benchmark topspeed, in place of the policy that ships"""
+    """folders of reports of eval.py --benchmark topspeed, in place of the policy that
+    ships"""
 
 
 @dataclasses.dataclass(frozen=True)
 class RaceSettings:
-    """Draw speed over distance of BP2 and of athletes, their starts and their times (paper, Fig. 6 B-D, Table S2).
+    """Draw speed over distance of BP2 and of athletes, their starts and their times
+    (paper, Fig. 6 B-D, Table S2).
 
-    Shown are Bolt's splits, what the paper says of the others, and the runs of policies.
+    Shown are Bolt's splits, what the paper says of the others, and the runs of
+    policies.
     """
 
     runs: tuple[Path, ...] = ()
     """folders of reports of eval.py --benchmark sprint"""
     athletes: Path | None = None
-    """splits of more athletes, CSV with the columns: athlete,distance [m],time [s],reaction [s]"""
+    """splits of more athletes, CSV with the columns: athlete,distance [m],time
+    [s],reaction [s]"""
 
 
 @dataclasses.dataclass(frozen=True)
 class RobotSettings:
-    """Draw the robot as it is modelled, with its dimensions (paper, Fig. 2, Fig. S1, Table S3)."""
+    """Draw the robot as it is modelled, with its dimensions (paper, Fig. 2, Fig. S1,
+    Table S3)."""
 
     robot: RobotName = "built"
 
 
 @dataclasses.dataclass(frozen=True)
 class RewardsSettings(Bounded, path="--"):
-    """Draw how the weights of imitation and of tracking go with the commanded speed (paper, Table S4)."""
+    """Draw how the weights of imitation and of tracking go with the commanded speed
+    (paper, Table S4)."""
 
     speed: Annotated[float, Within(0.1, 100.0)] = 15.5
     """the greatest command, m/s"""
@@ -60,15 +68,18 @@ class StridesSettings:
 
 @dataclasses.dataclass(frozen=True)
 class OperatingSettings:
-    """Draw where hips and knees work, torque over speed, in three cycles of each run (paper, Fig. 5 E)."""
+    """Draw where hips and knees work, torque over speed, in three cycles of each run
+    (paper, Fig. 5 E)."""
 
     runs: tuple[Path, ...] = ()
-    """folders of reports of eval.py --benchmark topspeed, one a speed; comparisons are of the first"""
+    """folders of reports of eval.py --benchmark topspeed, one a speed; comparisons are
+    of the first"""
 
 
 @dataclasses.dataclass(frozen=True)
 class LearningSettings:
-    """Draw how soon the policies of trainings run, over control steps and over time, as their judge saw it."""
+    """Draw how soon the policies of trainings run, over control steps and over time, as
+    their judge saw it."""
 
     runs: tuple[Path, ...] = ()
     """folders of trainings, each with a judge (--run.judged)"""
@@ -76,7 +87,8 @@ class LearningSettings:
 
 @dataclasses.dataclass(frozen=True)
 class WearSettings(Bounded, path="--"):
-    """Draw speed over how hard soles land, of policies on the built robot, and whether they need strong brakes."""
+    """Draw speed over how hard soles land, of policies on the built robot, and whether
+    they need strong brakes."""
 
     policies: tuple[Path, ...] = (Path("built"), Path("gentle"))
     """policies that ship, by name, or of your runs"""
@@ -86,13 +98,16 @@ class WearSettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilitySettings(Bounded, path="--"):
-    """Draw which of the numbers that had to be assumed the paper's own numbers pin down, and which nothing does.
+    """Draw which of the numbers that had to be assumed the paper's own numbers pin
+    down, and which nothing does.
 
-    Takes some minutes: trajectories are optimised again with each assumption a little larger and smaller.
+    Takes some minutes: trajectories are optimised again with each assumption a little
+    larger and smaller.
     """
 
     model_error: Annotated[float, Within(1e-6, 10.0)] = 0.05
-    """relative, by which the model's numbers may be off if every assumption holds; rounding in print comes on top"""
+    """relative, by which the model's numbers may be off if every assumption holds;
+    rounding in print comes on top"""
     intervals: Annotated[int, Within(4, 100)] = 8
     """of each segment of the trajectories"""
     speed: Annotated[float, Within(2.0, 14.0)] = 10.0
@@ -101,9 +116,11 @@ class IdentifiabilitySettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class BindingSettings:
-    """Draw which limits hold the optimiser's trots back at each speed, and how far a policy's gait is from them.
+    """Draw which limits hold the optimiser's trots back at each speed, and how far a
+    policy's gait is from them.
 
-    Shown is, too, what a little more of each limit would bring. Takes some minutes: trajectories are solved.
+    Shown is, too, what a little more of each limit would bring. Takes some minutes:
+    trajectories are solved.
     """
 
     speeds: tuple[Annotated[float, Within(0.5, 30.0)], ...] = (10.0, 13.0, 15.0, 17.0)
@@ -113,10 +130,13 @@ class BindingSettings:
     intervals: Annotated[int, Within(4, 100)] = 8
     """of each segment"""
     runs: tuple[Path, ...] = ()
-    """folders of reports of eval.py --benchmark topspeed, one a speed: what the policy does there"""
+    """folders of reports of eval.py --benchmark topspeed, one a speed: what the policy
+    does there"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "--")
         if not self.speeds or sorted(set(self.speeds)) != list(self.speeds):
-            raise UserError("--speeds: name the slowest first and each once, as each solve starts from the one before")
+            raise UserError(
+                "--speeds: name the slowest first and each once, as each solve starts from the one before"
+            )

@@ -1,4 +1,5 @@
-"""Fig. 5 A of the paper: three cycles of the gait as keyframes, from a run of a policy."""
+"""Fig. 5 A of the paper: three cycles of the gait as keyframes, from a run of a
+policy."""
 
 import dataclasses
 
@@ -42,7 +43,9 @@ def strides(settings: StridesSettings) -> Drawn:
         UserError: no report, several, or a run without three cycles.
     """
     if len(settings.runs) != 1:
-        raise UserError(f"--runs takes one report that python eval.py --benchmark {BENCHMARK} leaves")
+        raise UserError(
+            f"--runs takes one report that python eval.py --benchmark {BENCHMARK} leaves"
+        )
     (run,) = read_runs(settings.runs, BENCHMARK)
     part = cycles(run.trajectory)
     numbers = measure(run.name, part)
@@ -80,20 +83,48 @@ def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
     data = mujoco.MjData(model)
     figure = Figure(figsize=(1.3 * WIDTH, 5.0), layout="constrained")
     colors: dict[str | None, str] = {None: INK, **LEG_COLORS}
-    samples = np.linspace(0, len(part), CYCLES * FRAMES, endpoint=False).astype(int).reshape(CYCLES, FRAMES)
+    samples = (
+        np.linspace(0, len(part), CYCLES * FRAMES, endpoint=False)
+        .astype(int)
+        .reshape(CYCLES, FRAMES)
+    )
     for axes, row in zip(figure.subplots(CYCLES, 1), samples, strict=True):
         axes.axhline(0.0, color=QUIET, linewidth=0.8)
         for place, sample in enumerate(row):
             data.qpos[:] = part.qpos[sample]
             data.qpos[:2] = 0.0
             mujoco.mj_kinematics(model, data)
-            draw(axes, outlines(model, data, (0, 2)), colors, right=SPACE * place, alpha=FADED if place % 2 else 1.0)
+            draw(
+                axes,
+                outlines(model, data, (0, 2)),
+                colors,
+                right=SPACE * place,
+                alpha=FADED if place % 2 else 1.0,
+            )
             since = 1e3 * (part.time[sample] - part.time[0])
-            axes.annotate(f"{since:.0f} ms", (SPACE * place, -0.08), ha="center", va="top", fontsize=8, color=QUIET)
-        axes.set(aspect="equal", xlim=(-0.75, SPACE * (FRAMES - 1) + 0.75), ylim=(-0.2, 0.8))
+            axes.annotate(
+                f"{since:.0f} ms",
+                (SPACE * place, -0.08),
+                ha="center",
+                va="top",
+                fontsize=8,
+                color=QUIET,
+            )
+        axes.set(
+            aspect="equal", xlim=(-0.75, SPACE * (FRAMES - 1) + 0.75), ylim=(-0.2, 0.8)
+        )
         axes.axis("off")
-    handles = [figure.axes[0].fill([], [], color=color, label=leg)[0] for leg, color in LEG_COLORS.items()]
-    figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=0.9, columnspacing=1.0)
+    handles = [
+        figure.axes[0].fill([], [], color=color, label=leg)[0]
+        for leg, color in LEG_COLORS.items()
+    ]
+    figure.legend(
+        handles=handles,
+        loc="outside upper right",
+        ncols=4,
+        handlelength=0.9,
+        columnspacing=1.0,
+    )
     title = f"{numbers.name}: {CYCLES} cycles at {numbers.speed:.2f} m/s from touchdown of {LEGS[LEG]}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
     return figure

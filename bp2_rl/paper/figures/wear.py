@@ -1,4 +1,5 @@
-"""What a fast run does to a robot: speed over how hard soles land, and whether it needs strong brakes."""
+"""What a fast run does to a robot: speed over how hard soles land, and whether it needs
+strong brakes."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,7 +28,8 @@ COLORS = (QUIET, *LEG_COLORS.values())
 
 @dataclasses.dataclass(frozen=True)
 class Wear:
-    """A policy's run on the built robot, and one with weak brakes; means and extremes of the time held."""
+    """A policy's run on the built robot, and one with weak brakes; means and extremes
+    of the time held."""
 
     policy: str
     landing_reward: float  # coefficient in training
@@ -43,18 +45,27 @@ class Wear:
 
 def wear(settings: WearSettings) -> Drawn:
     """The figure and its table."""
-    found = tuple(wear_of(str(path), load_policy(path), settings.speed) for path in settings.policies)
-    return Drawn({"policies": found}, (_table(found),), (), {"wear": wear_figure(found)})
+    found = tuple(
+        wear_of(str(path), load_policy(path), settings.speed)
+        for path in settings.policies
+    )
+    return Drawn(
+        {"policies": found}, (_table(found),), (), {"wear": wear_figure(found)}
+    )
 
 
 def wear_of(name: str, policy: Policy, speed: float) -> Wear:
     """Run a policy from a stand, told to run `speed`, m/s."""
     ramp = Ramp(speed, hold=HOLD).under(policy.card.env.control)
-    run, weak = simulate(policy, [RunRequest(ramp, hardware=robot) for robot in (BUILT, WEAK)])
+    run, weak = simulate(
+        policy, [RunRequest(ramp, hardware=robot) for robot in (BUILT, WEAK)]
+    )
     return measure(name, policy.card.env.reward.landing, run, weak.fell_at)
 
 
-def measure(name: str, landing_reward: float, run: Trajectory, weak_fell_at: float | None) -> Wear:
+def measure(
+    name: str, landing_reward: float, run: Trajectory, weak_fell_at: float | None
+) -> Wear:
     """Return what a run wears."""
     metrics, steady = run.metrics, account(steady_window(run))
     return Wear(
@@ -73,36 +84,72 @@ def measure(name: str, landing_reward: float, run: Trajectory, weak_fell_at: flo
 
 def _table(policies: Sequence[Wear]) -> Table:
     head = (
-        "Policy", "Landing reward", "Speed [m/s]", "Fall", "Soles land at [m/s]", "Springs top out at [m/s]",
-        "Motors beyond no load", "Room between legs [mm]", f"Foot over {1e3 * PLATE:.0f} ms [body weights]",
+        "Policy",
+        "Landing reward",
+        "Speed [m/s]",
+        "Fall",
+        "Soles land at [m/s]",
+        "Springs top out at [m/s]",
+        "Motors beyond no load",
+        "Room between legs [mm]",
+        f"Foot over {1e3 * PLATE:.0f} ms [body weights]",
         "Fall with brakes as drives",
-    )  # fmt: skip
+    )
     lines = [
         (
-            one.policy, f"{one.landing_reward:g}", f"{one.speed:.2f}", show_fall(one.fell_at),
-            show(one.landing, ".1f"), f"{one.top_out:.1f}", f"{one.overspeed:.1%}", f"{1e3 * one.room:.0f}",
-            f"{one.plate_force:.1f}", show_fall(one.weak_fell_at),
+            one.policy,
+            f"{one.landing_reward:g}",
+            f"{one.speed:.2f}",
+            show_fall(one.fell_at),
+            show(one.landing, ".1f"),
+            f"{one.top_out:.1f}",
+            f"{one.overspeed:.1%}",
+            f"{1e3 * one.room:.0f}",
+            f"{one.plate_force:.1f}",
+            show_fall(one.weak_fell_at),
         )
         for one in policies
-    ]  # fmt: skip
+    ]
     return Table("Held for 5 s on the built robot, in C MuJoCo", head, lines)
 
 
 @styled
 def wear_figure(policies: Sequence[Wear]) -> Figure:
-    """Speed over the soles' landing speed; circles are filled where weak brakes do not make the robot fall."""
+    """Speed over the soles' landing speed; circles are filled where weak brakes do not
+    make the robot fall."""
     figure = Figure(figsize=(6.0, 4.0), layout="constrained")
     axes = figure.subplots()
     rewards = sorted({one.landing_reward for one in policies})
     for place, reward in enumerate(rewards):
         color = COLORS[place % len(COLORS)]
-        stood = [one for one in policies if one.landing_reward == reward and one.fell_at is None]
+        stood = [
+            one
+            for one in policies
+            if one.landing_reward == reward and one.fell_at is None
+        ]
         fills = [color if one.weak_fell_at is None else "white" for one in stood]
         axes.scatter(
-            np.array([one.landing for one in stood], float), [one.speed for one in stood], s=36, facecolors=fills,
-            edgecolors=color, linewidths=1.4, label=f"landing reward {reward:g}", zorder=3,
-        )  # fmt: skip
-    axes.set(xlim=(0.0, None), xlabel="Soles land at [m/s], mean", ylabel="Speed held for 5 s [m/s]")
-    axes.text(0.98, 0.03, "filled: runs on with brakes as drives", transform=axes.transAxes, ha="right", color=INK)
+            np.array([one.landing for one in stood], float),
+            [one.speed for one in stood],
+            s=36,
+            facecolors=fills,
+            edgecolors=color,
+            linewidths=1.4,
+            label=f"landing reward {reward:g}",
+            zorder=3,
+        )
+    axes.set(
+        xlim=(0.0, None),
+        xlabel="Soles land at [m/s], mean",
+        ylabel="Speed held for 5 s [m/s]",
+    )
+    axes.text(
+        0.98,
+        0.03,
+        "filled: runs on with brakes as drives",
+        transform=axes.transAxes,
+        ha="right",
+        color=INK,
+    )
     axes.legend(loc="upper left")
     return figure

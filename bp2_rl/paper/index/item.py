@@ -1,4 +1,5 @@
-"""A row of the index: an item of the paper, the command that makes ours, and what has to hold for "same"."""
+"""A row of the index: an item of the paper, the command that makes ours, and what has
+to hold for "same"."""
 
 import dataclasses
 import math
@@ -17,7 +18,8 @@ Stated = Literal["same", "differs", "not comparable", "needs hardware"]
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A number of ours that has to lie between two of the paper's, or words that have to be the paper's."""
+    """A number of ours that has to lie between two of the paper's, or words that have
+    to be the paper's."""
 
     at: str  # SOURCE:PATH
     least: float = -math.inf
@@ -33,11 +35,14 @@ class Check:
 
 @dataclasses.dataclass(frozen=True)
 class Item:
-    """One item of the paper. Numbers in `ours` and `because` stand as {SOURCE:PATH|FORMAT}, and come from its file."""
+    """One item of the paper. Numbers in `ours` and `because` stand as
+    {SOURCE:PATH|FORMAT}, and come from its file."""
 
     number: str  # as the paper has it
     shows: str  # in our words
-    place: str = ""  # SOURCE or SOURCE/PICTURE: the command whose numbers are ours, and the file of its folder to show
+    # SOURCE or SOURCE/PICTURE: the command whose numbers are ours, and the file of its
+    # folder to show
+    place: str = ""
     command: str = ""  # where it is no source's
     ours: str = ""
     checks: tuple[Check, ...] = ()  # all hold: same; else: differs
@@ -47,8 +52,13 @@ class Item:
 
     @property
     def id(self) -> str:
-        """The row's anchor on the page: fig-4-a, table-s1, eq-3, movie-s2, or beyond-SOURCE."""
-        return f"beyond-{self.source}" if self.beyond else re.sub("[^a-z0-9]+", "-", self.number.lower())
+        """The row's anchor on the page: fig-4-a, table-s1, eq-3, movie-s2, or
+        beyond-SOURCE."""
+        return (
+            f"beyond-{self.source}"
+            if self.beyond
+            else re.sub("[^a-z0-9]+", "-", self.number.lower())
+        )
 
     @property
     def source(self) -> str:
@@ -62,7 +72,8 @@ class Item:
 
 
 def read_items() -> dict[str, tuple[Item, ...]]:
-    """Return all items by heading, in the order of the paper, and then what goes beyond it: those of items.toml."""
+    """Return all items by heading, in the order of the paper, and then what goes beyond
+    it: those of items.toml."""
     with Path(__file__).with_name("items.toml").open("rb") as file:
         return {
             heading: tuple(from_json(Item, entry) for entry in entries)
@@ -104,16 +115,26 @@ def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> IndexRow:
         UserError: a report lacks a number that the item shows.
     """
     needed = {item.source} if item.source else set()
-    needed |= {at.partition(":")[0] for at in (*places(item), *(check.at for check in item.checks))}
+    needed |= {
+        at.partition(":")[0]
+        for at in (*places(item), *(check.at for check in item.checks))
+    }
     lacking = sorted(needed - reports.keys())
     if lacking:
-        return IndexRow(item, "not run", (), tuple(f"{name}: {missing.get(name, 'not run')}" for name in lacking[:1]))
+        return IndexRow(
+            item,
+            "not run",
+            (),
+            tuple(f"{name}: {missing.get(name, 'not run')}" for name in lacking[:1]),
+        )
     if item.checks:
         held = all(check.holds(look_up(reports, check.at)) for check in item.checks)
         verdict: Verdict = "same" if held else "differs"
     else:
         verdict = item.stated or "not comparable"
-    return IndexRow(item, verdict, _filled(item.ours, reports), _filled(item.because, reports))
+    return IndexRow(
+        item, verdict, _filled(item.ours, reports), _filled(item.because, reports)
+    )
 
 
 def places(item: Item) -> tuple[str, ...]:
@@ -124,7 +145,8 @@ def places(item: Item) -> tuple[str, ...]:
 def look_up(reports: Reports, at: str) -> Any:
     """The value at SOURCE:PATH.
 
-    A path's steps are separated by /: a key, a place in a list, or KEY=VALUE for the entry of a list that has it.
+    A path's steps are separated by /: a key, a place in a list, or KEY=VALUE for the
+    entry of a list that has it.
 
     Raises:
         UserError: there is none.
@@ -141,7 +163,9 @@ def look_up(reports: Reports, at: str) -> Any:
             else:
                 value = value[int(step)] if isinstance(value, list) else value[step]
         except (KeyError, IndexError, ValueError, TypeError, StopIteration):
-            raise UserError(f"the report of {source} has no {path}: remove its folder to have it made anew") from None
+            raise UserError(
+                f"the report of {source} has no {path}: remove its folder to have it made anew"
+            ) from None
     return value
 
 

@@ -1,4 +1,5 @@
-"""The index as one page of HTML: every item of the paper, what is ours, and the pictures and films inside."""
+"""The index as one page of HTML: every item of the paper, what is ours, and the
+pictures and films inside."""
 
 import base64
 from collections.abc import Iterable, Mapping
@@ -10,7 +11,13 @@ from bp2_rl.base.templates import render
 from bp2_rl.paper.index.item import IndexRow, Verdict
 from bp2_rl.paper.index.sources import Source
 
-VERDICTS: tuple[Verdict, ...] = ("same", "differs", "not comparable", "needs hardware", "not run")
+VERDICTS: tuple[Verdict, ...] = (
+    "same",
+    "differs",
+    "not comparable",
+    "needs hardware",
+    "not run",
+)
 FILM = ".mp4"
 
 
@@ -46,7 +53,9 @@ def index_page(
         groups=groups,
         counts=[(verdict, verdicts.count(verdict)) for verdict in VERDICTS],
         made=shown,
-        there={(each.source.name, file.name) for each, files in shown for file in files},
+        there={
+            (each.source.name, file.name) for each, files in shown for file in files
+        },
         commands=commands,
         missing=missing,
         said=said,

@@ -1,4 +1,5 @@
-"""The commands whose numbers and pictures the index shows, and what each of them hangs on."""
+"""The commands whose numbers and pictures the index shows, and what each of them hangs
+on."""
 
 import dataclasses
 import hashlib
@@ -24,13 +25,16 @@ class Source:
     benchmark: str | None = None  # it runs the policy on this one
     film: bool = False  # it leaves a film, where that can be made
     quick: bool = False  # it has a short version
-    runs: tuple[str, ...] = ()  # names of the sources whose folders it is told with --runs
+    # names of the sources whose folders it is told with --runs
+    runs: tuple[str, ...] = ()
     numbers: str = "metrics.json"  # the file of its numbers
 
     @property
     def command(self) -> str:
         """As a user types it."""
-        return " ".join(("bp2", *self.words, *(("--runs", "REPORT ...") if self.runs else ())))
+        return " ".join(
+            ("bp2", *self.words, *(("--runs", "REPORT ...") if self.runs else ()))
+        )
 
 
 ROBOT = "bp2_mjcf"
@@ -42,7 +46,9 @@ def _figure(name: str, reads: tuple[str, ...] = (), *runs: str) -> Source:
     return Source(name, ("paper", "figures", name), reads, runs=runs)
 
 
-def _evaluated(benchmark: str, *words: str, name: str = "", film: bool = False) -> Source:
+def _evaluated(
+    benchmark: str, *words: str, name: str = "", film: bool = False
+) -> Source:
     told = ("eval", "--benchmark", benchmark, *words)
     return Source(name or benchmark, told, (ROBOT,), benchmark=benchmark, film=film)
 
@@ -54,7 +60,12 @@ def _deeply_evaluated(benchmark: str) -> Source:
 
 SOURCES = (
     *map(_figure, ("exchange", "sections", "torque", "map", "trapping", "gaits")),
-    Source("trajopt", ("paper", "trajectories", "figures"), (LIBRARY,), numbers="coupling.json"),
+    Source(
+        "trajopt",
+        ("paper", "trajectories", "figures"),
+        (LIBRARY,),
+        numbers="coupling.json",
+    ),
     _evaluated("topspeed", film=True),
     _evaluated("topspeed", "--robot", "ideal", "--no-video", name="topspeed_ideal"),
     _evaluated("sprint", film=True),
@@ -65,7 +76,15 @@ SOURCES = (
     _figure("robot", (ROBOT,)),
     _figure("rewards"),
     _figure("strides", (), "topspeed"),
-    _evaluated("topspeed", "--speed", f"{OUTDOOR_TOP_SPEED:g}", "--hold", "6", "--no-video", name="topspeed_outdoors"),
+    _evaluated(
+        "topspeed",
+        "--speed",
+        f"{OUTDOOR_TOP_SPEED:g}",
+        "--hold",
+        "6",
+        "--no-video",
+        name="topspeed_outdoors",
+    ),
     _figure("operating", (), "topspeed_outdoors", "topspeed"),
     _figure("identifiability"),
     _figure("binding", (), "topspeed_ideal"),
@@ -100,11 +119,14 @@ def arguments(source: Source, choice: Choice, folder: Path) -> list[str]:
     return told
 
 
-def key_of(source: Source, choice: Choice, version: str, others: Mapping[str, str]) -> str:
+def key_of(
+    source: Source, choice: Choice, version: str, others: Mapping[str, str]
+) -> str:
     """Twelve hex digits that change with whatever a command's report is made of.
 
-    That is: the package's version, the command's words, the shipped files that it reads, the policy's files, and the
-    reports that it is told. Where these lie does not count, nor does code that has changed within a version.
+    That is: the package's version, the command's words, the shipped files that it
+    reads, the policy's files, and the reports that it is told. Where these lie does not
+    count, nor does code that has changed within a version.
 
     Args:
         source: the command.
@@ -126,7 +148,11 @@ def key_of(source: Source, choice: Choice, version: str, others: Mapping[str, st
 def digest(path: Path) -> str:
     """The checksum of a file, or of all files in a folder with their names."""
     found = hashlib.sha256()
-    for file in sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]:
+    for file in (
+        sorted(each for each in path.rglob("*") if each.is_file())
+        if path.is_dir()
+        else [path]
+    ):
         found.update(f"{file.relative_to(path)}\0".encode())
         found.update(hashlib.sha256(read_bytes(file)).digest())
     return found.hexdigest()

@@ -1,1 +1,2 @@
-"""How a motion repeats itself: sections, spectra, return maps. Arrays in, numbers out; it knows of no robot."""
+"""How a motion repeats itself: sections, spectra, return maps. Arrays in, numbers out;
+it knows of no robot."""

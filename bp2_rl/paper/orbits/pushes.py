@@ -7,12 +7,16 @@ from jaxtyping import Bool, Float
 
 
 def largest(
-    survives: Callable[[Float[np.ndarray, " N"]], Bool[np.ndarray, " N"]], kinds: int, most: float, rounds: int
+    survives: Callable[[Float[np.ndarray, " N"]], Bool[np.ndarray, " N"]],
+    kinds: int,
+    most: float,
+    rounds: int,
 ) -> tuple[Float[np.ndarray, " kinds"], Float[np.ndarray, " kinds"]]:
-    """Between which two sizes of each kind of push survival ends: (survived, not survived).
+    """Between which two sizes of each kind of push survival ends: (survived, not
+    survived).
 
-    A push of 0 counts as survived, one of `most` as not; the two are most / 2^rounds apart. Where survival is not
-    monotonous in the size, one of its ends is found.
+    A push of 0 counts as survived, one of `most` as not; the two are most / 2^rounds
+    apart. Where survival is not monotonous in the size, one of its ends is found.
     """
     low, high = np.zeros(kinds), np.full(kinds, most)
     for _ in range(rounds):

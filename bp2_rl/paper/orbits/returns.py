@@ -1,9 +1,12 @@
-"""The return map of a periodic motion: from a state to the state a cycle later, and its multipliers.
+"""The return map of a periodic motion: from a state to the state a cycle later, and its
+multipliers.
 
-Multipliers are the eigenvalues of the map's derivative at a fixed point. Where all are smaller than 1, small deviations
-die out; the largest, the radius, says how fast. Two estimates that share nothing but the map: differences along each
-coordinate, and a linear map fitted to many random deviations. A map with corners (contacts that break and close) has no
-derivative on a small scale; the fit then says what deviations of its own size do in the mean.
+Multipliers are the eigenvalues of the map's derivative at a fixed point. Where all are
+smaller than 1, small deviations die out; the largest, the radius, says how fast. Two
+estimates that share nothing but the map: differences along each coordinate, and a
+linear map fitted to many random deviations. A map with corners (contacts that break and
+close) has no derivative on a small scale; the fit then says what deviations of its own
+size do in the mean.
 """
 
 import dataclasses
@@ -42,8 +45,11 @@ def radius(matrix: Float[np.ndarray, "D D"]) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(matrix))))
 
 
-def differences(step: Map, at: Float[np.ndarray, " D"], width: float | Float[np.ndarray, " D"]) -> np.ndarray:
-    """The map's derivative "D D" at a point by central differences, `width` to either side of each coordinate.
+def differences(
+    step: Map, at: Float[np.ndarray, " D"], width: float | Float[np.ndarray, " D"]
+) -> np.ndarray:
+    """The map's derivative "D D" at a point by central differences, `width` to either
+    side of each coordinate.
 
     Raises:
         ValueError: a state did not return.
@@ -58,12 +64,16 @@ def differences(step: Map, at: Float[np.ndarray, " D"], width: float | Float[np.
 
 
 def plateau(
-    step: Map, at: Float[np.ndarray, " D"], directions: Float[np.ndarray, "M D"], widths: Float[np.ndarray, " W"]
+    step: Map,
+    at: Float[np.ndarray, " D"],
+    directions: Float[np.ndarray, "M D"],
+    widths: Float[np.ndarray, " W"],
 ) -> Float[np.ndarray, "W M"]:
     """How differences along some directions depend on their width.
 
-    |d(w) - d(w')| / |d(w')| with w' the next greater width; NaN for the greatest, which has none. Rounding makes it
-    grow towards small widths, curvature and corners towards great ones; between lies the plateau, if there is one.
+    |d(w) - d(w')| / |d(w')| with w' the next greater width; NaN for the greatest, which
+    has none. Rounding makes it grow towards small widths, curvature and corners towards
+    great ones; between lies the plateau, if there is one.
     """
     shape = len(widths), *directions.shape
     off = widths[:, None, None] * directions
@@ -77,16 +87,21 @@ def plateau(
 
 
 def fit(
-    before: Float[np.ndarray, "N D"], after: Float[np.ndarray, "N D"], centre: Float[np.ndarray, " D"] | None = None
+    before: Float[np.ndarray, "N D"],
+    after: Float[np.ndarray, "N D"],
+    centre: Float[np.ndarray, " D"] | None = None,
 ) -> Fit:
-    """The linear map that takes states to those a cycle later with the least squared error.
+    """The linear map that takes states to those a cycle later with the least squared
+    error.
 
     Raises:
         ValueError: fewer states than it has unknowns.
     """
     size = before.shape[1]
     if len(before) <= size:
-        raise ValueError(f"{len(before)} states do not determine a map of {size} coordinates")
+        raise ValueError(
+            f"{len(before)} states do not determine a map of {size} coordinates"
+        )
     centre = np.zeros(size) if centre is None else centre
     known = np.concatenate([before - centre, np.ones((len(before), 1))], axis=1)
     scale = np.sqrt(np.mean(known**2, axis=0))
@@ -96,17 +111,26 @@ def fit(
     rest = wanted - known @ solution
     varies = np.var(wanted, axis=0)
     seen = varies > 0.0
-    unexplained = float(np.mean(np.mean(rest**2, axis=0)[seen] / varies[seen])) if np.any(seen) else 0.0
+    unexplained = (
+        float(np.mean(np.mean(rest**2, axis=0)[seen] / varies[seen]))
+        if np.any(seen)
+        else 0.0
+    )
     return Fit(solution[:-1].T, solution[-1], unexplained)
 
 
 def bootstrap(
-    before: Float[np.ndarray, "N D"], after: Float[np.ndarray, "N D"], draws: int, seed: int = 0
+    before: Float[np.ndarray, "N D"],
+    after: Float[np.ndarray, "N D"],
+    draws: int,
+    seed: int = 0,
 ) -> Float[np.ndarray, " draws"]:
-    """Radii of maps fitted to the states that the fitted map would give with its residuals dealt out anew.
+    """Radii of maps fitted to the states that the fitted map would give with its
+    residuals dealt out anew.
 
-    States before stay: drawn with replacement, hardly more different ones than coordinates would remain. Residuals are
-    enlarged by sqrt(N / (N - D - 1)), as a fit takes up some of them.
+    States before stay: drawn with replacement, hardly more different ones than
+    coordinates would remain. Residuals are enlarged by sqrt(N / (N - D - 1)), as a fit
+    takes up some of them.
     """
     rng, (count, size) = np.random.default_rng(seed), before.shape
     found = fit(before, after)
@@ -118,8 +142,11 @@ def bootstrap(
     return np.array([radius((solve @ states)[:size].T) for states in drawn])
 
 
-def interval(estimate: float, drawn: Float[np.ndarray, " N"], confidence: float = 0.95) -> tuple[float, float]:
-    """The basic bootstrap's interval: what draws are above the estimate they are drawn from, truth is below it.
+def interval(
+    estimate: float, drawn: Float[np.ndarray, " N"], confidence: float = 0.95
+) -> tuple[float, float]:
+    """The basic bootstrap's interval: what draws are above the estimate they are drawn
+    from, truth is below it.
 
     So a bias is taken out: of a radius it is upwards, as noise moves eigenvalues apart.
     """

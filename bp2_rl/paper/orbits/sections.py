@@ -1,16 +1,18 @@
-"""A Poincare section: one point a cycle. Whether the points wander, and whether any of them stray.
+"""A Poincare section: one point a cycle. Whether the points wander, and whether any of
+them stray.
 
 The paper's centroid drift D_c* has no printed definition. Here it is
 
     D_c* = |mean of the last third - mean of the first third| / R,    R^2 = mean |x - mean|^2
 
-As it divides by the points' own scatter, it does not tell a quiet motion from a noisy one; and n independent points
-have
+As it divides by the points' own scatter, it does not tell a quiet motion from a noisy
+one; and n independent points have
 
     sqrt(E D_c*^2) = sqrt(6 / n)
 
-however small their scatter, as each third's mean has a variance of 3 R^2 / n: .24 for 100 cycles, .071 for 1190. That
-is its floor: less says nothing, and more that the points wander.
+however small their scatter, as each third's mean has a variance of 3 R^2 / n: .24 for
+100 cycles, .071 for 1190. That is its floor: less says nothing, and more that the
+points wander.
 """
 
 import dataclasses
@@ -20,7 +22,8 @@ import numpy as np
 from jaxtyping import Float
 
 CHI_SQUARE_95 = 7.814727903251179
-"""Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three dimensions."""
+"""Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three
+dimensions."""
 LEAST_POINTS = 6
 """A section of fewer has no thirds to speak of."""
 
@@ -44,10 +47,18 @@ def centroid_drift(points: Float[np.ndarray, "N D"]) -> Drift:
     """
     count = len(points)
     if count < LEAST_POINTS:
-        raise ValueError(f"a section of {count} points has no drift: it takes {LEAST_POINTS}")
+        raise ValueError(
+            f"a section of {count} points has no drift: it takes {LEAST_POINTS}"
+        )
     third = count // 3
-    moved = float(np.linalg.norm(np.mean(points[-third:], axis=0) - np.mean(points[:third], axis=0)))
-    scatter = float(np.sqrt(np.mean(np.sum((points - np.mean(points, axis=0)) ** 2, axis=1))))
+    moved = float(
+        np.linalg.norm(
+            np.mean(points[-third:], axis=0) - np.mean(points[:third], axis=0)
+        )
+    )
+    scatter = float(
+        np.sqrt(np.mean(np.sum((points - np.mean(points, axis=0)) ** 2, axis=1)))
+    )
     over = moved / scatter if scatter > 0.0 else 0.0
     return Drift(count, moved, scatter, over, math.sqrt(2.0 / third))
 
@@ -58,15 +69,17 @@ class Inliers:
 
     share: float  # with a squared Mahalanobis distance below `CHI_SQUARE_95`
     excess: float  # over .95, which any Gaussian has
-    error: float  # of that for as many independent Gaussian points, one standard deviation
+    # of that for as many independent Gaussian points, one standard deviation
+    error: float
 
 
 def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
     """The share of points near a robust mean, which outliers do not pull along.
 
-    Mean and covariance are those of the points that are inliers themselves, found by repetition from the median and
-    all points' covariance on; a covariance of the inner 95 % is too small by the factor
-    P(chi^2_5 < c) / .95 (Croux and Haesbroeck 1999), which is given back to it.
+    Mean and covariance are those of the points that are inliers themselves, found by
+    repetition from the median and all points' covariance on; a covariance of the inner
+    95 % is too small by the factor P(chi^2_5 < c) / .95 (Croux and Haesbroeck 1999),
+    which is given back to it.
     """
     squared = mahalanobis(points, np.median(points, axis=0), np.cov(points.T))
     inside = squared <= CHI_SQUARE_95
@@ -74,7 +87,9 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
         within = points[inside]
         if len(within) <= points.shape[1]:
             break
-        squared = mahalanobis(points, np.mean(within, axis=0), np.cov(within.T) / TRIMMED)
+        squared = mahalanobis(
+            points, np.mean(within, axis=0), np.cov(within.T) / TRIMMED
+        )
         again = squared <= CHI_SQUARE_95
         if np.array_equal(again, inside):
             break
@@ -85,15 +100,20 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
 
 def _chi_square_5(x: float) -> float:
     """Distribution function with five degrees of freedom."""
-    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(-x / 2.0) * (1.0 + x / 3.0)
+    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
+        -x / 2.0
+    ) * (1.0 + x / 3.0)
 
 
 TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
-"""Covariance of a three-dimensional Gaussian within its 95 % bound, over that of all of it."""
+"""Covariance of a three-dimensional Gaussian within its 95 % bound, over that of all of
+it."""
 
 
 def mahalanobis(
-    points: Float[np.ndarray, "N D"], mean: Float[np.ndarray, " D"], covariance: Float[np.ndarray, "D D"]
+    points: Float[np.ndarray, "N D"],
+    mean: Float[np.ndarray, " D"],
+    covariance: Float[np.ndarray, "D D"],
 ) -> Float[np.ndarray, " N"]:
     """Squared Mahalanobis distances; directions in which nothing moves do not count."""
     off = points - mean
@@ -101,13 +121,16 @@ def mahalanobis(
 
 
 def whole_cycles(clock: Float[np.ndarray, " N"]) -> Float[np.ndarray, " M"]:
-    """Where a clock that counts cycles on and on passes whole numbers, in samples, interpolated."""
+    """Where a clock that counts cycles on and on passes whole numbers, in samples,
+    interpolated."""
     numbers = np.arange(math.ceil(clock[0]), math.floor(clock[-1]) + 1)
     rising = np.maximum.accumulate(clock)
     return np.interp(numbers, rising, np.arange(len(clock)))
 
 
-def sample(signal: Float[np.ndarray, "N ..."], at: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M ..."]:
+def sample(
+    signal: Float[np.ndarray, "N ..."], at: Float[np.ndarray, " M"]
+) -> Float[np.ndarray, "M ..."]:
     """A signal at places between its samples, in samples, linearly interpolated."""
     left = np.clip(np.floor(at).astype(int), 0, len(signal) - 2)
     share = (at - left).reshape(-1, *(1,) * (signal.ndim - 1))

@@ -1,7 +1,9 @@
-"""What a motion repeats at: its spectrum in units of the cycle's frequency, and how much of it is odd and even.
+"""What a motion repeats at: its spectrum in units of the cycle's frequency, and how
+much of it is odd and even.
 
-A motion that repeats itself after half a cycle with left and right exchanged has even harmonics alone in everything
-that is the same on both sides (forward, up, pitch), and odd ones alone in what changes its sign (sideways, roll, yaw).
+A motion that repeats itself after half a cycle with left and right exchanged has even
+harmonics alone in everything that is the same on both sides (forward, up, pitch), and
+odd ones alone in what changes its sign (sideways, roll, yaw).
 """
 
 import dataclasses
@@ -27,13 +29,19 @@ class Spectrum:
     power: Float[np.ndarray, " F"]  # share at each
 
     def leakage(self, wanted: str) -> float:
-        """Share of the harmonics' power where a symmetric motion has none; `wanted` is `even` or `odd`."""
-        right, wrong = (self.even, self.odd) if wanted == "even" else (self.odd, self.even)
+        """Share of the harmonics' power where a symmetric motion has none; `wanted` is
+        `even` or `odd`."""
+        right, wrong = (
+            (self.even, self.odd) if wanted == "even" else (self.odd, self.even)
+        )
         return wrong / (right + wrong) if right + wrong > 0.0 else 0.0
 
 
-def spectrum(signal: Float[np.ndarray, " N"], clock: Float[np.ndarray, " N"]) -> Spectrum:
-    """The spectrum over all whole cycles of a clock that counts them on and on, in its own time: no leakage by windows.
+def spectrum(
+    signal: Float[np.ndarray, " N"], clock: Float[np.ndarray, " N"]
+) -> Spectrum:
+    """The spectrum over all whole cycles of a clock that counts them on and on, in its
+    own time: no leakage by windows.
 
     Raises:
         ValueError: there is no whole cycle.
@@ -42,7 +50,9 @@ def spectrum(signal: Float[np.ndarray, " N"], clock: Float[np.ndarray, " N"]) ->
     cycles = len(ends) - 1
     if cycles < 1:
         raise ValueError("a spectrum takes a whole cycle")
-    at = np.interp(np.arange(cycles * PER_CYCLE) / PER_CYCLE, np.arange(cycles + 1), ends)
+    at = np.interp(
+        np.arange(cycles * PER_CYCLE) / PER_CYCLE, np.arange(cycles + 1), ends
+    )
     values = sample(signal, at)
     lines = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
     lines[1:-1] *= 2.0

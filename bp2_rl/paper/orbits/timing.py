@@ -1,4 +1,5 @@
-"""When events of a cycle come: their jitter against the clock, and how little a frequency's variability says."""
+"""When events of a cycle come: their jitter against the clock, and how little a
+frequency's variability says."""
 
 import dataclasses
 import math
@@ -16,19 +17,28 @@ class Jitter:
     events: int
     phase: float  # cycles, mean place in the clock's cycle, 0 to 1
     jitter: float  # s, standard deviation about it
-    variability: float  # CV_f: standard deviation over mean of the frequency from one event to the next
-    floor: float  # what sampling alone makes of that, where events are known to a sample
+    # CV_f: standard deviation over mean of the frequency from one event to the next
+    variability: float
+    # what sampling alone makes of that, where events are known to a sample
+    floor: float
 
 
-def jitter(times: Float[np.ndarray, " N"], phases: Float[np.ndarray, " N"], period: float, sampling: float) -> Jitter:
+def jitter(
+    times: Float[np.ndarray, " N"],
+    phases: Float[np.ndarray, " N"],
+    period: float,
+    sampling: float,
+) -> Jitter:
     """How events keep time.
 
     Args:
         times: of the events, s.
         phases: of the clock then, cycles; only their fraction counts.
         period: the clock's, s.
-        sampling: s; an instant known to one sample is off by sampling / sqrt(12), a difference of two by sqrt(2) of
-            that: the floor, root mean square over periods that end anywhere within a sample.
+        sampling: s; an instant known to one sample is off by sampling / sqrt(12), a
+            difference of two by sqrt(2) of
+            that: the floor, root mean square over periods that end anywhere within a
+                sample.
 
     Raises:
         ValueError: fewer than `LEAST_EVENTS`.

@@ -1,1 +1,2 @@
-"""Huygens' pendulums: what hangs from one beam and moves it (paper, "Huygens' coupled pendulum")."""
+"""Huygens' pendulums: what hangs from one beam and moves it (paper, "Huygens' coupled
+pendulum")."""

@@ -1,9 +1,11 @@
-"""Pendulums that hang from a sliding beam: their equations, energies, what they keep, the torques that move them, and
-how they swing when they are let go at rest (SciPy's DOP853 at tight tolerances).
+"""Pendulums that hang from a sliding beam: their equations, energies, what they keep,
+the torques that move them, and how they swing when they are let go at rest (SciPy's
+DOP853 at tight tolerances).
 
-Everything is dimensionless, as in the paper: time in 1 / w0 = sqrt(l / g), the beam's displacement in l, energy and
-torque in m g l. The mass ratio R is the beam's mass over one pendulum's. The last axis of an array counts the
-pendulums; the axes before it are whatever there is many of, and so are those of R. The paper has two pendulums; here
+Everything is dimensionless, as in the paper: time in 1 / w0 = sqrt(l / g), the beam's
+displacement in l, energy and torque in m g l. The mass ratio R is the beam's mass over
+one pendulum's. The last axis of an array counts the pendulums; the axes before it are
+whatever there is many of, and so are those of R. The paper has two pendulums; here
 there are as many as the arrays say.
 """
 
@@ -22,7 +24,8 @@ Many = Float[np.ndarray, "*#many"]
 
 @dataclasses.dataclass(frozen=True)
 class Energies:
-    """Who has how much, in m g l. `pendulums` and `beam` add up to what is kept; `beam_frame` is no part of it."""
+    """Who has how much, in m g l. `pendulums` and `beam` add up to what is kept;
+    `beam_frame` is no part of it."""
 
     pendulums: Any  # "*many pendulums", as seen from the ground
     beam: Any  # "*many"
@@ -32,7 +35,8 @@ class Energies:
 def accelerations(
     theta: Angles, rate: Angles, torque: Angles, mass_ratio: Many
 ) -> tuple[Float[np.ndarray, "*many"], Angles]:
-    """The beam's and the pendulums' accelerations under the motors' torques (paper, Eq. dimensionless)."""
+    """The beam's and the pendulums' accelerations under the motors' torques (paper, Eq.
+    dimensionless)."""
     sin, cos = np.sin(theta), np.cos(theta)
     force = np.sum(sin * rate**2 + sin * cos - cos * torque, axis=-1)
     # At least R: the beam always has inertia of its own.
@@ -45,26 +49,40 @@ def fixed_torque(theta: Angles, acceleration: Angles) -> Angles:
     return acceleration + np.sin(theta)
 
 
-def coupled_torque(theta: Angles, rate: Angles, acceleration: Angles, mass_ratio: Many) -> Angles:
+def coupled_torque(
+    theta: Angles, rate: Angles, acceleration: Angles, mass_ratio: Many
+) -> Angles:
     """What a free beam adds to that (paper, u^c in Eq. active torque)."""
     sin, cos = np.sin(theta), np.cos(theta)
-    push = np.sum(sin * rate**2 - cos * acceleration, axis=-1) / (mass_ratio + theta.shape[-1])
+    push = np.sum(sin * rate**2 - cos * acceleration, axis=-1) / (
+        mass_ratio + theta.shape[-1]
+    )
     return cos * push[..., None]
 
 
-def momentum(theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many) -> Float[np.ndarray, "*many"]:
+def momentum(
+    theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many
+) -> Float[np.ndarray, "*many"]:
     """The horizontal momentum, in m l w0: kept, whatever the motors do."""
-    return np.asarray((mass_ratio + theta.shape[-1]) * beam_rate + np.sum(np.cos(theta) * rate, axis=-1))
+    return np.asarray(
+        (mass_ratio + theta.shape[-1]) * beam_rate
+        + np.sum(np.cos(theta) * rate, axis=-1)
+    )
 
 
-def energies(theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many) -> Energies:
-    """The energies, of which the pendulums' and the beam's add up to what the motors have put in."""
+def energies(
+    theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many
+) -> Energies:
+    """The energies, of which the pendulums' and the beam's add up to what the motors
+    have put in."""
     sin, cos = np.sin(theta), np.cos(theta)
     kinetic = ((beam_rate[..., None] + cos * rate) ** 2 + (sin * rate) ** 2) / 2.0
-    return Energies(kinetic + 1.0 - cos, mass_ratio * beam_rate**2 / 2.0, rate**2 / 2.0 + 1.0 - cos)
+    return Energies(
+        kinetic + 1.0 - cos, mass_ratio * beam_rate**2 / 2.0, rate**2 / 2.0 + 1.0 - cos
+    )
 
 
-# --- Free motion ----------------------------------------------------------------------------------------------
+# --- Free motion ----------------------------------------------------------------------
 
 NATURAL_PERIOD = 2.0 * math.pi
 """T0, of one small swing from a fixed beam."""
@@ -72,7 +90,8 @@ NATURAL_PERIOD = 2.0 * math.pi
 
 @dataclasses.dataclass(frozen=True)
 class SwingMotion:
-    """Systems of pendulums over time; time first, then the systems, then the pendulums of each."""
+    """Systems of pendulums over time; time first, then the systems, then the pendulums
+    of each."""
 
     mass_ratio: Float[np.ndarray, "*many"]
     time: Float[np.ndarray, " samples"]  # in 1 / w0
@@ -87,9 +106,15 @@ class SwingMotion:
         return energies(self.theta, self.rate, self.beam_rate, self.mass_ratio)
 
     @property
-    def accelerations(self) -> tuple[Float[np.ndarray, "samples ..."], Float[np.ndarray, "samples ... pendulums"]]:
+    def accelerations(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "samples ..."], Float[np.ndarray, "samples ... pendulums"]
+    ]:
         """The beam's and the pendulums', at each time."""
-        return accelerations(self.theta, self.rate, np.zeros_like(self.theta), self.mass_ratio)
+        return accelerations(
+            self.theta, self.rate, np.zeros_like(self.theta), self.mass_ratio
+        )
 
 
 def swing(
@@ -107,15 +132,35 @@ def swing(
         tolerance: of a step, relative to the state and absolute.
     """
     *many, pendulums = released.shape
-    shape = (2, *many, 1 + pendulums)  # positions, then rates, each of the beam and then of the pendulums
+    # positions, then rates, each of the beam and then of the pendulums
+    shape = (2, *many, 1 + pendulums)
     start, idle = np.zeros(shape), np.zeros_like(released)
     start[0, ..., 1:] = released
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
         position, rate = state.reshape(shape)
-        beam_rates, pendulum_rates = accelerations(position[..., 1:], rate[..., 1:], idle, mass_ratio)
-        return np.stack((rate, np.concatenate((beam_rates[..., None], pendulum_rates), axis=-1))).ravel()
+        beam_rates, pendulum_rates = accelerations(
+            position[..., 1:], rate[..., 1:], idle, mass_ratio
+        )
+        return np.stack(
+            (rate, np.concatenate((beam_rates[..., None], pendulum_rates), axis=-1))
+        ).ravel()
 
-    solved = solve_ivp(rates, (0.0, time[-1]), start.ravel(), "DOP853", time, rtol=tolerance, atol=tolerance)
+    solved = solve_ivp(
+        rates,
+        (0.0, time[-1]),
+        start.ravel(),
+        "DOP853",
+        time,
+        rtol=tolerance,
+        atol=tolerance,
+    )
     position, rate = np.moveaxis(solved.y.reshape(*shape, len(time)), -1, 1)
-    return SwingMotion(mass_ratio, time, position[..., 0], rate[..., 0], position[..., 1:], rate[..., 1:])
+    return SwingMotion(
+        mass_ratio,
+        time,
+        position[..., 0],
+        rate[..., 0],
+        position[..., 1:],
+        rate[..., 1:],
+    )

@@ -1,7 +1,8 @@
-"""What pendulums on a beam do in closed form: what small swings and a rule of thumb say.
+"""What pendulums on a beam do in closed form: what small swings and a rule of thumb
+say.
 
-W is a frequency over w0, z pulls of the pendulums on each other, A an amplitude in rad. Two pendulums unless an
-argument counts them.
+W is a frequency over w0, z pulls of the pendulums on each other, A an amplitude in rad.
+Two pendulums unless an argument counts them.
 """
 
 import math
@@ -11,7 +12,8 @@ from jaxtyping import Float
 
 
 def in_phase_frequency(mass_ratio: float) -> float:
-    """Return the frequency, over w0, of two small swings in phase. In antiphase it is 1, and the beam rests."""
+    """Return the frequency, over w0, of two small swings in phase. In antiphase it is
+    1, and the beam rests."""
     return math.sqrt(1.0 + 2.0 / mass_ratio)
 
 
@@ -21,14 +23,20 @@ def beat_period(mass_ratio: float) -> float:
 
 
 def shares(mass_ratio: float) -> tuple[float, float]:
-    """Return the shares of a small swing's energy, in the long average: each pendulum's, and the beam's."""
-    return (3.0 + mass_ratio / (mass_ratio + 2.0)) / 8.0, 1.0 / (2.0 * (mass_ratio + 2.0))
+    """Return the shares of a small swing's energy, in the long average: each
+    pendulum's, and the beam's."""
+    return (3.0 + mass_ratio / (mass_ratio + 2.0)) / 8.0, 1.0 / (
+        2.0 * (mass_ratio + 2.0)
+    )
 
 
 def small_torque_ratio(
-    phase: Float[np.ndarray, "*#many"], frequency: Float[np.ndarray, "*#many"], mass_ratio: Float[np.ndarray, "*#many"]
+    phase: Float[np.ndarray, "*#many"],
+    frequency: Float[np.ndarray, "*#many"],
+    mass_ratio: Float[np.ndarray, "*#many"],
 ) -> Float[np.ndarray, "*many"]:
-    """Return the peak torque of small swings a phase apart, with the beam free over with the beam fixed.
+    """Return the peak torque of small swings a phase apart, with the beam free over
+    with the beam fixed.
 
     Infinite at W = 1, where a fixed beam asks for no torque.
     """
@@ -39,14 +47,16 @@ def small_torque_ratio(
 
 
 def boundary_frequency(mass_ratio: float) -> float:
-    """The W above which, and only above which, a free beam lowers the torque of small swings, whatever the phase."""
+    """The W above which, and only above which, a free beam lowers the torque of small
+    swings, whatever the phase."""
     return math.sqrt((mass_ratio + 2.0) / (mass_ratio + 1.0))
 
 
 def small_gait_ratio(
     order: Float[np.ndarray, "*#many"], frequency: float, mass_ratio: float, legs: int
 ) -> Float[np.ndarray, "*many"]:
-    """Return the root mean square torque (over time and legs) of many legs' small swings, free over fixed.
+    """Return the root mean square torque (over time and legs) of many legs' small
+    swings, free over fixed.
 
     It hangs on the gait by the order parameter alone, |mean e^(i phi)|.
     """
@@ -55,9 +65,10 @@ def small_gait_ratio(
 
 
 def trapping_ratio(amplitude: float) -> float:
-    """The mass ratio above which a swing stays with its pendulum: the small-angle law 32 / A^2.
+    """The mass ratio above which a swing stays with its pendulum: the small-angle law
+    32 / A^2.
 
-    The swing shifts its pendulum's frequency by -A^2 / 16, and the two do not exchange if that exceeds twice the
-    splitting of their modes, 1 / R.
+    The swing shifts its pendulum's frequency by -A^2 / 16, and the two do not exchange
+    if that exceeds twice the splitting of their modes, 1 / R.
     """
     return 32.0 / amplitude**2

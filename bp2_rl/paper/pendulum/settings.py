@@ -12,11 +12,13 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.paper.pendulum import bp2
 
 MassRatio = Annotated[float, Within(0.05, 1e4)]
-"""The beam's mass over one pendulum's. A lighter beam whirls so fast that the integration takes minutes."""
+"""The beam's mass over one pendulum's. A lighter beam whirls so fast that the
+integration takes minutes."""
 Angle = Annotated[float, Within(1e-3, 3.1), tyro.conf.arg(metavar="RAD")]
 """To which a pendulum is lifted, or swings."""
 Swing = Annotated[float, Within(0.3, 1.5), tyro.conf.arg(metavar="RAD")]
-"""Below, an exchange takes hundreds of periods and the search minutes; above, the law is no guide for it."""
+"""Below, an exchange takes hundreds of periods and the search minutes; above, the law
+is no guide for it."""
 Periods = Annotated[float, Within(2.0, 1000.0), tyro.conf.arg(metavar="T0")]
 """How long a motion is watched, in periods of one small swing."""
 Hertz = Annotated[float, Within(0.01, 1000.0), tyro.conf.arg(metavar="HZ")]
@@ -25,7 +27,8 @@ Length = Annotated[float, Within(0.001, 1000.0), tyro.conf.arg(metavar="M")]
 
 @dataclasses.dataclass(frozen=True)
 class PendulumExchangeSettings:
-    """Let one of two pendulums go, the other hanging: who has the energy over time (paper, Fig. 3C)."""
+    """Let one of two pendulums go, the other hanging: who has the energy over time
+    (paper, Fig. 3C)."""
 
     mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)
     """the beam's mass over one pendulum's; a row of the picture each, at most 6"""
@@ -41,7 +44,8 @@ class PendulumExchangeSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumSectionsSettings:
-    """Let one of two pendulums go and look at both once a cycle: Poincare sections by mass ratio (paper, Fig. 3D)."""
+    """Let one of two pendulums go and look at both once a cycle: Poincare sections by
+    mass ratio (paper, Fig. 3D)."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 5.0, 20.0, 25.0, 100.0)
     """the beam's mass over one pendulum's; a panel each, at most 12"""
@@ -49,7 +53,8 @@ class PendulumSectionsSettings:
     """from which the first is let go; the paper's 60 deg by default"""
     periods: Periods = 200.0
     instant: Literal["beam", "pendulum"] = "beam"
-    """when: as the beam turns from left to right, or as pendulum 1 passes the vertical to the right"""
+    """when: as the beam turns from left to right, or as pendulum 1 passes the vertical
+    to the right"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
@@ -59,13 +64,16 @@ class PendulumSectionsSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTorqueSettings:
-    """Move two pendulums as the paper does: their torques with the beam free and with it fixed (paper, Fig. 3E)."""
+    """Move two pendulums as the paper does: their torques with the beam free and with
+    it fixed (paper, Fig. 3E)."""
 
     mass_ratio: MassRatio = 1.0
     """the beam's mass over one pendulum's"""
     amplitude: Angle = 1.0
     frequency: Hertz = 5.0
-    phase: Annotated[float, Within(-2.0 * math.pi, 2.0 * math.pi), tyro.conf.arg(metavar="RAD")] = math.pi / 4.0
+    phase: Annotated[
+        float, Within(-2.0 * math.pi, 2.0 * math.pi), tyro.conf.arg(metavar="RAD")
+    ] = math.pi / 4.0
     """by which the second is ahead of the first"""
     length: Length = 1.0
     """of a pendulum: the paper gives none, and in Hz the frequency needs one"""
@@ -78,7 +86,8 @@ class PendulumTorqueSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumMapSettings:
-    """Map where a free beam lowers the peak torque of two pendulums, and where it raises it; BP2 comes last."""
+    """Map where a free beam lowers the peak torque of two pendulums, and where it
+    raises it; BP2 comes last."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
     """the beam's mass over one pendulum's; a column each beside BP2's, at most 4"""
@@ -96,7 +105,8 @@ class PendulumMapSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTrappingSettings:
-    """Sweep the mass ratio from 0.25 to 200: when a swing stays with the pendulum that has it (beyond the paper)."""
+    """Sweep the mass ratio from 0.25 to 200: when a swing stays with the pendulum that
+    has it (beyond the paper)."""
 
     amplitude: tuple[Swing, ...] = (math.pi / 3.0, 0.5)
     """from which the first is let go, of each sweep; at most 4"""
@@ -116,10 +126,12 @@ class PendulumTrappingSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumGaitsSettings:
-    """Hang four legs from a beam: what each gait's phases leave of the beam's help (beyond the paper)."""
+    """Hang four legs from a beam: what each gait's phases leave of the beam's help
+    (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (bp2.MASS_RATIO, 1.0)
-    """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by default; a panel each, at most 3"""
+    """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
+    default; a panel each, at most 3"""
     amplitude: Angle = bp2.HIP_AMPLITUDE
     frequency: Hertz = bp2.STRIDE_FREQUENCY
     """of the stride; BP2's at 10 m/s by default"""
@@ -134,18 +146,22 @@ class PendulumGaitsSettings:
 
 
 def _check_list(flag: str, values: Sequence[float], most: int) -> None:
-    """Refuse an empty list, one longer than a picture holds, and one that says something twice."""
+    """Refuse an empty list, one longer than a picture holds, and one that says
+    something twice."""
     if not 1 <= len(values) <= most:
         raise UserError(f"{flag} takes 1 to {most} values, got {len(values)}")
     if len(set(values)) < len(values):
-        raise UserError(f"{flag}: {' '.join(f'{value:g}' for value in values)} has a value twice")
+        raise UserError(
+            f"{flag}: {' '.join(f'{value:g}' for value in values)} has a value twice"
+        )
 
 
 def driven_frequency(frequency: float, length: float) -> float:
     """Return W, a frequency (Hz) over that of a pendulum of a length (m).
 
     Raises:
-        UserError: it is the pendulum's own, where a fixed beam asks for hardly any torque to compare with.
+        UserError: it is the pendulum's own, where a fixed beam asks for hardly any
+            torque to compare with.
     """
     reduced = bp2.reduced_frequency(frequency, length)
     if abs(reduced - 1.0) < 1e-3:

@@ -1,7 +1,8 @@
-"""What it takes to move pendulums as one wants: the motors' torques with the beam free, and with it fixed.
+"""What it takes to move pendulums as one wants: the motors' torques with the beam free,
+and with it fixed.
 
-The motion is the paper's: th_i = A sin(W t + phi_i), W the frequency over w0. It is looked at over one cycle, in which
-the beam's momentum stays zero.
+The motion is the paper's: th_i = A sin(W t + phi_i), W the frequency over w0. It is
+looked at over one cycle, in which the beam's momentum stays zero.
 """
 
 import dataclasses
@@ -22,8 +23,10 @@ class PendulumCycle:
     angle: Float[np.ndarray, " samples"]  # W t, rad
     theta: Float[np.ndarray, "*many samples pendulums"]
     rate: Float[np.ndarray, "*many samples pendulums"]
-    fixed: Float[np.ndarray, "*many samples pendulums"]  # u~, torque with the beam fixed, in m g l
-    coupled: Float[np.ndarray, "*many samples pendulums"]  # u^c, what the free beam adds
+    # u~, torque with the beam fixed, in m g l
+    fixed: Float[np.ndarray, "*many samples pendulums"]
+    # u^c, what the free beam adds
+    coupled: Float[np.ndarray, "*many samples pendulums"]
 
     @property
     def free(self) -> Float[np.ndarray, "*many samples pendulums"]:
@@ -46,26 +49,40 @@ def drive(
         mass_ratio: R.
     """
     angle = np.arange(SAMPLES) * (2.0 * np.pi / SAMPLES)
-    amplitude, frequency, mass_ratio = (np.asarray(values)[..., None] for values in (amplitude, frequency, mass_ratio))
+    amplitude, frequency, mass_ratio = (
+        np.asarray(values)[..., None] for values in (amplitude, frequency, mass_ratio)
+    )
     turned = angle[:, None] + phase[..., None, :]
     swing = amplitude[..., None] * np.sin(turned)
     rate = (amplitude * frequency)[..., None] * np.cos(turned)
     acceleration = -(frequency[..., None] ** 2) * swing
     theta, rate, acceleration = np.broadcast_arrays(swing, rate, acceleration)
     fixed = beam.fixed_torque(theta, acceleration)
-    return PendulumCycle(angle, theta, rate, fixed, beam.coupled_torque(theta, rate, acceleration, mass_ratio))
+    return PendulumCycle(
+        angle,
+        theta,
+        rate,
+        fixed,
+        beam.coupled_torque(theta, rate, acceleration, mass_ratio),
+    )
 
 
-def peak(torque: Float[np.ndarray, "*many samples pendulums"]) -> Float[np.ndarray, "*many pendulums"]:
+def peak(
+    torque: Float[np.ndarray, "*many samples pendulums"],
+) -> Float[np.ndarray, "*many pendulums"]:
     """The greatest magnitude over a cycle, between samples too."""
     at = np.argmax(np.abs(torque), axis=-2, keepdims=True)
     samples = ((at + step) % torque.shape[-2] for step in (-2, -1, 0, 1, 2))
-    far, before, here, after, beyond = (np.take_along_axis(torque, at, axis=-2)[..., 0, :] for at in samples)
+    far, before, here, after, beyond = (
+        np.take_along_axis(torque, at, axis=-2)[..., 0, :] for at in samples
+    )
     # Derivatives by the sample, right to its fourth power; the third to its second.
     slope = (8.0 * (after - before) - (beyond - far)) / 12.0
     bend = (16.0 * (after + before) - (beyond + far) - 30.0 * here) / 12.0
     third = (beyond - far) / 2.0 - (after - before)
-    top = np.zeros_like(here)  # where the cubic through them is level; a torque that is the same throughout stays put
+    # where the cubic through them is level; a torque that is the same throughout stays
+    # put
+    top = np.zeros_like(here)
     for _ in range(2):
         climb = slope + top * (bend + top * third / 2.0)
         fall = bend + top * third
@@ -73,6 +90,8 @@ def peak(torque: Float[np.ndarray, "*many samples pendulums"]) -> Float[np.ndarr
     return np.abs(here + top * (slope + top * (bend / 2.0 + top * third / 6.0)))
 
 
-def root_mean_square(torque: Float[np.ndarray, "*many samples pendulums"]) -> Float[np.ndarray, "*many pendulums"]:
+def root_mean_square(
+    torque: Float[np.ndarray, "*many samples pendulums"],
+) -> Float[np.ndarray, "*many pendulums"]:
     """Over a cycle."""
     return np.sqrt(np.mean(torque**2, axis=-2))

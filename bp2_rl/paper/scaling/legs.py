@@ -1,8 +1,9 @@
-"""A rigid quadruped from one row of published numbers; what nobody publishes follows rules, all ASSUMED.
+"""A rigid quadruped from one row of published numbers; what nobody publishes follows
+rules, all ASSUMED.
 
-The plane knows pitch alone, so a link has one published inertia, and the trunk's centre of mass is midway between the
-hips. The trunk weighs what the legs leave of the robot's published mass. Fore and hind legs are alike and bend
-backwards.
+The plane knows pitch alone, so a link has one published inertia, and the trunk's centre
+of mass is midway between the hips. The trunk weighs what the legs leave of the robot's
+published mass. Fore and hind legs are alike and bend backwards.
 """
 
 import dataclasses
@@ -21,9 +22,11 @@ from bp2_rl.robot.robot_file import mirrored
 TABLE = "scaling/legs.csv"
 
 # Of a robot whose links are not published: about the medians of those that are.
-ABAD_SHARE, THIGH_SHARE, SHANK_SHARE = 0.042, 0.066, 0.014  # of the robot's mass, one leg's
+# of the robot's mass, one leg's
+ABAD_SHARE, THIGH_SHARE, SHANK_SHARE = 0.042, 0.066, 0.014
 THIGH_COM, SHANK_COM = 0.165, 0.5  # of the link's length
-THIGH_INERTIA, SHANK_INERTIA = 0.12, 0.17  # of mass times length squared, about the centre of mass
+# of mass times length squared, about the centre of mass
+THIGH_INERTIA, SHANK_INERTIA = 0.12, 0.17
 # Of all robots where a cell is empty.
 KNEE_BEND = 0.1, 2.7  # rad
 CORNER_SHARE = 0.6  # of the no-load speed
@@ -33,8 +36,10 @@ ABAD_RANGE, HIP_RANGE = (-0.8, 0.8), (-1.6, 3.1)  # rad
 STAND = 0.0, 0.8, -1.6  # rad
 FRICTION = 0.8  # rubber on dry ground
 GEAR_EFFICIENCY = 0.92
-JOINT_FRICTION, JOINT_VISCOSITY = 0.01, 6e-4  # of a hip's peak torque; the latter for each rad/s
-TRUNK = 0.95, 0.6, 0.25  # length over the distance of the hips, width over their track, height over the length
+# of a hip's peak torque; the latter for each rad/s
+JOINT_FRICTION, JOINT_VISCOSITY = 0.01, 6e-4
+# length over the distance of the hips, width over their track, height over the length
+TRUNK = 0.95, 0.6, 0.25
 LEG_RADIUS = 0.07  # of the thigh
 
 LENGTH, SIZE, BEND = Within(1e-3, 10.0), Within(0.0, 10.0), Within(0.0, 3.2)
@@ -43,30 +48,43 @@ MASS, TORQUE, SPEED = Within(1e-6, 1e6), Within(1e-3, 1e5), Within(1e-3, 1e4)
 
 @dataclasses.dataclass(frozen=True)
 class PublishedLegs:
-    """The legs and motors of a robot of Table S1, at the joints; what is not published is None."""
+    """The legs and motors of a robot of Table S1, at the joints; what is not published
+    is None."""
 
     robot: str  # as in Table S1
-    fore_aft: Annotated[float, LENGTH, ColumnHeading("hip fore-aft [m]")]  # from the middle of the trunk
-    abad_lateral: Annotated[float, SIZE, ColumnHeading("abad lateral [m]")]  # of the abduction axis, from the mid-plane
-    hip_lateral: Annotated[float, SIZE, ColumnHeading("hip lateral [m]")]  # of the leg's plane, from the abduction axis
+    # from the middle of the trunk
+    fore_aft: Annotated[float, LENGTH, ColumnHeading("hip fore-aft [m]")]
+    # of the abduction axis, from the mid-plane
+    abad_lateral: Annotated[float, SIZE, ColumnHeading("abad lateral [m]")]
+    # of the leg's plane, from the abduction axis
+    hip_lateral: Annotated[float, SIZE, ColumnHeading("hip lateral [m]")]
     thigh: Annotated[float, LENGTH, ColumnHeading("thigh [m]")]
-    shank: Annotated[float, LENGTH, ColumnHeading("shank [m]")]  # knee to the centre of the foot
+    # knee to the centre of the foot
+    shank: Annotated[float, LENGTH, ColumnHeading("shank [m]")]
     foot_radius: Annotated[float, LENGTH, ColumnHeading("foot radius [m]")]
     abad_mass: Annotated[float | None, MASS, ColumnHeading("abad mass [kg]")]
     thigh_mass: Annotated[float | None, MASS, ColumnHeading("thigh mass [kg]")]
-    thigh_com: Annotated[float | None, SIZE, ColumnHeading("thigh com [m]")]  # below the hip
+    # below the hip
+    thigh_com: Annotated[float | None, SIZE, ColumnHeading("thigh com [m]")]
     thigh_inertia: Annotated[
         float | None, SIZE, ColumnHeading("thigh inertia [kg m2]")
     ]  # in pitch, about its centre of mass
     shank_mass: Annotated[float | None, MASS, ColumnHeading("shank mass [kg]")]
-    shank_com: Annotated[float | None, SIZE, ColumnHeading("shank com [m]")]  # below the knee
+    # below the knee
+    shank_com: Annotated[float | None, SIZE, ColumnHeading("shank com [m]")]
     shank_inertia: Annotated[float | None, SIZE, ColumnHeading("shank inertia [kg m2]")]
-    foot_mass: Annotated[float, SIZE, ColumnHeading("foot mass [kg]")]  # at the foot's centre, beside the shank's
+    # at the foot's centre, beside the shank's
+    foot_mass: Annotated[float, SIZE, ColumnHeading("foot mass [kg]")]
     least_bend: Annotated[float | None, BEND, ColumnHeading("least knee bend [rad]")]
-    greatest_bend: Annotated[float | None, BEND, ColumnHeading("greatest knee bend [rad]")]
+    greatest_bend: Annotated[
+        float | None, BEND, ColumnHeading("greatest knee bend [rad]")
+    ]
     hip_torque: Annotated[float, TORQUE, ColumnHeading("hip torque [Nm]")]
     knee_torque: Annotated[float, TORQUE, ColumnHeading("knee torque [Nm]")]
-    corner_speed: Annotated[float | None, SPEED, ColumnHeading("hip corner speed [rad/s]")]  # the knee's in proportion
+    # the knee's in proportion
+    corner_speed: Annotated[
+        float | None, SPEED, ColumnHeading("hip corner speed [rad/s]")
+    ]
     hip_speed: Annotated[float, SPEED, ColumnHeading("hip no-load speed [rad/s]")]
     knee_speed: Annotated[float, SPEED, ColumnHeading("knee no-load speed [rad/s]")]
     hip_armature: Annotated[float | None, SIZE, ColumnHeading("hip armature [kg m2]")]
@@ -93,9 +111,14 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
     left = _left_leg(legs, mass)
     trunk_mass = mass - len(LEGS) * sum(link.mass for link in left.links)
     if trunk_mass <= 0.0:
-        raise UserError(f"{legs.robot}: four legs are heavier than its {mass:g} kg; mend assets/{TABLE}")
+        raise UserError(
+            f"{legs.robot}: four legs are heavier than its {mass:g} kg; mend assets/{TABLE}"
+        )
     length = TRUNK[0] * 2.0 * legs.fore_aft
-    width, height = TRUNK[1] * 2.0 * (legs.abad_lateral + legs.hip_lateral), TRUNK[2] * length
+    width, height = (
+        TRUNK[1] * 2.0 * (legs.abad_lateral + legs.hip_lateral),
+        TRUNK[2] * length,
+    )
     hind = dataclasses.replace(left, anchor=(-left.anchor[0], *left.anchor[1:]))
     body = Anatomy.of_parts(
         Link(trunk_mass, (0.0, 0.0, 0.0), _box(trunk_mass, length, width, height)),
@@ -106,9 +129,20 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
         thigh_radius=LEG_RADIUS * legs.thigh,
         lower_radius=LEG_RADIUS * legs.thigh,
     )
-    hip, knee, speeds = legs.hip_torque, legs.knee_torque, (legs.hip_speed, legs.hip_speed, legs.knee_speed)
-    corner = CORNER_SHARE if legs.corner_speed is None else legs.corner_speed / legs.hip_speed
-    rotors = _or(legs.hip_armature, ARMATURE * hip), _or(legs.knee_armature, ARMATURE * knee)
+    hip, knee, speeds = (
+        legs.hip_torque,
+        legs.knee_torque,
+        (legs.hip_speed, legs.hip_speed, legs.knee_speed),
+    )
+    corner = (
+        CORNER_SHARE
+        if legs.corner_speed is None
+        else legs.corner_speed / legs.hip_speed
+    )
+    rotors = (
+        _or(legs.hip_armature, ARMATURE * hip),
+        _or(legs.knee_armature, ARMATURE * knee),
+    )
     abad, thigh, shank = (corner * speed for speed in speeds)
     return HardwareSpec(
         body=body,
@@ -127,21 +161,37 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
 
 
 def _left_leg(legs: PublishedLegs, mass: float) -> Leg:
-    thigh_mass, shank_mass = _or(legs.thigh_mass, THIGH_SHARE * mass), _or(legs.shank_mass, SHANK_SHARE * mass)
+    thigh_mass, shank_mass = (
+        _or(legs.thigh_mass, THIGH_SHARE * mass),
+        _or(legs.shank_mass, SHANK_SHARE * mass),
+    )
     abad_mass = _or(legs.abad_mass, ABAD_SHARE * mass)
     thigh_inertia = _or(legs.thigh_inertia, THIGH_INERTIA * thigh_mass * legs.thigh**2)
     shank_inertia = _or(legs.shank_inertia, SHANK_INERTIA * shank_mass * legs.shank**2)
     foot = Link(legs.foot_mass, (0.0, 0.0, -legs.shank), rod(0.0))
-    shank = Link(shank_mass, (0.0, 0.0, -_or(legs.shank_com, SHANK_COM * legs.shank)), rod(shank_inertia))
-    low, high = _or(legs.least_bend, KNEE_BEND[0]), _or(legs.greatest_bend, KNEE_BEND[1])
+    shank = Link(
+        shank_mass,
+        (0.0, 0.0, -_or(legs.shank_com, SHANK_COM * legs.shank)),
+        rod(shank_inertia),
+    )
+    low, high = (
+        _or(legs.least_bend, KNEE_BEND[0]),
+        _or(legs.greatest_bend, KNEE_BEND[1]),
+    )
     return Leg(
         anchor=(legs.fore_aft, legs.abad_lateral, 0.0),
         hip=(0.0, legs.hip_lateral, 0.0),
         knee=(0.0, 0.0, -legs.thigh),
         foot=(0.0, 0.0, -legs.shank),
         foot_radius=legs.foot_radius,
-        abad=Link(abad_mass, (0.0, 0.0, 0.0), _box(abad_mass, *3 * (0.4 * legs.thigh,))),
-        thigh=Link(thigh_mass, (0.0, 0.0, -_or(legs.thigh_com, THIGH_COM * legs.thigh)), rod(thigh_inertia)),
+        abad=Link(
+            abad_mass, (0.0, 0.0, 0.0), _box(abad_mass, *3 * (0.4 * legs.thigh,))
+        ),
+        thigh=Link(
+            thigh_mass,
+            (0.0, 0.0, -_or(legs.thigh_com, THIGH_COM * legs.thigh)),
+            rod(thigh_inertia),
+        ),
         shank=merged(shank, foot, (0.0, 0.0, 0.0)),
         toe=None,
         seat=(0.0, 0.0, 0.0),
@@ -150,7 +200,8 @@ def _left_leg(legs: PublishedLegs, mass: float) -> Leg:
 
 
 def merged(one: Link, other: Link, at: tuple[float, float, float]) -> Link:
-    """Return two links as one in the first one's frame, the other's at `at`, m; they hang along z."""
+    """Return two links as one in the first one's frame, the other's at `at`, m; they
+    hang along z."""
     mass = one.mass + other.mass
     z = one.com[2], at[2] + other.com[2]
     center = (one.mass * z[0] + other.mass * z[1]) / mass
@@ -166,7 +217,10 @@ def rod(inertia: float) -> Inertia:
 
 
 def _box(mass: float, length: float, width: float, height: float) -> Inertia:
-    x, y, z = (mass * (math.hypot(a, b) ** 2) / 12.0 for a, b in ((width, height), (length, height), (length, width)))
+    x, y, z = (
+        mass * (math.hypot(a, b) ** 2) / 12.0
+        for a, b in ((width, height), (length, height), (length, width))
+    )
     return x, y, z, 0.0, 0.0, 0.0
 
 

@@ -1,4 +1,5 @@
-"""The greatest speed of a robot's trot by the optimiser, and what a little more of each of its limits would bring."""
+"""The greatest speed of a robot's trot by the optimiser, and what a little more of each
+of its limits would bring."""
 
 import concurrent.futures
 import contextlib
@@ -14,14 +15,19 @@ from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT, family_of
 from bp2_rl.optimiser.problem import Form, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
 from bp2_rl.optimiser.verify import failures, verify
-from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
+from bp2_rl.paper.trajectories.shadow_prices import (
+    Change,
+    find_shadow_prices,
+    times_fields,
+)
 from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 
 STARTS = 4.0, 2.5, 1.5
-"""m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
+"""m/s for BP2's size: speeds of the trots from which the greatest speed is looked
+for."""
 ENOUGH = 2
 """Of those, the first that there are."""
 COARSE = 8
@@ -29,7 +35,8 @@ COARSE = 8
 SPRUNG = 3
 """Times the intervals of a rigid robot: toes swing on their springs."""
 RISE = bp2.PEAK_TORQUE / Problem().torque_rate
-"""s, in which a motor reaches its peak torque at the earliest: BP2's, of every robot."""
+"""s, in which a motor reaches its peak torque at the earliest: BP2's, of every
+robot."""
 CHANGES: dict[str, Change] = {
     "joint speed": times_fields("hardware.corner_speed", "hardware.no_load_speed"),
     "torque": times_fields("hardware.peak_torque"),
@@ -66,16 +73,27 @@ class Rules:
     greatest_impact: float = MOST_IMPACT  # of the weight, that landings bear
 
     def problem(self, hardware: HardwareSpec) -> Problem:
-        """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
-        problem = Problem(intervals=self.intervals * (SPRUNG if hardware.anatomy.sprung else 1)).sized(hardware)
+        """Return the trot of a robot with all that its motors and the ground give, and
+        nothing left for feedback."""
+        problem = Problem(
+            intervals=self.intervals * (SPRUNG if hardware.anatomy.sprung else 1)
+        ).sized(hardware)
         rate = float(np.max(hardware.joint_peak_torque)) / RISE
-        return dataclasses.replace(problem, torque_rate=rate, form=Form(greatest_impact=self.greatest_impact))
+        return dataclasses.replace(
+            problem, torque_rate=rate, form=Form(greatest_impact=self.greatest_impact)
+        )
 
 
-def find_limits(robots: Mapping[Key, HardwareSpec], rules: Rules, workers: int) -> Iterator[tuple[Key, SpeedLimit]]:
-    """Yield the limits of robots, as they are found; a robot without any trot is left out."""
+def find_limits(
+    robots: Mapping[Key, HardwareSpec], rules: Rules, workers: int
+) -> Iterator[tuple[Key, SpeedLimit]]:
+    """Yield the limits of robots, as they are found; a robot without any trot is left
+    out."""
     with spawned(workers) as pool:
-        searches = {pool.submit(find_limit, robot, rules): name for name, robot in robots.items()}
+        searches = {
+            pool.submit(find_limit, robot, rules): name
+            for name, robot in robots.items()
+        }
         for search in concurrent.futures.as_completed(searches):
             with contextlib.suppress(NotSolved):
                 yield searches[search], search.result()
@@ -89,7 +107,11 @@ def find_limit(hardware: HardwareSpec, rules: Rules) -> SpeedLimit:
     """
     problem = rules.problem(hardware)
     coarse = problem.on_mesh(min(COARSE, rules.intervals))
-    found = [_fastest_of_library()] if hardware.anatomy.sprung else _fastest_from_cold(coarse)
+    found = (
+        [_fastest_of_library()]
+        if hardware.anatomy.sprung
+        else _fastest_from_cold(coarse)
+    )
     for start in sorted(found, key=lambda solution: -solution.problem.speed):
         with contextlib.suppress(NotSolved):
             return _refine(start, problem.at(start.problem.speed))
@@ -102,20 +124,27 @@ def _fastest_from_cold(problem: Problem) -> list[Solution]:
     for speed in STARTS:
         if len(found) < ENOUGH:
             with contextlib.suppress(NotSolved):
-                start = solve_best(problem.at(problem.hardware.size.speed * speed), starts=1, time_limit=LIMIT_TIME)
+                start = solve_best(
+                    problem.at(problem.hardware.size.speed * speed),
+                    starts=1,
+                    time_limit=LIMIT_TIME,
+                )
                 found.append(fastest(start))
     return found
 
 
 def _fastest_of_library() -> Solution:
-    """Return the fastest trot of BP2's library, which a search on springs would take long to find."""
+    """Return the fastest trot of BP2's library, which a search on springs would take
+    long to find."""
     library = load_library(CollocationConfig().file)
     return family_of(library.arrays, library.provenance)[-1]
 
 
 def _refine(start: Solution, problem: Problem) -> SpeedLimit:
     """Return the limit that a solution leads to on the mesh of a problem."""
-    near = dataclasses.replace(start, problem=problem, motion=resample(start.problem, start.motion, problem))
+    near = dataclasses.replace(
+        start, problem=problem, motion=resample(start.problem, start.motion, problem)
+    )
     priced = find_shadow_prices(near, CHANGES, greatest=True)
     trot = priced.solution
     speed = trot.problem.speed

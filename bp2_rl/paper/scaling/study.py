@@ -1,8 +1,10 @@
-"""Are published speeds within what legs and motors allow, and what does that make of BP2's?
+"""Are published speeds within what legs and motors allow, and what does that make of
+BP2's?
 
-For each legged robot of Table S1 whose legs and motors are published, and for each that ships as a file, the greatest
-speed of its trot by the optimiser stands beside its published speed and beside what policies learned. A speed above the
-optimiser's refutes the model.
+For each legged robot of Table S1 whose legs and motors are published, and for each that
+ships as a file, the greatest speed of its trot by the optimiser stands beside its
+published speed and beside what policies learned. A speed above the optimiser's refutes
+the model.
 """
 
 import dataclasses
@@ -33,7 +35,8 @@ SIMULATE = "bp2 paper scaling --simulate"
 
 @dataclasses.dataclass(frozen=True)
 class LearnedSpeed:
-    """The top speed of one policy in C MuJoCo: the best mean speed of a ramp's holds of 6 s."""
+    """The top speed of one policy in C MuJoCo: the best mean speed of a ramp's holds of
+    6 s."""
 
     robot: str  # as in Table S1
     speed: Annotated[float, Within(0.0, 1e3), ColumnHeading("top speed [m/s]")]
@@ -51,7 +54,8 @@ class LimitSearch:
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimits:
-    """What the optimiser found, by name: robots, and BP2 and its variants; None where it found no trot."""
+    """What the optimiser found, by name: robots, and BP2 and its variants; None where
+    it found no trot."""
 
     command: str
     rules: Rules
@@ -72,7 +76,8 @@ class LimitedRobot:
 
     @property
     def fastest(self) -> float:
-        """The fastest that the robot is known to run, on the ground or in simulation."""
+        """The fastest that the robot is known to run, on the ground or in
+        simulation."""
         return max(self.published, *self.learned, 0.0)
 
     @property
@@ -95,26 +100,41 @@ class LimitedVariant:
 class ScalingStudy:
     """All that is shown."""
 
-    robots: tuple[LimitedRobot, ...]  # the least ratio of limit to published speed first
+    # the least ratio of limit to published speed first
+    robots: tuple[LimitedRobot, ...]
     variants: tuple[LimitedVariant, ...]
     not_found: tuple[str, ...]  # robots and variants without any trot
-    left_out: tuple[str, ...]  # legged robots of Table S1 whose legs or motors are not published
+    # legged robots of Table S1 whose legs or motors are not published
+    left_out: tuple[str, ...]
 
 
 def find_robots() -> dict[str, HardwareSpec]:
     """Return the robots that have a limit, by their names in Table S1."""
     masses = {robot.robot: robot.mass for robot in read_robots()}
-    files = {robot.name: robot.hardware for robot in map(load_robot, shipped_files().values())}
-    return files | {legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()}
+    files = {
+        robot.name: robot.hardware
+        for robot in map(load_robot, shipped_files().values())
+    }
+    return files | {
+        legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()
+    }
 
 
 def find_variants() -> dict[str, HardwareSpec]:
     """Return BP2 and its variants, by name."""
-    return bp2_variants({robot.name: robot.hardware for robot in map(load_robot, shipped_files().values())})
+    return bp2_variants(
+        {
+            robot.name: robot.hardware
+            for robot in map(load_robot, shipped_files().values())
+        }
+    )
 
 
-def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[str, HardwareSpec]]:
-    """Return the robots, and the variants of BP2, whose names have one of these words; all of them without words.
+def choose_robots(
+    words: Sequence[str],
+) -> tuple[dict[str, HardwareSpec], dict[str, HardwareSpec]]:
+    """Return the robots, and the variants of BP2, whose names have one of these words;
+    all of them without words.
 
     Raises:
         UserError: a word is in no name.
@@ -123,14 +143,22 @@ def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[s
     wanted = [word.replace("_", " ").casefold() for word in words]
     for word, shown in zip(wanted, words, strict=True):
         if not any(word in name.casefold() for name in (*robots, BP2)):
-            raise UserError(f"--robots: no robot's name has {shown!r}; there are {', '.join((*robots, BP2))}")
+            raise UserError(
+                f"--robots: no robot's name has {shown!r}; there are {', '.join((*robots, BP2))}"
+            )
     if not words:
         return robots, variants
-    chosen = {name: robot for name, robot in robots.items() if any(word in name.casefold() for word in wanted)}
+    chosen = {
+        name: robot
+        for name, robot in robots.items()
+        if any(word in name.casefold() for word in wanted)
+    }
     return chosen, variants if any(word in BP2.casefold() for word in wanted) else {}
 
 
-def simulate(search: LimitSearch, workers: int, begun: SpeedLimits | None = None) -> Iterator[SpeedLimits]:
+def simulate(
+    search: LimitSearch, workers: int, begun: SpeedLimits | None = None
+) -> Iterator[SpeedLimits]:
     """Yield what is found so far each time that a limit is found; the last has all.
 
     Args:
@@ -139,10 +167,19 @@ def simulate(search: LimitSearch, workers: int, begun: SpeedLimits | None = None
         begun: what the same search found before it was interrupted.
     """
     kinds = {"robots": search.robots, "variants": search.variants}
-    before = {kind: dict[str, SpeedLimit | None](getattr(begun, kind, {})) for kind in kinds}
-    found = {kind: {name: before[kind].get(name) for name in robots} for kind, robots in kinds.items()}
-    left = {(kind, name): robot for kind, robots in kinds.items() for name, robot in robots.items()
-            if found[kind][name] is None}  # fmt: skip
+    before = {
+        kind: dict[str, SpeedLimit | None](getattr(begun, kind, {})) for kind in kinds
+    }
+    found = {
+        kind: {name: before[kind].get(name) for name in robots}
+        for kind, robots in kinds.items()
+    }
+    left = {
+        (kind, name): robot
+        for kind, robots in kinds.items()
+        for name, robot in robots.items()
+        if found[kind][name] is None
+    }
     yield SpeedLimits(SIMULATE, search.rules, **found)
     for (kind, name), limit in find_limits(left, search.rules, workers):
         found[kind] = found[kind] | {name: limit}
@@ -159,49 +196,84 @@ def read_limits(path: Path | None = None) -> SpeedLimits:
 
 
 def compare_limits(
-    limits: SpeedLimits, published: Sequence[PublishedRobot], learned: Sequence[LearnedSpeed]
+    limits: SpeedLimits,
+    published: Sequence[PublishedRobot],
+    learned: Sequence[LearnedSpeed],
 ) -> ScalingStudy:
     """Place limits beside published and learned speeds."""
     table, variants = {robot.robot: robot for robot in published}, find_variants()
     assumed = {legs.robot for legs in read_legs() if not legs.links_published}
-    speeds = {name: tuple(one.speed for one in learned if one.robot == name) for name in table}
+    speeds = {
+        name: tuple(one.speed for one in learned if one.robot == name) for name in table
+    }
     bp2 = limits.variants.get(BP2)
-    found = {name: limit for name, limit in limits.robots.items() if limit} | ({BP2: bp2} if bp2 else {})
+    found = {name: limit for name, limit in limits.robots.items() if limit} | (
+        {BP2: bp2} if bp2 else {}
+    )
     robots = [
-        LimitedRobot(name, table[name].mass, table[name].top_speed, speeds[name], limit, name not in assumed)
+        LimitedRobot(
+            name,
+            table[name].mass,
+            table[name].top_speed,
+            speeds[name],
+            limit,
+            name not in assumed,
+        )
         for name, limit in found.items()
     ]
     bodies = {name: robot.anatomy for name, robot in variants.items()}
     return ScalingStudy(
         robots=tuple(sorted(robots, key=lambda robot: robot.ratio)),
         variants=tuple(
-            LimitedVariant(name, leg_share(bodies[name]), 2.0 * bodies[name].leg_length, limit)
+            LimitedVariant(
+                name, leg_share(bodies[name]), 2.0 * bodies[name].leg_length, limit
+            )
             for name, limit in limits.variants.items()
             if limit
         ),
-        not_found=tuple(name for name, limit in (limits.robots | limits.variants).items() if limit is None),
-        left_out=tuple(r.robot for r in published if not r.wheels and r.robot not in {*find_robots(), BP2}),
+        not_found=tuple(
+            name
+            for name, limit in (limits.robots | limits.variants).items()
+            if limit is None
+        ),
+        left_out=tuple(
+            r.robot
+            for r in published
+            if not r.wheels and r.robot not in {*find_robots(), BP2}
+        ),
     )
 
 
 def read_learned() -> tuple[LearnedSpeed, ...]:
-    """Return what policies learned: those of the table that ships, and BP2's policy by its card."""
-    own = (LearnedSpeed(BP2, robot.top_speed, "the policy that ships") for robot in shipped())
+    """Return what policies learned: those of the table that ships, and BP2's policy by
+    its card."""
+    own = (
+        LearnedSpeed(BP2, robot.top_speed, "the policy that ships")
+        for robot in shipped()
+    )
     return (*read_table(asset_path(LEARNED), LearnedSpeed), *own)
 
 
-# --- What comes of it ----------------------------------------------------------------------------------------
+# --- What comes of it -----------------------------------------------------------------
 
 
 def refutations(study: ScalingStudy) -> list[str]:
-    """Return a line for each robot that runs faster than its limit, on the ground first."""
+    """Return a line for each robot that runs faster than its limit, on the ground
+    first."""
     lines = [
         f"{robot.robot} runs {speed:.2f} m/s ({kind}), and its limit is {robot.limit.speed:.2f} m/s: the model is wrong"
         for kind in ("published", "learned")
         for robot in study.robots
-        if (speed := robot.published if kind == "published" else max(robot.learned, default=0.0)) > robot.limit.speed
+        if (
+            speed := robot.published
+            if kind == "published"
+            else max(robot.learned, default=0.0)
+        )
+        > robot.limit.speed
     ]
-    return lines or [f"no speed of {len(study.robots)} robots, published or learned, is above the optimiser's limit"]
+    return lines or [
+        f"no speed of {len(study.robots)} robots, published or learned, is above the optimiser's limit"
+    ]
 
 
 def verdict(study: ScalingStudy) -> list[str]:
@@ -214,8 +286,12 @@ def verdict(study: ScalingStudy) -> list[str]:
 
     lines: list[str] = []
     if others:
-        lines.append(f"Published speeds are {shares([1.0 / robot.ratio for robot in others])} of other robots' limits")
-    if learned := [max(robot.learned) / robot.limit.speed for robot in others if robot.learned]:
+        lines.append(
+            f"Published speeds are {shares([1.0 / robot.ratio for robot in others])} of other robots' limits"
+        )
+    if learned := [
+        max(robot.learned) / robot.limit.speed for robot in others if robot.learned
+    ]:
         lines.append(f"Learned speeds are {shares(learned)} of other robots' limits")
     if bp2:
         top = bp2.limit.speed
@@ -227,7 +303,9 @@ def verdict(study: ScalingStudy) -> list[str]:
     if rigid := limits.get(RIGID):
         lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s")
     if legs := [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]:
-        lines.append(f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s")
+        lines.append(
+            f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s"
+        )
     return lines
 
 
@@ -259,12 +337,34 @@ def tables(study: ScalingStudy) -> tuple[Table, ...]:
         )
         for one in study.variants
     ]
-    head = "Robot", "kg", "published, m/s", "learned", "limit", "limit / published", "Hz", "duty", "% for 1 % more"
-    other = "BP2", "legs' share of mass", "legs, m", "limit, m/s", "change", "% for 1 % more"
-    titles = "Robots beside their limits; *: masses of the links ASSUMED", "BP2 and its variants, at equal motors"
+    head = (
+        "Robot",
+        "kg",
+        "published, m/s",
+        "learned",
+        "limit",
+        "limit / published",
+        "Hz",
+        "duty",
+        "% for 1 % more",
+    )
+    other = (
+        "BP2",
+        "legs' share of mass",
+        "legs, m",
+        "limit, m/s",
+        "change",
+        "% for 1 % more",
+    )
+    titles = (
+        "Robots beside their limits; *: masses of the links ASSUMED",
+        "BP2 and its variants, at equal motors",
+    )
     return tuple(
         Table(title, names, lines, words=True)
-        for title, names, lines in zip(titles, (head, other), (robots, variants), strict=True)
+        for title, names, lines in zip(
+            titles, (head, other), (robots, variants), strict=True
+        )
         if lines
     )
 

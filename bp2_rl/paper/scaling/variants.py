@@ -1,4 +1,5 @@
-"""BP2 at its own motors, without its springs and on other robots' legs: what springs and heavy legs buy."""
+"""BP2 at its own motors, without its springs and on other robots' legs: what springs
+and heavy legs buy."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -12,11 +13,14 @@ BP2, RIGID, ON_LEGS = "BP2", "rigid shanks", "rigid, legs of "
 
 
 def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
-    """Return BP2, BP2 with other thighs, with rigid shanks, and on rigid legs of other robots, by name."""
+    """Return BP2, BP2 with other thighs, with rigid shanks, and on rigid legs of other
+    robots, by name."""
     rigid = rigid_shanks(BUILT)
     found = {BP2: BUILT}
     for factor in THIGHS:
-        found[f"thighs x {factor:g}"] = BUILT.changed(thigh_mass=factor * BUILT.bp2.thigh_mass)
+        found[f"thighs x {factor:g}"] = BUILT.changed(
+            thigh_mass=factor * BUILT.bp2.thigh_mass
+        )
     found[RIGID] = rigid
     for name, other in others.items():
         found[f"{ON_LEGS}{name}"] = on_legs_of(other.anatomy, rigid)
@@ -24,11 +28,16 @@ def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
 
 
 def rigid_shanks(hardware: HardwareSpec) -> HardwareSpec:
-    """Return a robot whose toes are welded to its shanks where its springs have them at rest."""
+    """Return a robot whose toes are welded to its shanks where its springs have them at
+    rest."""
 
     def rigid(leg: Leg) -> Leg:
         return (
-            leg if leg.toe is None else dataclasses.replace(leg, shank=merged(leg.shank, leg.toe, leg.seat), toe=None)
+            leg
+            if leg.toe is None
+            else dataclasses.replace(
+                leg, shank=merged(leg.shank, leg.toe, leg.seat), toe=None
+            )
         )
 
     fr, fl, rr, rl = map(rigid, hardware.anatomy.legs)
@@ -37,9 +46,11 @@ def rigid_shanks(hardware: HardwareSpec) -> HardwareSpec:
 
 
 def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
-    """Return a robot with rigid shanks on the thighs and shanks of another one, which is scaled to the same mass.
+    """Return a robot with rigid shanks on the thighs and shanks of another one, which
+    is scaled to the same mass.
 
-    Lengths go with the cube root of the mass. The trunk has what the legs leave. Hips, joint ranges and motors stay.
+    Lengths go with the cube root of the mass. The trunk has what the legs leave. Hips,
+    joint ranges and motors stay.
 
     Args:
         other: the robot whose legs are taken.
@@ -61,12 +72,16 @@ def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
     fr, fl, rr, rl = map(refit, body.legs, other.legs)
     trunk = body.mass - sum(link.mass for leg in (fr, fl, rr, rl) for link in leg.links)
     lighter = _scaled(body.trunk, 1.0, trunk / body.trunk.mass)
-    return dataclasses.replace(hardware, body=dataclasses.replace(body, legs=(fr, fl, rr, rl), trunk=lighter))
+    return dataclasses.replace(
+        hardware, body=dataclasses.replace(body, legs=(fr, fl, rr, rl), trunk=lighter)
+    )
 
 
 def leg_share(anatomy: Anatomy) -> float:
     """Return the share of a robot's mass that thighs and shanks are."""
-    return sum(link.mass for leg in anatomy.legs for link in leg.links[1:]) / anatomy.mass
+    return (
+        sum(link.mass for leg in anatomy.legs for link in leg.links[1:]) / anatomy.mass
+    )
 
 
 def _scaled(link: Link, length: float, mass: float) -> Link:

@@ -1,7 +1,8 @@
-"""Robots or gaits beside each other in the plane: what each costs over speed, and how fast each gets.
+"""Robots or gaits beside each other in the plane: what each costs over speed, and how
+fast each gets.
 
-The objective counts every segment alike, and gaits have different numbers of them. So they are set beside each other
-by the mean over time of its running cost.
+The objective counts every segment alike, and gaits have different numbers of them. So
+they are set beside each other by the mean over time of its running cost.
 """
 
 import contextlib
@@ -17,7 +18,14 @@ from rich.table import Table
 from bp2_rl.base import serialization as config
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.optimiser.solution import NotSolved, Solution, is_saved, load_solution, save_solution, speed_name
+from bp2_rl.optimiser.solution import (
+    NotSolved,
+    Solution,
+    is_saved,
+    load_solution,
+    save_solution,
+    speed_name,
+)
 from bp2_rl.paper.trajectories.gait_summary import GaitSummary, summarise_gait
 
 GREATEST = "greatest"  # name of the file
@@ -52,17 +60,20 @@ def compare(
     what: str,
     workers: int = 1,
 ) -> Iterator[list[ComparisonRow]]:
-    """The rows of each variant, for each speed and for its greatest, in their order, as they are found.
+    """The rows of each variant, for each speed and for its greatest, in their order, as
+    they are found.
 
-    Each is the cheaper of two searches, from the cold guess and from the speed before; a greatest speed is the better
-    of what the last two speeds lead to. Solutions are kept in `folder`, and what is there is not solved again.
+    Each is the cheaper of two searches, from the cold guess and from the speed before;
+    a greatest speed is the better of what the last two speeds lead to. Solutions are
+    kept in `folder`, and what is there is not solved again.
 
     Args:
         problem: what is varied.
         variants: problems by name.
         speeds: m/s, the slowest first.
         folder: of the solutions.
-        what: is compared, for the message that says that the folder holds something else.
+        what: is compared, for the message that says that the folder holds something
+            else.
         workers: processes; 1: this one.
 
     Raises:
@@ -71,11 +82,20 @@ def compare(
     config.claim_folder(folder, "problem.json", problem, what)
     with contextlib.ExitStack() as stack:
         run = map if workers == 1 else stack.enter_context(spawned(workers)).map
-        yield from run(_rows, variants, variants.values(), itertools.repeat(speeds), itertools.repeat(folder))
+        yield from run(
+            _rows,
+            variants,
+            variants.values(),
+            itertools.repeat(speeds),
+            itertools.repeat(folder),
+        )
 
 
-def _rows(name: str, problem: Problem, speeds: Sequence[float], folder: Path) -> list[ComparisonRow]:
-    from bp2_rl.optimiser.collocation import fastest, solve  # CasADi, where something is solved
+def _rows(
+    name: str, problem: Problem, speeds: Sequence[float], folder: Path
+) -> list[ComparisonRow]:
+    # CasADi, where something is solved
+    from bp2_rl.optimiser.collocation import fastest, solve
 
     kept = folder / re.sub(r"[^\w.-]+", "-", name).strip("-")
     found: list[Solution] = []
@@ -83,17 +103,29 @@ def _rows(name: str, problem: Problem, speeds: Sequence[float], folder: Path) ->
     for speed in speeds:
         asked = problem.at(speed)
         starts = [None, *(solution.motion for solution in found[-1:])]
-        tries = [lambda start=start, asked=asked: solve(asked, start) for start in starts]
-        solution = _kept(kept / speed_name(speed), tries, lambda solution: -solution.cost)
+        tries = [
+            lambda start=start, asked=asked: solve(asked, start) for start in starts
+        ]
+        solution = _kept(
+            kept / speed_name(speed), tries, lambda solution: -solution.cost
+        )
         found += [] if solution is None else [solution]
         rows.append(_row(name, speed, solution, greatest=False))
     tries = [lambda start=start: fastest(start) for start in found[-2:]]
     top = _kept(kept / GREATEST, tries, lambda solution: solution.problem.speed)
-    return [*rows, _row(name, None if top is None else top.problem.speed, top, greatest=True)]
+    return [
+        *rows,
+        _row(name, None if top is None else top.problem.speed, top, greatest=True),
+    ]
 
 
-def _kept(path: Path, tries: Sequence[Callable[[], Solution]], worth: Callable[[Solution], float]) -> Solution | None:
-    """The solution that is kept there, or else the worthiest of the tries, which is then kept; None of none."""
+def _kept(
+    path: Path,
+    tries: Sequence[Callable[[], Solution]],
+    worth: Callable[[Solution], float],
+) -> Solution | None:
+    """The solution that is kept there, or else the worthiest of the tries, which is
+    then kept; None of none."""
     if is_saved(path):
         return load_solution(path)
     found: list[Solution] = []
@@ -106,18 +138,43 @@ def _kept(path: Path, tries: Sequence[Callable[[], Solution]], worth: Callable[[
     return best
 
 
-def _row(name: str, speed: float | None, solution: Solution | None, *, greatest: bool) -> ComparisonRow:
+def _row(
+    name: str, speed: float | None, solution: Solution | None, *, greatest: bool
+) -> ComparisonRow:
     if solution is None:
         return ComparisonRow(name, speed, greatest, None, None)
     pitch = solution.motion.q[..., 2]
-    return ComparisonRow(name, speed, greatest, summarise_gait(solution), (float(np.min(pitch)), float(np.max(pitch))))
+    return ComparisonRow(
+        name,
+        speed,
+        greatest,
+        summarise_gait(solution),
+        (float(np.min(pitch)), float(np.max(pitch))),
+    )
 
 
 def tabulate(rows: Sequence[ComparisonRow]) -> Table:
     """A line for each row."""
-    table = Table("", "m/s", "R", "work / m g d", "period", "duty", "peak torque", "RMS", "force", "pitch")
+    table = Table(
+        "",
+        "m/s",
+        "R",
+        "work / m g d",
+        "period",
+        "duty",
+        "peak torque",
+        "RMS",
+        "force",
+        "pitch",
+    )
     for row in rows:
-        speed = "greatest" if row.speed is None else f"{row.speed:.2f}, greatest" if row.greatest else f"{row.speed:g}"
+        speed = (
+            "greatest"
+            if row.speed is None
+            else f"{row.speed:.2f}, greatest"
+            if row.greatest
+            else f"{row.speed:g}"
+        )
         gait = row.gait
         if gait is None or row.pitch is None:
             table.add_row(row.name, speed, "not found")

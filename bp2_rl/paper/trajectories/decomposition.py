@@ -1,17 +1,20 @@
-"""What each term of the equations of motion contributes along a gait cycle (paper, "Inertial coupling in robot
-running", Eqs. continuous_dynamics, average force and force ratio).
+"""What each term of the equations of motion contributes along a gait cycle (paper,
+"Inertial coupling in robot running", Eqs. continuous_dynamics, average force and force
+ratio).
 
 For every coordinate i
 
-    M_ii qdd_i + sum_{j != i} M_ij qdd_j + centrifugal_i + Coriolis_i + G_i = (B u)_i + tau_p,i + (J^T F)_i
+    M_ii qdd_i + sum_{j != i} M_ij qdd_j + centrifugal_i + Coriolis_i + G_i = (B u)_i +
+    tau_p,i + (J^T F)_i
 
-with u what gears and joints leave of the motors' torques; and at a touchdown, where velocities jump by dv and the
-ground gives the impulse Lambda,
+with u what gears and joints leave of the motors' torques; and at a touchdown, where
+velocities jump by dv and the ground gives the impulse Lambda,
 
     M_ii dv_i + sum_{j != i} M_ij dv_j = (J^T Lambda)_i .
 
-Both count in the average force: in the sense of distributions a jump is a force as well, and only with it do gravity
-and the vertical ground reaction have the same mean. Only `decompose` needs CasADi.
+Both count in the average force: in the sense of distributions a jump is a force as
+well, and only with it do gravity and the vertical ground reaction have the same mean.
+Only `decompose` needs CasADi.
 """
 
 import dataclasses
@@ -39,19 +42,23 @@ TERMS = (
     "passive",
     "ground reaction",
 )
-BALANCE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])  # with these signs the terms add up to zero
-KINDS = ("x", "z", "hip", "knee")  # what trends are drawn of: the trunk's translation, and the motors' mean over legs
+# with these signs the terms add up to zero
+BALANCE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+# what trends are drawn of: the trunk's translation, and the motors' mean over legs
+KINDS = ("x", "z", "hip", "knee")
 PROMINENCE = 0.2  # of the largest magnitude: a peak counts that stands out by as much
 
 
 @dataclasses.dataclass(frozen=True)
 class Decomposition:
-    """The terms along a gait cycle. T terms (`TERMS`), N instants, n coordinates, K touchdowns."""
+    """The terms along a gait cycle. T terms (`TERMS`), N instants, n coordinates, K
+    touchdowns."""
 
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
     forces: Float[np.ndarray, "T N n"]  # N, Nm
-    impulses: Float[np.ndarray, "T K n"]  # N s, Nm s: of inertia and ground as each segment begins, 0 if nothing lands
+    # N s, Nm s: of inertia and ground as each segment begins, 0 if nothing lands
+    impulses: Float[np.ndarray, "T K n"]
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -65,16 +72,20 @@ class Decomposition:
 
     @property
     def closure(self) -> float:
-        """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but for the solver's tolerance."""
+        """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but
+        for the solver's tolerance."""
         return float(np.max(np.abs(np.einsum("t,tki->ki", BALANCE, self.forces))))
 
     @property
     def velocity_force(self) -> Float[np.ndarray, " N"]:
         """Vertical centrifugal and Coriolis force together, over the robot's weight."""
-        return (self.along("centrifugal", "z") + self.along("Coriolis", "z")) / self.along("gravity", "z")
+        return (
+            self.along("centrifugal", "z") + self.along("Coriolis", "z")
+        ) / self.along("gravity", "z")
 
     def leg_at(self, front: bool) -> str:
-        """Return the first of the legs at the front or behind; left and right are mirror images."""
+        """Return the first of the legs at the front or behind; left and right are
+        mirror images."""
         return next(leg for leg in self.legs if leg.startswith("F") == front)
 
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
@@ -84,7 +95,8 @@ class Decomposition:
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """Main and coupled inertial torque at the peaks of a joint's main one. P peaks, all legs' together.
+    """Main and coupled inertial torque at the peaks of a joint's main one. P peaks, all
+    legs' together.
 
     Where there is no peak, the shares are nan.
     """
@@ -94,19 +106,21 @@ class Coupling:
 
     @property
     def opposing(self) -> float:
-        """Share of the peaks at which the coupled inertial torque has the opposite sign."""
+        """Share of the peaks at which the coupled inertial torque has the opposite
+        sign."""
         return _mean(self.main * self.coupled < 0.0)
 
     @property
     def covered(self) -> float:
-        """Share of the main inertial torque that the coupled one makes up for: mean over the peaks, less than zero
-        where it adds to the burden."""
+        """Share of the main inertial torque that the coupled one makes up for: mean
+        over the peaks, less than zero where it adds to the burden."""
         return _mean(-self.coupled / self.main)
 
 
 @dataclasses.dataclass(frozen=True)
 class Trends:
-    """Average forces over speed. S speeds, T terms (`TERMS`), the columns of `KINDS`."""
+    """Average forces over speed. S speeds, T terms (`TERMS`), the columns of
+    `KINDS`."""
 
     speeds: Float[np.ndarray, " S"]  # m/s, ascending
     average: Float[np.ndarray, "S T kinds"]  # N, Nm (paper, Eq. average force)
@@ -123,19 +137,24 @@ class TermMeans:
 
 
 def decompose(solution: Solution) -> Decomposition:
-    """The terms at every mesh point of a whole gait cycle; at a touchdown the impulses they give.
+    """The terms at every mesh point of a whole gait cycle; at a touchdown the impulses
+    they give.
 
     Raises:
         UserError: CasADi is not installed.
     """
-    from bp2_rl.optimiser import sagittal  # here alone, so that what is decomposed can be read without CasADi
+    # here alone, so that what is decomposed can be read without CasADi
+    from bp2_rl.optimiser import sagittal
 
     cycle = whole_cycle(solution)
     problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
     p = sagittal.design_vector(problem.hardware)
     model = sagittal.model_of(problem)
 
-    q, v, a, tau, F = (x.reshape(-1, x.shape[-1]) for x in (motion.q, motion.v, motion.a, motion.tau, motion.force))
+    q, v, a, tau, F = (
+        x.reshape(-1, x.shape[-1])
+        for x in (motion.q, motion.v, motion.a, motion.tau, motion.force)
+    )
     n = q.shape[-1]
     main, coupled = split_inertia(evaluate(model.mass, q, p), a)
     forces = np.empty((len(TERMS), *q.shape))
@@ -145,7 +164,8 @@ def decompose(solution: Solution) -> Decomposition:
         evaluate(model.centrifugal, q, v, p)[..., 0],
         evaluate(model.coriolis, q, v, p)[..., 0],
         evaluate(model.gravity, q, p)[..., 0],
-        (tau - evaluate(model.resistance, v, tau, p)[..., 0]) @ np.eye(n)[motor_coordinates(legs)],
+        (tau - evaluate(model.resistance, v, tau, p)[..., 0])
+        @ np.eye(n)[motor_coordinates(legs)],
         evaluate(model.passive, q, v, p)[..., 0],
         np.einsum("kci,kc->ki", evaluate(model.contact_jacobian, q, p), F),
     )
@@ -154,27 +174,39 @@ def decompose(solution: Solution) -> Decomposition:
     jump = motion.v[:, 0] - np.roll(motion.v[:, -1], 1, axis=0)
     impulses = np.zeros((len(TERMS), *q.shape))
     impulses[:2] = split_inertia(evaluate(model.mass, q, p), jump)
-    impulses[-1] = np.einsum("kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse)
+    impulses[-1] = np.einsum(
+        "kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse
+    )
     return Decomposition(cycle, coordinate_names(legs), forces, impulses)
 
 
 def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
     """Names of the sagittal model's coordinates, such as "FR hip"."""
-    return ("x", "z", "pitch", *(f"{leg} {joint}" for leg in legs for joint in ("hip", "knee", "spring")))
+    return (
+        "x",
+        "z",
+        "pitch",
+        *(f"{leg} {joint}" for leg in legs for joint in ("hip", "knee", "spring")),
+    )
 
 
 def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
-    """Mean magnitude over a gait cycle of each term of each coordinate, N or Nm (paper, Eq. average force).
+    """Mean magnitude over a gait cycle of each term of each coordinate, N or Nm (paper,
+    Eq. average force).
 
-    The integral is the scheme's own quadrature; a touchdown adds the magnitude of its impulse.
+    The integral is the scheme's own quadrature; a touchdown adds the magnitude of its
+    impulse.
     """
     cycle = decomposition.cycle
-    flowing = np.einsum("k,tki->ti", cycle.weights.ravel(), np.abs(decomposition.forces))
+    flowing = np.einsum(
+        "k,tki->ti", cycle.weights.ravel(), np.abs(decomposition.forces)
+    )
     return (flowing + np.sum(np.abs(decomposition.impulses), axis=1)) / cycle.period
 
 
 def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "... T n"]:
-    """Each term's share of the sum of all, of average forces (paper, Eq. force ratio)."""
+    """Each term's share of the sum of all, of average forces (paper, Eq. force
+    ratio)."""
     return average / np.sum(average, axis=-2, keepdims=True)
 
 
@@ -184,14 +216,17 @@ def peak_velocity_force(decomposition: Decomposition) -> float:
 
 
 def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupling:
-    """What the coupled inertial torque does at the peaks of a joint's main inertial torque, over all legs.
+    """What the coupled inertial torque does at the peaks of a joint's main inertial
+    torque, over all legs.
 
-    A peak is a local maximum of the magnitude along the (periodic) cycle that stands out of its surroundings
-    (prominence) by at least `PROMINENCE` of the largest.
+    A peak is a local maximum of the magnitude along the (periodic) cycle that stands
+    out of its surroundings (prominence) by at least `PROMINENCE` of the largest.
     """
     found = []
     for leg in decomposition.legs:
-        torques = np.stack([decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2]])
+        torques = np.stack(
+            [decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2]]
+        )
         found.append(torques[:, periodic_peaks(np.abs(torques[0]))])
     return Coupling(*np.concatenate(found, axis=1))
 
@@ -199,48 +234,66 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
 def find_trends(solutions: Sequence[Solution]) -> Trends:
     """Average forces and their shares over the solutions' speeds.
 
-    `KINDS` stand for the four columns of the paper's Fig. robot_model_analysis, E to L. Its text says that F and J
-    are vertical and G and K the hip's; the knee and the horizontal are what panels A to C and the plane leave.
+    `KINDS` stand for the four columns of the paper's Fig. robot_model_analysis, E to L.
+    Its text says that F and J are vertical and G and K the hip's; the knee and the
+    horizontal are what panels A to C and the plane leave.
 
     Raises:
-        UserError: there are no solutions, or they differ in more than speed, scheme and mesh.
+        UserError: there are no solutions, or they differ in more than speed, scheme and
+            mesh.
     """
     solutions = comparable(solutions)
     average = np.stack([_by_kind(decompose(solution)) for solution in solutions])
-    return Trends(np.array([solution.problem.speed for solution in solutions]), average, force_ratio(average))
+    return Trends(
+        np.array([solution.problem.speed for solution in solutions]),
+        average,
+        force_ratio(average),
+    )
 
 
 def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:
     """The average forces and their shares, by name."""
     return tuple(
         TermMeans(float(speed), named(TERMS, average), named(TERMS, share))
-        for speed, average, share in zip(trends.speeds, trends.average, trends.share, strict=True)
+        for speed, average, share in zip(
+            trends.speeds, trends.average, trends.share, strict=True
+        )
     )
 
 
-def named(terms: Sequence[str], values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
+def named(
+    terms: Sequence[str], values: Float[np.ndarray, "T kinds"]
+) -> dict[str, dict[str, float]]:
     """Return values by kind of coordinate, and by the name of the term."""
     return {
-        kind: dict(zip(terms, map(float, column), strict=True)) for kind, column in zip(KINDS, values.T, strict=True)
+        kind: dict(zip(terms, map(float, column), strict=True))
+        for kind, column in zip(KINDS, values.T, strict=True)
     }
 
 
-def turning_speeds(speeds: Float[np.ndarray, " S"], values: Float[np.ndarray, " S"]) -> list[float]:
+def turning_speeds(
+    speeds: Float[np.ndarray, " S"], values: Float[np.ndarray, " S"]
+) -> list[float]:
     """Speeds between which values first fall and then rise, or the other way about."""
     rise = np.sign(np.diff(values))
     return [
-        float(speed) for speed, before, after in zip(speeds[1:-1], rise, rise[1:], strict=False) if before * after < 0
+        float(speed)
+        for speed, before, after in zip(speeds[1:-1], rise, rise[1:], strict=False)
+        if before * after < 0
     ]
 
 
 def remarks(trends: Trends) -> list[str]:
-    """What the shares of the hip and the knee do over speed, with the speeds at which they turn, as found."""
+    """What the shares of the hip and the knee do over speed, with the speeds at which
+    they turn, as found."""
     first, last = trends.speeds[[0, -1]]
     lines = []
     for term in ("active", "coupled inertial"):
         for kind in ("hip", "knee"):
             share = trends.share[:, TERMS.index(term), KINDS.index(kind)]
-            turns = ", ".join(f"{speed:g}" for speed in turning_speeds(trends.speeds, share))
+            turns = ", ".join(
+                f"{speed:g}" for speed in turning_speeds(trends.speeds, share)
+            )
             lines.append(
                 f"{kind}, share of the {term} term: {share[0]:.3f} at {first:g} m/s, {share[-1]:.3f} at {last:g} m/s; "
                 + (f"turns at {turns} m/s" if turns else "never turns")
@@ -252,14 +305,19 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     """The solutions by ascending speed.
 
     Raises:
-        UserError: there are none, two have one speed, or they differ in gait or hardware.
+        UserError: there are none, two have one speed, or they differ in gait or
+            hardware.
     """
     if not solutions:
         raise UserError("there are no solutions to compare: give at least one")
-    first, *others = ordered = sorted(solutions, key=lambda solution: solution.problem.speed)
+    first, *others = ordered = sorted(
+        solutions, key=lambda solution: solution.problem.speed
+    )
     for before, other in itertools.pairwise(ordered):
         if before.problem.speed == other.problem.speed:
-            raise UserError(f"two solutions have the speed {other.problem.speed:g} m/s: give one for each speed")
+            raise UserError(
+                f"two solutions have the speed {other.problem.speed:g} m/s: give one for each speed"
+            )
     for name in ("gait", "hardware", "rotor_coupling"):
         for other in others:
             if getattr(other.problem, name) != getattr(first.problem, name):
@@ -270,8 +328,11 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     return ordered
 
 
-def evaluate(function: Any, *arguments: Float[np.ndarray, "..."]) -> Float[np.ndarray, "rows m n"]:
-    """A CasADi function's matrix at each row of its arguments, the last of which is the same for all."""
+def evaluate(
+    function: Any, *arguments: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "rows m n"]:
+    """A CasADi function's matrix at each row of its arguments, the last of which is the
+    same for all."""
     *varying, p = arguments
     rows, (m, n) = len(varying[0]), function.size_out(0)
     columns = np.array(function.map(rows)(*(x.T for x in varying), p))
@@ -287,7 +348,8 @@ def split_inertia(
 
 
 def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
-    """Indices of the local maxima of one period that stand out by `PROMINENCE` of the largest."""
+    """Indices of the local maxima of one period that stand out by `PROMINENCE` of the
+    largest."""
     size = len(values)
     peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
     return peaks[(peaks >= size) & (peaks < 2 * size)] - size
@@ -301,5 +363,12 @@ def _mean(values: Shaped[np.ndarray, " P"]) -> float:
 def _by_kind(decomposition: Decomposition) -> Float[np.ndarray, "T kinds"]:
     """Average forces of the columns of `KINDS`: a joint's is the mean over the legs."""
     average = average_force(decomposition)
-    columns = [[i for i, name in enumerate(decomposition.coordinates) if name.split()[-1] == kind] for kind in KINDS]
+    columns = [
+        [
+            i
+            for i, name in enumerate(decomposition.coordinates)
+            if name.split()[-1] == kind
+        ]
+        for kind in KINDS
+    ]
     return np.stack([np.mean(average[:, column], axis=1) for column in columns], axis=1)

@@ -27,7 +27,9 @@ class ShownStride(StrideSummary):
     velocity_force: float  # peak of the vertical C over weight
     horizontal_impulse: float  # N s, of the ground over the cycle: 0
     vertical_impulse: float  # of the ground over the cycle, over that of gravity: 1
-    gravity_to_ground: float  # least ratio of the two's vertical means over all speeds, or the inverse of the greatest
+    # least ratio of the two's vertical means over all speeds, or the inverse of the
+    # greatest
+    gravity_to_ground: float
     turns: dict[str, tuple[float, ...]]  # m/s, where a hip's shares turn, by term
 
 
@@ -40,18 +42,25 @@ class FigureNumbers:
     by_speed: tuple[CouplingAccount, ...]
 
 
-def number_shown(solution: Solution, terms: Decomposition, trends: Trends) -> ShownStride:
+def number_shown(
+    solution: Solution, terms: Decomposition, trends: Trends
+) -> ShownStride:
     """The numbers of the panels that are of one speed, and of the trends."""
     weights, ground = terms.cycle.weights.ravel(), TERMS.index("ground reaction")
     x, z = (terms.coordinates.index(name) for name in ("x", "z"))
     pushed = weights @ terms.forces[ground] + np.sum(terms.impulses[ground], axis=0)
     weight = weights @ terms.along("gravity", "z")
     gravity, reaction = (
-        trends.average[:, TERMS.index(name), KINDS.index("z")] for name in ("gravity", "ground reaction")
+        trends.average[:, TERMS.index(name), KINDS.index("z")]
+        for name in ("gravity", "ground reaction")
     )
     ratio = gravity / reaction
     turns = {
-        term: tuple(turning_speeds(trends.speeds, trends.share[:, TERMS.index(term), KINDS.index("hip")]))
+        term: tuple(
+            turning_speeds(
+                trends.speeds, trends.share[:, TERMS.index(term), KINDS.index("hip")]
+            )
+        )
         for term in ("active", "coupled inertial")
     }
     return ShownStride(

@@ -1,4 +1,5 @@
-"""A gait in a few numbers that do not depend on how its trajectory was found, so that gaits can be compared."""
+"""A gait in a few numbers that do not depend on how its trajectory was found, so that
+gaits can be compared."""
 
 import dataclasses
 
@@ -14,7 +15,8 @@ from bp2_rl.robot.hardware import HardwareSpec
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitSummary(StrideSummary):
-    """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along the track and up."""
+    """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along
+    the track and up."""
 
     speed: float  # m/s
     rms_torque: float  # Nm
@@ -23,7 +25,8 @@ class GaitSummary(StrideSummary):
 
 
 def summarise_gait(solution: Solution) -> GaitSummary:
-    """Summarise a solution as a whole robot's gait: the running cost of half a robot counts twice."""
+    """Summarise a solution as a whole robot's gait: the running cost of half a robot
+    counts twice."""
     cycle = whole_cycle(solution)
     motion, weights = cycle.motion, cycle.weights / cycle.period
 
@@ -31,7 +34,13 @@ def summarise_gait(solution: Solution) -> GaitSummary:
         return float(np.sum(weights * values))
 
     qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
-    R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
+    R = running_cost(
+        motion.tau,
+        qd,
+        motion.force,
+        solution.problem.hardware,
+        solution.problem.weights,
+    )
     return GaitSummary(
         speed=solution.problem.speed,
         **vars(summarise(solution)),
@@ -48,10 +57,13 @@ def running_cost(
     hardware: HardwareSpec,
     weights: CostWeights,
 ) -> Float[np.ndarray, "..."]:
-    """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and forces as shares of the greatest."""
+    """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and
+    forces as shares of the greatest."""
     tau, load = torque / hardware.joint_peak_torque, force / weights.force
     power = tau * qd / hardware.joint_no_load_speed
-    return weights.power * _squares(power) + weights.load * (_squares(tau) + _squares(load))
+    return weights.power * _squares(power) + weights.load * (
+        _squares(tau) + _squares(load)
+    )
 
 
 def _squares(values: Float[np.ndarray, "... k"]) -> Float[np.ndarray, "..."]:

@@ -13,7 +13,8 @@ from bp2_rl.paper.trajectories.variants import LossVariant
 
 @dataclasses.dataclass(frozen=True)
 class FastestVariant:
-    """A variant at its greatest speed, and the variant it is compared with; None where IPOPT found no trajectory."""
+    """A variant at its greatest speed, and the variant it is compared with; None where
+    IPOPT found no trajectory."""
 
     variant: str
     base: str
@@ -22,39 +23,56 @@ class FastestVariant:
 
 @dataclasses.dataclass(frozen=True)
 class GreatestSpeeds:
-    """What is left of a search: greatest speed by variant, m/s; None where IPOPT found none."""
+    """What is left of a search: greatest speed by variant, m/s; None where IPOPT found
+    none."""
 
     problem: Problem
     speeds: dict[str, float | None]
 
 
-def greatest_speeds(variants: Mapping[str, Problem], workers: int = 2) -> Iterator[FastestVariant]:
-    """Yield the greatest speed of each variant, as they are found, to be compared with the first.
+def greatest_speeds(
+    variants: Mapping[str, Problem], workers: int = 2
+) -> Iterator[FastestVariant]:
+    """Yield the greatest speed of each variant, as they are found, to be compared with
+    the first.
 
-    Each is the better of two searches: from the problem's own solution and from one of another speed.
+    Each is the better of two searches: from the problem's own solution and from one of
+    another speed.
     """
     base = next(iter(variants))
     with spawned(workers) as pool:
-        searches = {pool.submit(_search, variant): name for name, variant in variants.items()}
+        searches = {
+            pool.submit(_search, variant): name for name, variant in variants.items()
+        }
         for search in concurrent.futures.as_completed(searches):
             yield FastestVariant(searches[search], base, _best(search.result()))
 
 
-def greatest_speeds_by_loss(variants: Mapping[str, LossVariant], workers: int = 2) -> Iterator[FastestVariant]:
+def greatest_speeds_by_loss(
+    variants: Mapping[str, LossVariant], workers: int = 2
+) -> Iterator[FastestVariant]:
     """Yield the greatest speeds of `loss_variants`, as they are found.
 
-    For the robot with none and with all of its losses each is the best of several searches; for the others it is the
-    better of two that start from the one of these which is next to them: from its greatest speed and from its first
-    solution.
+    For the robot with none and with all of its losses each is the best of several
+    searches; for the others it is the better of two that start from the one of these
+    which is next to them: from its greatest speed and from its first solution.
     """
     with spawned(workers) as pool:
-        first = {name: pool.submit(_search, variants[name].problem) for name in ("ideal", "built")}
+        first = {
+            name: pool.submit(_search, variants[name].problem)
+            for name in ("ideal", "built")
+        }
         found = {name: search.result() for name, search in first.items()}
-        found["built"] += _fastest_from(variants["built"].problem, _starts(found["ideal"]))
+        found["built"] += _fastest_from(
+            variants["built"].problem, _starts(found["ideal"])
+        )
         for name, solutions in found.items():
             yield FastestVariant(name, variants[name].base, _best(solutions))
         searches = {
-            pool.submit(_fastest_from, variant.problem, _starts(found[variant.base])): (name, variant.base)
+            pool.submit(_fastest_from, variant.problem, _starts(found[variant.base])): (
+                name,
+                variant.base,
+            )
             for name, variant in variants.items()
             if name not in found
         }
@@ -63,7 +81,8 @@ def greatest_speeds_by_loss(variants: Mapping[str, LossVariant], workers: int = 
 
 
 def _search(problem: Problem) -> list[Solution]:
-    """The fastest solutions that those at two speeds lead to, each followed by the one it came from."""
+    """The fastest solutions that those at two speeds lead to, each followed by the one
+    it came from."""
     from bp2_rl.optimiser.collocation import fastest, solve
 
     found: list[Solution] = []
@@ -81,7 +100,11 @@ def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
     found: list[Solution] = []
     for start in starts:
         with contextlib.suppress(NotSolved):
-            found.append(fastest(dataclasses.replace(start, problem=problem.at(start.problem.speed))))
+            found.append(
+                fastest(
+                    dataclasses.replace(start, problem=problem.at(start.problem.speed))
+                )
+            )
     return found
 
 

@@ -1,7 +1,9 @@
-"""What of a trajectory is the objective's and what the robot's: F bar of one, two and three body weights side by side.
+"""What of a trajectory is the objective's and what the robot's: F bar of one, two and
+three body weights side by side.
 
-The paper has one cost for analysis and co-design and leaves open what forces are divided by (`CostWeights.force`). The
-library is made with one body weight, co-design with three. Here both are made with all of them.
+The paper has one cost for analysis and co-design and leaves open what forces are
+divided by (`CostWeights.force`). The library is made with one body weight, co-design
+with three. Here both are made with all of them.
 """
 
 import dataclasses
@@ -22,7 +24,11 @@ from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings, Design
 from bp2_rl.robot import bp2, conventions
 
 BODY_WEIGHT = bp2.TOTAL_MASS * conventions.GRAVITY  # N
-ROBOTS = AS_IS, WITH_RESERVE, FREE = "BP2", "BP2 with the library's reserve", "co-design"
+ROBOTS = AS_IS, WITH_RESERVE, FREE = (
+    "BP2",
+    "BP2 with the library's reserve",
+    "co-design",
+)
 COLUMNS = {
     "robot": "{0.robot}",
     "m/s": "{0.speed:g}",
@@ -46,7 +52,8 @@ class ObjectiveSettings(Bounded):
     """Speeds and weights of forces that are compared."""
 
     speeds: tuple[Speed, ...] = (10.0, 8.0)  # m/s
-    body_weights: tuple[Annotated[float, Within(0.1, 100.0)], ...] = (1.0, 2.0, 3.0)  # F bar
+    # F bar
+    body_weights: tuple[Annotated[float, Within(0.1, 100.0)], ...] = (1.0, 2.0, 3.0)
     starts: Starts = 2  # of each; the cheapest counts
     intervals: Intervals = 16  # of each segment, of what is compared
 
@@ -78,24 +85,37 @@ class Objective:
     rows: tuple[ObjectiveRow, ...]
 
 
-def compare_objectives(settings: ObjectiveSettings, folder: Path, workers: int = 1) -> list[ObjectiveRow]:
-    """A row for each robot, speed and F bar that has a trajectory; solutions are kept in `folder`."""
+def compare_objectives(
+    settings: ObjectiveSettings, folder: Path, workers: int = 1
+) -> list[ObjectiveRow]:
+    """A row for each robot, speed and F bar that has a trajectory; solutions are kept
+    in `folder`."""
     cases = [
         (robot, share, speed, ways)
         for speed in settings.speeds
         for share in settings.body_weights
         for robot, ways in _chains(settings, speed, share).items()
     ]
-    solve_chains([chain for *_, ways in cases for chain in ways], folder, workers, "objectives")
+    solve_chains(
+        [chain for *_, ways in cases for chain in ways], folder, workers, "objectives"
+    )
     rows = []
     for robot, share, _, ways in cases:
-        solved = [solution for chain in ways if (solution := read_solution(chain, folder)) is not None]
+        solved = [
+            solution
+            for chain in ways
+            if (solution := read_solution(chain, folder)) is not None
+        ]
         if solved:
             rows.append(describe(robot, share, solved))
-    return sorted(rows, key=lambda row: (-row.speed, ROBOTS.index(row.robot), row.body_weights))
+    return sorted(
+        rows, key=lambda row: (-row.speed, ROBOTS.index(row.robot), row.body_weights)
+    )
 
 
-def describe(robot: str, body_weights: float, solved: Sequence[Solution]) -> ObjectiveRow:
+def describe(
+    robot: str, body_weights: float, solved: Sequence[Solution]
+) -> ObjectiveRow:
     """The cheapest of several solutions of one problem, in numbers."""
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
@@ -131,11 +151,15 @@ def tabulate_objectives(rows: Sequence[ObjectiveRow]) -> Table:
     return table
 
 
-def _chains(settings: ObjectiveSettings, speed: float, body_weights: float) -> dict[str, list[Chain]]:
+def _chains(
+    settings: ObjectiveSettings, speed: float, body_weights: float
+) -> dict[str, list[Chain]]:
     """Ways to the cheapest trajectory of each robot."""
     bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
     family = FamilyConfig().problem
-    reserved = dataclasses.replace(bare, hardware=family.hardware, speed_margin=family.speed_margin)
+    reserved = dataclasses.replace(
+        bare, hardware=family.hardware, speed_margin=family.speed_margin
+    )
     free = _weighed(CodesignSettings().problem.at(speed), body_weights)
     codesign = CodesignSettings(problem=free)
     finer = free.on_mesh(settings.intervals)
@@ -149,4 +173,6 @@ def _chains(settings: ObjectiveSettings, speed: float, body_weights: float) -> d
 
 def _weighed(problem: Problem, body_weights: float) -> Problem:
     force = float(round(body_weights * BODY_WEIGHT))
-    return dataclasses.replace(problem, weights=dataclasses.replace(problem.weights, force=force))
+    return dataclasses.replace(
+        problem, weights=dataclasses.replace(problem.weights, force=force)
+    )

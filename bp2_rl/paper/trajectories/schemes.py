@@ -1,4 +1,5 @@
-"""What a discretisation costs: one trot solved by each scheme on finer and finer meshes, and judged by `verify`."""
+"""What a discretisation costs: one trot solved by each scheme on finer and finer
+meshes, and judged by `verify`."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
@@ -40,9 +41,11 @@ def compare_schemes(
     """A row for each scheme on each mesh, as soon as it is solved.
 
     Args:
-        solve: such as `collocation.solve`: a problem and a start on its mesh, None for a cold one.
+        solve: such as `collocation.solve`: a problem and a start on its mesh, None for
+            a cold one.
         problem: what is asked for; its own scheme and mesh do not matter.
-        meshes: intervals a segment, coarsest first: each solve but the first starts from the one before.
+        meshes: intervals a segment, coarsest first: each solve but the first starts
+            from the one before.
         schemes: discretisations.
 
     Raises:
@@ -52,15 +55,23 @@ def compare_schemes(
         solution = None
         for intervals in meshes:
             on_mesh = dataclasses.replace(problem, scheme=scheme, intervals=intervals)
-            start = None if solution is None else resample(solution.problem, solution.motion, on_mesh)
+            start = (
+                None
+                if solution is None
+                else resample(solution.problem, solution.motion, on_mesh)
+            )
             solution = solve(on_mesh, start)
-            yield SchemeRow(scheme, intervals, verify(solution) | vars(summarise(solution)))
+            yield SchemeRow(
+                scheme, intervals, verify(solution) | vars(summarise(solution))
+            )
 
 
 def tabulate_schemes(rows: Sequence[SchemeRow]) -> Table:
     """The rows for a console."""
     table = Table("scheme", "intervals", *(heading for heading, _ in COLUMNS.values()))
     for row in rows:
-        figures = [form.format(row.figures[name]) for name, (_, form) in COLUMNS.items()]
+        figures = [
+            form.format(row.figures[name]) for name, (_, form) in COLUMNS.items()
+        ]
         table.add_row(row.scheme, str(row.intervals), *figures)
     return table

@@ -1,12 +1,14 @@
-"""Shadow prices: which limits are active in a trajectory, and what a little more of each would bring.
+"""Shadow prices: which limits are active in a trajectory, and what a little more of
+each would bring.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
     d f* / dp = lambda^T (dg/dp - d bound/dp),   the bound that holds
 
-to first order, with nothing solved again (the envelope theorem). Where the speed itself is looked for, f is
--speed_weight times the speed, but for a cost that does not matter, and the same gives what the greatest speed gains.
-How p enters the cost itself, as the peak torque does by which torques are divided there, is left out: it is no limit.
+to first order, with nothing solved again (the envelope theorem). Where the speed itself
+is looked for, f is -speed_weight times the speed, but for a cost that does not matter,
+and the same gives what the greatest speed gains. How p enters the cost itself, as the
+peak torque does by which torques are divided there, is left out: it is no limit.
 """
 
 import dataclasses
@@ -30,14 +32,20 @@ Change = Callable[[Problem, float], Problem]
 
 
 def times_fields(*fields: str, law: Callable[[float, Any], Any] = times) -> Change:
-    """Return the change that multiplies fields of a problem, or applies another law of factor and value to them."""
+    """Return the change that multiplies fields of a problem, or applies another law of
+    factor and value to them."""
 
     def changed(config: Any, field: str, factor: float) -> Any:
         name, _, inner = field.partition(".")
         value = getattr(config, name)
-        return dataclasses.replace(config, **{name: changed(value, inner, factor) if inner else law(factor, value)})
+        return dataclasses.replace(
+            config,
+            **{name: changed(value, inner, factor) if inner else law(factor, value)},
+        )
 
-    return lambda problem, factor: functools.reduce(lambda one, field: changed(one, field, factor), fields, problem)
+    return lambda problem, factor: functools.reduce(
+        lambda one, field: changed(one, field, factor), fields, problem
+    )
 
 
 LIMITS: dict[str, Change] = {
@@ -47,7 +55,9 @@ LIMITS: dict[str, Change] = {
     "joint speed's limit alone": times_fields("speed_margin"),
     "friction": times_fields("hardware.friction"),
     "spring travel": times_fields("hardware.spring_travel"),
-    "stops' stiffness": times_fields("hardware.spring_stop_stiffness", "hardware.rebound_stiffness"),
+    "stops' stiffness": times_fields(
+        "hardware.spring_stop_stiffness", "hardware.rebound_stiffness"
+    ),
     "spring stiffness": times_fields("hardware.spring_stiffness"),
     "rotor inertia": times_fields("hardware.rotor_inertia"),
     "leg length": times_fields("hardware.body.leg_length"),
@@ -60,27 +70,39 @@ LIMITS: dict[str, Change] = {
 
 LOSSES: dict[str, Change] = {
     "drag area": times_fields("hardware.losses.drag_area"),
-    "gear loss": times_fields("hardware.losses.gear_efficiency", law=lambda factor, kept: 1.0 - factor * (1.0 - kept)),
+    "gear loss": times_fields(
+        "hardware.losses.gear_efficiency",
+        law=lambda factor, kept: 1.0 - factor * (1.0 - kept),
+    ),
     "joint friction": times_fields("hardware.losses.joint_friction"),
     "joint viscosity": times_fields("hardware.losses.joint_viscosity"),
     "slide friction": times_fields("hardware.losses.spring_friction"),
     "bus sag": times_fields("hardware.losses.bus_sag"),
-    "bus power": times_fields("hardware.losses.bus_power_out", "hardware.losses.bus_power_in"),
+    "bus power": times_fields(
+        "hardware.losses.bus_power_out", "hardware.losses.bus_power_in"
+    ),
 }
 """What is scaled of a robot that has losses."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ShadowPrices:
-    """An optimum, the limits that are active there, and the shadow prices of its problem's parameters."""
+    """An optimum, the limits that are active there, and the shadow prices of its
+    problem's parameters."""
 
     solution: Solution
-    active: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
-    prices: dict[str, float]  # d objective / d ln p, by parameter: in units of cost or, where that is looked for, m/s
+    # by limit: share of motors, feet or coordinates times instants at which it holds
+    active: dict[str, float]
+    # d objective / d ln p, by parameter: in units of cost or, where that is looked for,
+    # m/s
+    prices: dict[str, float]
 
 
-def find_shadow_prices(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> ShadowPrices:
-    """Find the optimum next to a solution, its active limits, and what changes of its problem are worth.
+def find_shadow_prices(
+    start: Solution, changes: Mapping[str, Change], *, greatest: bool = False
+) -> ShadowPrices:
+    """Find the optimum next to a solution, its active limits, and what changes of its
+    problem are worth.
 
     Args:
         start: where the search begins; a solution that is at its optimum stays there.
@@ -93,22 +115,36 @@ def find_shadow_prices(start: Solution, changes: Mapping[str, Change], *, greate
     options = GREATEST_SPEED if greatest else STANDARD
     optimised = optimise(start.problem, start.motion, options)
     unit = -1.0 / options.speed_weight if greatest else 1.0
-    prices = {name: unit * _slope(optimised, change, options) for name, change in changes.items()}
+    prices = {
+        name: unit * _slope(optimised, change, options)
+        for name, change in changes.items()
+    }
     return ShadowPrices(optimised.solution, active_limits(optimised), prices)
 
 
 def active_limits(optimised: Optimised) -> dict[str, float]:
-    """Return, by limit, the share of all its instants at which it is active; limits that never are do not appear.
+    """Return, by limit, the share of all its instants at which it is active; limits
+    that never are do not appear.
 
-    A limit is active where its multiplier exceeds its distance, both scaled: at an optimum one of the two is zero but
-    for the solver's tolerance.
+    A limit is active where its multiplier exceeds its distance, both scaled: at an
+    optimum one of the two is zero but for the solver's tolerance.
     """
     program, optimum = optimised.transcription.program, optimised.optimum
     conditions = program.conditions(optimum.point)
     counts: dict[str, list[float]] = {}
     for limits, multipliers, values, bounds in (
-        (program.constraint_limits, optimum.constraint_multipliers, conditions.values, conditions.constraint_bounds),
-        (program.unknown_limits, optimum.unknown_multipliers, optimum.point, conditions.unknown_bounds),
+        (
+            program.constraint_limits,
+            optimum.constraint_multipliers,
+            conditions.values,
+            conditions.constraint_bounds,
+        ),
+        (
+            program.unknown_limits,
+            optimum.unknown_multipliers,
+            optimum.point,
+            conditions.unknown_bounds,
+        ),
     ):
         distance = np.minimum(values - bounds.lower, bounds.upper - values)
         holds = np.abs(multipliers) > np.maximum(distance, 0.0)
@@ -116,7 +152,9 @@ def active_limits(optimised: Optimised) -> dict[str, float]:
             count = counts.setdefault(limit, [0.0, 0.0])
             count[0] += np.count_nonzero(holds[places])
             count[1] += share * len(places)
-    return {limit: float(holding / of) for limit, (holding, of) in counts.items() if holding}
+    return {
+        limit: float(holding / of) for limit, (holding, of) in counts.items() if holding
+    }
 
 
 def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float:
@@ -128,14 +166,22 @@ def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float
         sides.append(program.conditions(optimum.point))
     less, more = sides
     change_of_f = optimum.constraint_multipliers @ (more.values - less.values)
-    change_of_f -= _bound_term(optimum.constraint_multipliers, less.constraint_bounds, more.constraint_bounds)
-    change_of_f -= _bound_term(optimum.unknown_multipliers, less.unknown_bounds, more.unknown_bounds)
+    change_of_f -= _bound_term(
+        optimum.constraint_multipliers, less.constraint_bounds, more.constraint_bounds
+    )
+    change_of_f -= _bound_term(
+        optimum.unknown_multipliers, less.unknown_bounds, more.unknown_bounds
+    )
     return float(change_of_f / (2.0 * STEP))
 
 
-def _bound_term(multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds) -> float:
-    """What moves with the bounds: each bound's shift by the multiplier of the side that holds."""
+def _bound_term(
+    multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds
+) -> float:
+    """What moves with the bounds: each bound's shift by the multiplier of the side that
+    holds."""
     lower, upper = (
-        np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a)) for a, b in zip(less, more, strict=True)
+        np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a))
+        for a, b in zip(less, more, strict=True)
     )
     return float(np.sum(multipliers * np.where(multipliers > 0.0, upper, lower)))

@@ -1,4 +1,5 @@
-"""Many trajectories at once: speeds x cold starts, over the cores, each kept and never solved twice."""
+"""Many trajectories at once: speeds x cold starts, over the cores, each kept and never
+solved twice."""
 
 import concurrent.futures
 import dataclasses
@@ -10,7 +11,13 @@ from bp2_rl.base import serialization as config
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.optimiser.solution import NotSolved, Solution, load_solution, save_solution, speed_name
+from bp2_rl.optimiser.solution import (
+    NotSolved,
+    Solution,
+    load_solution,
+    save_solution,
+    speed_name,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,8 +33,15 @@ class Attempt:
     why: str = ""  # if not solved
 
 
-def sweep(problem: Problem, speeds: Sequence[float], starts: int, folder: Path, workers: int = 2) -> Iterator[Attempt]:
-    """Solve from every start at every speed; yields each attempt as it ends, those already in `folder` first.
+def sweep(
+    problem: Problem,
+    speeds: Sequence[float],
+    starts: int,
+    folder: Path,
+    workers: int = 2,
+) -> Iterator[Attempt]:
+    """Solve from every start at every speed; yields each attempt as it ends, those
+    already in `folder` first.
 
     Every solution is kept in `folder`; `best_of` reads the cheapest of each speed.
 
@@ -43,27 +57,39 @@ def sweep(problem: Problem, speeds: Sequence[float], starts: int, folder: Path, 
             else:
                 todo.append((speed, start))
     with spawned(workers) as pool:
-        attempts = [pool.submit(_attempt, problem.at(speed), start, folder) for speed, start in todo]
+        attempts = [
+            pool.submit(_attempt, problem.at(speed), start, folder)
+            for speed, start in todo
+        ]
         for attempt in concurrent.futures.as_completed(attempts):
             yield attempt.result()
 
 
 def best_of(folder: Path) -> list[Solution]:
-    """The cheapest solution of each speed that a sweep has left, verified, slowest first.
+    """The cheapest solution of each speed that a sweep has left, verified, slowest
+    first.
 
     Raises:
         UserError: there is none, or one cannot be read.
     """
-    attempts = [config.load_config(Attempt, record) for record in sorted(folder.glob("speed-*-start-*.attempt.json"))]
+    attempts = [
+        config.load_config(Attempt, record)
+        for record in sorted(folder.glob("speed-*-start-*.attempt.json"))
+    ]
     solved = [attempt for attempt in attempts if attempt.solved]
     if not solved:
-        raise UserError(f"{folder} holds no solved sweep: run `bp2 paper trajectories sweep --out {folder}`")
+        raise UserError(
+            f"{folder} holds no solved sweep: run `bp2 paper trajectories sweep --out {folder}`"
+        )
     problem = config.load_config(Problem, folder / "sweep.json")
     best: dict[float, Attempt] = {}
     for attempt in solved:
         if attempt.speed not in best or attempt.cost < best[attempt.speed].cost:
             best[attempt.speed] = attempt
-    return [load_solution(_path(folder, speed, best[speed].start), problem.at(speed)) for speed in sorted(best)]
+    return [
+        load_solution(_path(folder, speed, best[speed].start), problem.at(speed))
+        for speed in sorted(best)
+    ]
 
 
 def _attempt(problem: Problem, start: int, folder: Path) -> Attempt:
@@ -76,10 +102,22 @@ def _attempt(problem: Problem, start: int, folder: Path) -> Attempt:
     try:
         solution = solve(problem, cold_guess(problem, seed=start or None))
     except NotSolved as failure:
-        attempt = Attempt(problem.speed, start, False, time.perf_counter() - began, why=str(failure))
+        attempt = Attempt(
+            problem.speed, start, False, time.perf_counter() - began, why=str(failure)
+        )
     else:
-        save_solution(_path(folder, problem.speed, start), dataclasses.replace(solution, checks=verify(solution)))
-        attempt = Attempt(problem.speed, start, True, solution.seconds, solution.cost, solution.violation)
+        save_solution(
+            _path(folder, problem.speed, start),
+            dataclasses.replace(solution, checks=verify(solution)),
+        )
+        attempt = Attempt(
+            problem.speed,
+            start,
+            True,
+            solution.seconds,
+            solution.cost,
+            solution.violation,
+        )
     config.save_config(_record(folder, problem.speed, start), attempt)
     return attempt
 

@@ -1,17 +1,21 @@
 """The variants of BP2 and of its gait that are compared in the plane.
 
-**Gaits.** Is it the trot that limits BP2? A bound is the model of half a robot on a fore and a hind leg half a cycle
-apart ("two-leg"), a pronk that on both at once; with left and right alike the other half does the same. In the plane
-right and left legs of one end cannot be told apart, so a pace is a trot with other pairs, a rotary gallop a transverse
-one. In a half-bound the fore legs land one after the other, in a gallop the hind legs, too. What a plane cannot know is
-roll, and how a pace or a gallop holds it: greatest speeds are upper bounds.
+**Gaits.** Is it the trot that limits BP2? A bound is the model of half a robot on a
+fore and a hind leg half a cycle apart ("two-leg"), a pronk that on both at once; with
+left and right alike the other half does the same. In the plane right and left legs of
+one end cannot be told apart, so a pace is a trot with other pairs, a rotary gallop a
+transverse one. In a half-bound the fore legs land one after the other, in a gallop the
+hind legs, too. What a plane cannot know is roll, and how a pace or a gallop holds it:
+greatest speeds are upper bounds.
 
-**Limbs.** Should limbs be light? The paper wants the inertia of limbs used rather than least, and tries no other legs.
-Mass moves between trunk and legs, all of it the same. Inertias go with the masses, so a thigh of twice the mass has
-twice the inertia about its end; what legs gain the trunk loses. A trunk of a thousand times its inertia is guided: it
-cannot pitch, as if limbs had nothing to shake.
+**Limbs.** Should limbs be light? The paper wants the inertia of limbs used rather than
+least, and tries no other legs. Mass moves between trunk and legs, all of it the same.
+Inertias go with the masses, so a thigh of twice the mass has twice the inertia about
+its end; what legs gain the trunk loses. A trunk of a thousand times its inertia is
+guided: it cannot pitch, as if limbs had nothing to shake.
 
-**Hardware and losses.** What does the greatest speed depend on? One thing about the robot is changed at a time.
+**Hardware and losses.** What does the greatest speed depend on? One thing about the
+robot is changed at a time.
 """
 
 import dataclasses
@@ -52,14 +56,24 @@ HARDWARE_CHANGES: dict[str, dict[str, Any]] = {
     "spring travel 0.10 m": {"spring_travel": 0.10},
 }
 KNOWN_PARTS = (
-    *("air", "gears", "joint friction", "spring slides", "bus power", "bus sag", "braking limit", "rebound stop"),
+    *(
+        "air",
+        "gears",
+        "joint friction",
+        "spring slides",
+        "bus power",
+        "bus sag",
+        "braking limit",
+        "rebound stop",
+    ),
     "ground friction",
 )
 """The parts of a robot that the model in the plane knows."""
 
 
 class LossVariant(NamedTuple):
-    """A robot with some of its losses, and the name of the variant it is compared with."""
+    """A robot with some of its losses, and the name of the variant it is compared
+    with."""
 
     base: str
     problem: Problem
@@ -67,7 +81,9 @@ class LossVariant(NamedTuple):
 
 def gait_variants(problem: Problem) -> dict[str, Problem]:
     """The problem in each gait."""
-    return {name: dataclasses.replace(problem, gait=gait) for name, gait in GAITS.items()}
+    return {
+        name: dataclasses.replace(problem, gait=gait) for name, gait in GAITS.items()
+    }
 
 
 def limb_variants(problem: Problem) -> dict[str, Problem]:
@@ -80,13 +96,18 @@ def limb_variants(problem: Problem) -> dict[str, Problem]:
 
 
 def hardware_variants(problem: Problem) -> dict[str, Problem]:
-    """The problem, that of each robot with one thing changed, and that of joints faster than no-load."""
+    """The problem, that of each robot with one thing changed, and that of joints faster
+    than no-load."""
     changed = {name: problem.on(**change) for name, change in HARDWARE_CHANGES.items()}
-    return {**changed, "joints faster than no-load": dataclasses.replace(problem, speed_margin=2.0)}
+    return {
+        **changed,
+        "joints faster than no-load": dataclasses.replace(problem, speed_margin=2.0),
+    }
 
 
 def loss_variants(problem: Problem) -> dict[str, LossVariant]:
-    """The robot without any of its losses, that with each alone, the robot itself, and that without each.
+    """The robot without any of its losses, that with each alone, the robot itself, and
+    that without each.
 
     Raises:
         UserError: the robot loses nothing that the model knows.
@@ -94,13 +115,21 @@ def loss_variants(problem: Problem) -> dict[str, LossVariant]:
     robot = problem.hardware
     lost = [part for part in differing(robot, IDEAL) if part in KNOWN_PARTS]
     if not lost:
-        raise UserError("--losses: this robot has none; choose --robot built, or set some of --hardware.losses")
+        raise UserError(
+            "--losses: this robot has none; choose --robot built, or set some of --hardware.losses"
+        )
     ideal = with_parts(robot, IDEAL, KNOWN_PARTS)
     variants = {
         "ideal": ("ideal", ideal),
-        **{f"ideal + {part}": ("ideal", with_parts(ideal, robot, [part])) for part in lost},
+        **{
+            f"ideal + {part}": ("ideal", with_parts(ideal, robot, [part]))
+            for part in lost
+        },
         "built": ("ideal", robot),
-        **{f"built - {part}": ("built", with_parts(robot, IDEAL, [part])) for part in lost},
+        **{
+            f"built - {part}": ("built", with_parts(robot, IDEAL, [part]))
+            for part in lost
+        },
     }
     return {
         name: LossVariant(base, dataclasses.replace(problem, hardware=variant))

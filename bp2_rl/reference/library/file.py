@@ -1,7 +1,8 @@
-"""The file format of motion libraries: trots over a range of speeds, found by `bp2_rl.optimiser`, in one .npz.
+"""The file format of motion libraries: trots over a range of speeds, found by
+`bp2_rl.optimiser`, in one .npz.
 
-This module alone reads and writes such files. What it knows nothing of is how a library was found: that is in the
-provenance, a JSON object, which it passes on as it is.
+This module alone reads and writes such files. What it knows nothing of is how a library
+was found: that is in the provenance, a JSON object, which it passes on as it is.
 """
 
 import dataclasses
@@ -13,12 +14,20 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import ArraySpec, BadFileError, parse_json, read_bytes, read_npz, write_npz
+from bp2_rl.base.files import (
+    ArraySpec,
+    BadFileError,
+    parse_json,
+    read_bytes,
+    read_npz,
+    write_npz,
+)
 from bp2_rl.settings.reference import MEND
 
 FORMAT = 1
 LARGEST = 1e6
-"""Of any number of a library, SI units: the largest of BP2's is an acceleration of 2,258 rad/s2."""
+"""Of any number of a library, SI units: the largest of BP2's is an acceleration of
+2,258 rad/s2."""
 SHORTEST = 1e-4
 """s, of a segment: of BP2's 9 ms."""
 
@@ -39,10 +48,12 @@ ARRAYS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MotionLibrary:
-    """Trajectories of S speeds, each of two segments (stance of FL and RR, flight) of K points equally spaced in time.
+    """Trajectories of S speeds, each of two segments (stance of FL and RR, flight) of K
+    points equally spaced in time.
 
-    Coordinates: x, z and pitch of the trunk, then hip, knee and spring (zero of a rigid shank) of each leg. Where
-    velocities jump, a segment's first point is after the impact and its last one before the next.
+    Coordinates: x, z and pitch of the trunk, then hip, knee and spring (zero of a rigid
+    shank) of each leg. Where velocities jump, a segment's first point is after the
+    impact and its last one before the next.
     """
 
     speeds: Float[np.ndarray, " S"]  # m/s, ascending
@@ -71,7 +82,12 @@ def save_library(path: Path, library: MotionLibrary) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     provenance = np.asarray(json.dumps(library.provenance))
     speeds, *others = library.arrays.items()
-    arrays = {"format": np.asarray(FORMAT), **dict([speeds]), "provenance": provenance, **dict(others)}
+    arrays = {
+        "format": np.asarray(FORMAT),
+        **dict([speeds]),
+        "provenance": provenance,
+        **dict(others),
+    }
     write_npz(path, arrays, compressed=True)
 
 
@@ -79,14 +95,19 @@ def load_library(path: Path) -> MotionLibrary:
     """Read and check the library that `save_library` wrote to `path`.
 
     Raises:
-        UserError: there is no such file, it is broken or of another format, or its trajectories are no periodic trot.
+        UserError: there is no such file, it is broken or of another format, or its
+            trajectories are no periodic trot.
     """
     try:
         content = read_bytes(path)
-        found = read_npz(path, {"format": ArraySpec(np.integer, ())}, content=content)["format"]
+        found = read_npz(path, {"format": ArraySpec(np.integer, ())}, content=content)[
+            "format"
+        ]
         if found != FORMAT:
             raise broken(path, f"has format {found}, this version reads {FORMAT}")
-        contents = read_npz(path, ARRAYS | {"provenance": ArraySpec(np.str_, ())}, content=content)
+        contents = read_npz(
+            path, ARRAYS | {"provenance": ArraySpec(np.str_, ())}, content=content
+        )
     except BadFileError as error:
         raise UserError(f"motion library {error}: {MEND}") from error
     provenance = _provenance(path, str(contents.pop("provenance")))
@@ -95,7 +116,10 @@ def load_library(path: Path) -> MotionLibrary:
         raise broken(path, f"needs two speeds and two points a segment, has {sizes}")
     for name, array in contents.items():
         if not (np.abs(array) <= LARGEST).all():
-            raise broken(path, f"holds numbers in {name} that are not finite, or beyond {LARGEST:g}")
+            raise broken(
+                path,
+                f"holds numbers in {name} that are not finite, or beyond {LARGEST:g}",
+            )
     library = MotionLibrary(**contents, provenance=provenance)
     if fault := _fault(library):
         raise broken(path, fault)
@@ -130,15 +154,22 @@ def _provenance(path: Path, text: str) -> dict[str, Any]:
 
 
 def _fault(library: MotionLibrary) -> str:
-    """What keeps the trajectories from being periodic trots of ascending speeds, if anything."""
+    """What keeps the trajectories from being periodic trots of ascending speeds, if
+    anything."""
     speeds, durations, q = library.speeds, library.durations, library.q
     if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
         return "holds speeds that do not ascend from above 0"
     if not np.all(durations >= SHORTEST):
         return f"holds durations that are not above {SHORTEST:g} s"
-    again = np.concatenate([q[:, 0, 0, :TRUNK], mirror(by_leg(q[:, 0, 0, TRUNK:])).reshape(-1, 12)], axis=-1)
+    again = np.concatenate(
+        [q[:, 0, 0, :TRUNK], mirror(by_leg(q[:, 0, 0, TRUNK:])).reshape(-1, 12)],
+        axis=-1,
+    )
     again[:, 0] += speeds * durations.sum(axis=1)
-    for where, gap in (("at lift-off", q[:, 1, 0] - q[:, 0, -1]), ("after half a cycle", q[:, 1, -1] - again)):
+    for where, gap in (
+        ("at lift-off", q[:, 1, 0] - q[:, 0, -1]),
+        ("after half a cycle", q[:, 1, -1] - again),
+    ):
         worst = np.abs(gap).max(axis=1)
         if worst.max() > PERIODIC:
             return f"holds a motion at {speeds[worst.argmax()]:g} m/s whose ends do not meet {where}"

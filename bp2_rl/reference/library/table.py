@@ -1,4 +1,5 @@
-"""A motion library made ready for interpolation: cubics of trunk, feet and springs, straight lines of torques."""
+"""A motion library made ready for interpolation: cubics of trunk, feet and springs,
+straight lines of torques."""
 
 import functools
 from pathlib import Path
@@ -14,17 +15,20 @@ from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
 ON_GROUND = 0.028
-"""By which a standing foot may miss the ground, over half a leg's length: legs 2 % longer miss it by more."""
+"""By which a standing foot may miss the ground, over half a leg's length: legs 2 %
+longer miss it by more."""
 
 
 class LibraryTable(NamedTuple):
     """A library made ready for interpolation; N intervals in each of its two segments.
 
-    A row of 23 is x, height and pitch of the trunk, then for each leg x and z of the foot's centre and the spring's
-    compression, then for each leg the torques of hip and knee.
+    A row of 23 is x, height and pitch of the trunk, then for each leg x and z of the
+    foot's centre and the spring's compression, then for each leg the torques of hip and
+    knee.
     """
 
-    strides: Float[np.ndarray, "S 5"]  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+    # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+    strides: Float[np.ndarray, "S 5"]
     cubics: Float[np.ndarray, "2 N S 4 23"]  # coefficients by the share of an interval
     height: float  # m, least over the speeds of the trunk's mean height
 
@@ -36,7 +40,8 @@ class LibraryTable(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
-    """The table of a library of this robot, whose standing feet are on the ground with its legs.
+    """The table of a library of this robot, whose standing feet are on the ground with
+    its legs.
 
     Raises:
         UserError: the file cannot be read, or its motions are another robot's.
@@ -52,7 +57,11 @@ def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
     feet = by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1]
     off = np.abs(places[:, 0, :, 1:2] + feet - legs.foot_radius[STANDING_PAIR])
     if off.max() > ON_GROUND * anatomy.leg_length:
-        flags = f"problem.hardware.body.leg-length {anatomy.leg_length:g}" if anatomy.sprung else "robot ROBOT"
+        flags = (
+            f"problem.hardware.body.leg-length {anatomy.leg_length:g}"
+            if anatomy.sprung
+            else "robot ROBOT"
+        )
         raise UserError(
             f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
             f"{anatomy.leg_length:g} m: make one with `bp2 trajopt library build --{flags}`, "
@@ -60,8 +69,12 @@ def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
         )
     durations = library.durations.astype(float)
     cubics = _cubics(durations, places, rates, tau)
-    middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[:, STANDING_PAIR, 0]
-    mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(axis=1)
+    middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[
+        :, STANDING_PAIR, 0
+    ]
+    mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(
+        axis=1
+    )
     return LibraryTable(
         strides=np.column_stack([library.speeds.astype(float), durations, middle]),
         cubics=np.moveaxis(cubics, 0, 2),
@@ -75,25 +88,36 @@ def _cubics(
     v: Float[np.ndarray, "S 2 K 15"],
     tau: Float[np.ndarray, "S 2 K 8"],
 ) -> Float[np.ndarray, "S 2 N 4 23"]:
-    """Coefficients in each of the N = K - 1 intervals: Hermite's cubics of q and v, straight lines of tau."""
+    """Coefficients in each of the N = K - 1 intervals: Hermite's cubics of q and v,
+    straight lines of tau."""
     h = (durations / (q.shape[2] - 1))[..., None, None]
-    cubic = hermite_coefficients(h, q[:, :, :-1], q[:, :, 1:], v[:, :, :-1], v[:, :, 1:])
+    cubic = hermite_coefficients(
+        h, q[:, :, :-1], q[:, :, 1:], v[:, :, :-1], v[:, :, 1:]
+    )
     line = [tau[:, :, :-1], np.diff(tau, axis=2)]
     line += [np.zeros_like(line[1])] * 2
     return np.concatenate([np.stack(cubic, axis=-2), np.stack(line, axis=-2)], axis=-1)
 
 
-def _by_share(cubics: Float[np.ndarray, "... N 4 n"], share: float) -> Float[np.ndarray, "... n"]:
+def _by_share(
+    cubics: Float[np.ndarray, "... N 4 n"], share: float
+) -> Float[np.ndarray, "... n"]:
     """What coefficients say at a share of their segment."""
     position = share * cubics.shape[-3]
     interval = min(int(position), cubics.shape[-3] - 1)
-    return np.sum(cubics[..., interval, :, :] * (position - interval) ** np.arange(4)[:, None], axis=-2)
+    return np.sum(
+        cubics[..., interval, :, :] * (position - interval) ** np.arange(4)[:, None],
+        axis=-2,
+    )
 
 
 def _with_feet(
-    q: Float[np.ndarray, "*points 15"], v: Float[np.ndarray, "*points 15"], legs: LegGeometry
+    q: Float[np.ndarray, "*points 15"],
+    v: Float[np.ndarray, "*points 15"],
+    legs: LegGeometry,
 ) -> tuple[Float[np.ndarray, "*points 15"], Float[np.ndarray, "*points 15"]]:
-    """Coordinates and rates with hip and knee replaced by (x, z) of the foot's centre and its rate."""
+    """Coordinates and rates with hip and knee replaced by (x, z) of the foot's centre
+    and its rate."""
     (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
         np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
     )
@@ -103,22 +127,34 @@ def _with_feet(
         legs,
     )
 
-    def row(trunk: Float[np.ndarray, "*points 3"], *legs: Float[np.ndarray, "*points 4"]) -> np.ndarray:
-        return np.concatenate([trunk, np.stack(legs, axis=-1).reshape(*trunk.shape[:-1], -1)], axis=-1)
+    def row(
+        trunk: Float[np.ndarray, "*points 3"], *legs: Float[np.ndarray, "*points 4"]
+    ) -> np.ndarray:
+        return np.concatenate(
+            [trunk, np.stack(legs, axis=-1).reshape(*trunk.shape[:-1], -1)], axis=-1
+        )
 
     return row(q[..., :TRUNK], *place, spring), row(v[..., :TRUNK], *rate, spring_rate)
 
 
 def foot_in_plane(
-    joints: tuple[Any, Any, Any, Any], rates: tuple[Any, Any, Any, Any], legs: LegGeometry
+    joints: tuple[Any, Any, Any, Any],
+    rates: tuple[Any, Any, Any, Any],
+    legs: LegGeometry,
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-    """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee and length of the lower leg.
+    """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee
+    and length of the lower leg.
 
-    These are the numbers of `optimiser.links`, but not to the last bit: policies were trained with this arithmetic.
+    These are the numbers of `optimiser.links`, but not to the last bit: policies were
+    trained with this arithmetic.
     """
-    (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
+    (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = (
+        joints,
+        rates,
+    )
     thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
-    # Along the trunk, down from it, down the thigh, down the lower leg: length, its rate, angle, its rate.
+    # Along the trunk, down from it, down the thigh, down the lower leg: length, its
+    # rate, angle, its rate.
     links: tuple[tuple[Any, Any, Any, Any], ...] = (
         (legs.origins[:, 0], 0.0, pitch, pitch_rate),
         (legs.drop - legs.origins[:, 2], 0.0, pitch + np.pi / 2, pitch_rate),
@@ -127,6 +163,18 @@ def foot_in_plane(
     )
     x = np.sum([length * np.cos(angle) for length, _, angle, _ in links], axis=0)
     z = np.sum([-length * np.sin(angle) for length, _, angle, _ in links], axis=0)
-    x_rate = np.sum([change * np.cos(at) - length * turn * np.sin(at) for length, change, at, turn in links], axis=0)
-    z_rate = np.sum([-change * np.sin(at) - length * turn * np.cos(at) for length, change, at, turn in links], axis=0)
+    x_rate = np.sum(
+        [
+            change * np.cos(at) - length * turn * np.sin(at)
+            for length, change, at, turn in links
+        ],
+        axis=0,
+    )
+    z_rate = np.sum(
+        [
+            -change * np.sin(at) - length * turn * np.cos(at)
+            for length, change, at, turn in links
+        ],
+        axis=0,
+    )
     return (x, z), (x_rate, z_rate)

@@ -1,6 +1,8 @@
-"""Arrowhead matrices, which couple each leg to the trunk alone, and how equations with them are solved.
+"""Arrowhead matrices, which couple each leg to the trunk alone, and how equations with
+them are solved.
 
-A block is a list of rows, a row a list of numbers: each entry is an array over robots, or over legs and robots.
+A block is a list of rows, a row a list of numbers: each entry is an array over robots,
+or over legs and robots.
 """
 
 from typing import NamedTuple
@@ -21,18 +23,25 @@ class GeneralizedVector(NamedTuple):
     legs: list[Number]  # of abad, hip, knee and spring, (4, N) each
 
     def in_world(self, rotation: Rotation) -> "GeneralizedVector":
-        """Return the vector in the world's axes; in MuJoCo's coordinates the trunk turns about its own axes."""
+        """Return the vector in the world's axes; in MuJoCo's coordinates the trunk
+        turns about its own axes."""
         x, y, z, *turn = self.trunk
-        return GeneralizedVector([x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs)
+        return GeneralizedVector(
+            [x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs
+        )
 
     def in_mujoco(self, rotation: Rotation) -> "GeneralizedVector":
-        """Return the vector in MuJoCo's coordinates, where the trunk turns about its own axes."""
+        """Return the vector in MuJoCo's coordinates, where the trunk turns about its
+        own axes."""
         x, y, z, *turn = self.trunk
-        return GeneralizedVector([x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs)
+        return GeneralizedVector(
+            [x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs
+        )
 
 
 class ArrowheadMatrix(NamedTuple):
-    """A symmetric matrix by the lower halves of its blocks: legs are coupled to the trunk, and not to each other."""
+    """A symmetric matrix by the lower halves of its blocks: legs are coupled to the
+    trunk, and not to each other."""
 
     trunk: Block  # 6 x 6, (N,)
     coupling: Block  # leg's coordinate x the trunk's six, (4, N)
@@ -40,16 +49,24 @@ class ArrowheadMatrix(NamedTuple):
 
 
 def solve(
-    barriers: FusionBarriers, matrix: ArrowheadMatrix, right: GeneralizedVector, more: ArrowheadMatrix | None = None
+    barriers: FusionBarriers,
+    matrix: ArrowheadMatrix,
+    right: GeneralizedVector,
+    more: ArrowheadMatrix | None = None,
 ) -> GeneralizedVector:
-    """x of (matrix + more) x = right, positive definite: Cholesky with the legs first, the trunk last.
+    """x of (matrix + more) x = right, positive definite: Cholesky with the legs first,
+    the trunk last.
 
     The trunk's part of `more` is yet to be summed over the legs.
     """
     if more is None:
         trunk, coupling, legs = None, matrix.coupling, matrix.legs
     else:
-        trunk, coupling, legs = more.trunk, _sum(matrix.coupling, more.coupling), _sum(matrix.legs, more.legs)
+        trunk, coupling, legs = (
+            more.trunk,
+            _sum(matrix.coupling, more.coupling),
+            _sum(matrix.legs, more.legs),
+        )
     factor = barriers(_cholesky, legs)
     border = barriers(_border, factor, coupling, right.legs)
     schur, rest = barriers(_schur, matrix.trunk, trunk, border, right.trunk)
@@ -58,21 +75,38 @@ def solve(
 
 
 def _sum(these: Block, those: Block) -> Block:
-    return [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(these, those, strict=True)]
+    return [
+        [a + b for a, b in zip(*rows, strict=True)]
+        for rows in zip(these, those, strict=True)
+    ]
 
 
 def _border(factor: Block, coupling: Block, right: list[Number]) -> Block:
-    """L^-1 times the coupling, and times the legs' right-hand side in the last column."""
+    """L^-1 times the coupling, and times the legs' right-hand side in the last
+    column."""
     return _forward(factor, [[*row, x] for row, x in zip(coupling, right, strict=True)])
 
 
-def _schur(own: Block, more: Block | None, border: Block, right: list[Number]) -> tuple[Block, list[Number]]:
+def _schur(
+    own: Block, more: Block | None, border: Block, right: list[Number]
+) -> tuple[Block, list[Number]]:
     """The trunk's matrix and right-hand side when the legs are eliminated."""
-    less = [[sum(leg[i] * leg[j] for leg in border) for j in range(i + 1)] for i in range(6)]
+    less = [
+        [sum(leg[i] * leg[j] for leg in border) for j in range(i + 1)] for i in range(6)
+    ]
     if more is not None:
-        less = [[a - b for a, b in zip(*rows, strict=True)] for rows in zip(less, more, strict=True)]
-    matrix = [[a - over_legs(b) for a, b in zip(*rows, strict=True)] for rows in zip(own, less, strict=True)]
-    return matrix, [x - over_legs(sum(leg[i] * leg[6] for leg in border)) for i, x in enumerate(right)]
+        less = [
+            [a - b for a, b in zip(*rows, strict=True)]
+            for rows in zip(less, more, strict=True)
+        ]
+    matrix = [
+        [a - over_legs(b) for a, b in zip(*rows, strict=True)]
+        for rows in zip(own, less, strict=True)
+    ]
+    return matrix, [
+        x - over_legs(sum(leg[i] * leg[6] for leg in border))
+        for i, x in enumerate(right)
+    ]
 
 
 def _solve_dense(matrix: Block, right: list[Number]) -> list[Number]:
@@ -81,7 +115,10 @@ def _solve_dense(matrix: Block, right: list[Number]) -> list[Number]:
 
 
 def _solve_legs(factor: Block, border: Block, trunk: list[Number]) -> list[Number]:
-    rest = [row[6] - sum(a * x for a, x in zip(row[:6], trunk, strict=True)) for row in border]
+    rest = [
+        row[6] - sum(a * x for a, x in zip(row[:6], trunk, strict=True))
+        for row in border
+    ]
     return _backward(factor, rest)
 
 

@@ -2,7 +2,15 @@
 
 from typing import NamedTuple
 
-from bp2_rl.robot.kernel.vectors import NOWHERE, Number, Vector, about_x, add, dot, scaled
+from bp2_rl.robot.kernel.vectors import (
+    NOWHERE,
+    Number,
+    Vector,
+    about_x,
+    add,
+    dot,
+    scaled,
+)
 
 
 class Inertia(NamedTuple):
@@ -25,7 +33,8 @@ class Inertia(NamedTuple):
         return Inertia(*(a + b for a, b in zip(self, other, strict=True)))
 
     def about_x(self, cos: Number, sin: Number) -> "Inertia":
-        """Return the inertia of what is turned about x by an angle with this cosine and sine."""
+        """Return the inertia of what is turned about x by an angle with this cosine and
+        sine."""
         xx, yy, zz, xy, xz, yz = self
         cc, ss, cs = cos * cos, sin * sin, cos * sin
         both = 2.0 * cs * yz
@@ -39,7 +48,8 @@ class Inertia(NamedTuple):
         )
 
     def about_y(self, cos: Number, sin: Number) -> "Inertia":
-        """Return the inertia of what is turned about y by an angle with this cosine and sine."""
+        """Return the inertia of what is turned about y by an angle with this cosine and
+        sine."""
         return self._axes_renamed().about_x(cos, sin)._axes_renamed()._axes_renamed()
 
     def _axes_renamed(self) -> "Inertia":
@@ -56,7 +66,9 @@ class Body(NamedTuple):
 
     def times(self, factor: Number) -> "Body":
         """Return a body as large whose mass is this many times as great."""
-        return Body(self.mass * factor, self.com, Inertia(*(x * factor for x in self.inertia)))
+        return Body(
+            self.mass * factor, self.com, Inertia(*(x * factor for x in self.inertia))
+        )
 
 
 class Composite(NamedTuple):
@@ -72,17 +84,32 @@ class Composite(NamedTuple):
         return cls(body.mass, NOWHERE, body.inertia).moved(body.com)
 
     def moved(self, by: Vector) -> "Composite":
-        """Return the composite about another point, from which the present one lies at `by`."""
+        """Return the composite about another point, from which the present one lies at
+        `by`."""
         (x, y, z), old = by, self.moment
         new = add(old, scaled(self.mass, by))
         xx, yy, zz = x * (old[0] + new[0]), y * (old[1] + new[1]), z * (old[2] + new[2])
-        xy, xz, yz = x * new[1] + y * old[0], x * new[2] + z * old[0], y * new[2] + z * old[1]
-        return Composite(self.mass, new, self.inertia.plus(Inertia(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)))
+        xy, xz, yz = (
+            x * new[1] + y * old[0],
+            x * new[2] + z * old[0],
+            y * new[2] + z * old[1],
+        )
+        return Composite(
+            self.mass,
+            new,
+            self.inertia.plus(Inertia(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)),
+        )
 
     def about_x(self, cos: Number, sin: Number) -> "Composite":
         """Return the composite turned about x by an angle with this cosine and sine."""
-        return Composite(self.mass, about_x(self.moment, cos, sin), self.inertia.about_x(cos, sin))
+        return Composite(
+            self.mass, about_x(self.moment, cos, sin), self.inertia.about_x(cos, sin)
+        )
 
     def plus(self, other: "Composite") -> "Composite":
         """Return both as one, about the point and in the axes that they share."""
-        return Composite(self.mass + other.mass, add(self.moment, other.moment), self.inertia.plus(other.inertia))
+        return Composite(
+            self.mass + other.mass,
+            add(self.moment, other.moment),
+            self.inertia.plus(other.inertia),
+        )

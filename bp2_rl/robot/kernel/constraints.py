@@ -4,12 +4,15 @@ MuJoCo's convex cost over accelerations x,
 
     1/2 x' M x - x' f + sum over rows D/2 min(J x - aref, 0)^2,
 
-is minimised by Newton's method. The cost is quadratic wherever the same rows push, so a full step ends at the minimum
-as soon as the rows that push there are known. A robot has settled when a step leaves them as they were. Most robots
-settle in one or two steps, one in a thousand needs more than four, and robots deep in their joint stops need up to six.
-No step is searched along its line: what that would guard against has not been met (`tests/robot/kernel`).
+is minimised by Newton's method. The cost is quadratic wherever the same rows push, so a
+full step ends at the minimum as soon as the rows that push there are known. A robot has
+settled when a step leaves them as they were. Most robots settle in one or two steps,
+one in a thousand needs more than four, and robots deep in their joint stops need up to
+six. No step is searched along its line: what that would guard against has not been met
+(`tests/robot/kernel`).
 
-A foot has four rows, the edges of its friction pyramid: normal +- mu x tangent, along the world's axes.
+A foot has four rows, the edges of its friction pyramid: normal +- mu x tangent, along
+the world's axes.
 """
 
 import functools
@@ -19,28 +22,47 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, Block, GeneralizedVector, solve
+from bp2_rl.robot.kernel.arrowhead import (
+    ArrowheadMatrix,
+    Block,
+    GeneralizedVector,
+    solve,
+)
 from bp2_rl.robot.kernel.design import Design, Softness
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import RobotPose
-from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, cross, dot, over_legs, scaled
+from bp2_rl.robot.kernel.vectors import (
+    ZERO,
+    Number,
+    Vector,
+    add,
+    cross,
+    dot,
+    over_legs,
+    scaled,
+)
 
 STEPS_ON_GPU = 4
-"""Newton's steps of every robot in a fused GPU kernel: Triton crashes on a loop that ends when robots have settled."""
+"""Newton's steps of every robot in a fused GPU kernel: Triton crashes on a loop that
+ends when robots have settled."""
 MOST_STEPS = 10
-"""After so many of Newton's steps a robot counts as settled; on a CPU `COMMON_STEPS` come before."""
+"""After so many of Newton's steps a robot counts as settled; on a CPU `COMMON_STEPS`
+come before."""
 COMMON_STEPS, SHARE = 2, 8
-"""On a CPU all robots take so many steps together; those that have not settled go on, an eighth of all at a time."""
+"""On a CPU all robots take so many steps together; those that have not settled go on,
+an eighth of all at a time."""
 
 
 class Floor(NamedTuple):
     """The feet's rows, (4, N)."""
 
     lever: Vector  # from the trunk's origin to the point of contact, m, world's axes
-    joints: tuple[Vector, ...]  # velocity of that point at unit rate of each coordinate of the leg, world's axes
+    # velocity of that point at unit rate of each coordinate of the leg, world's axes
+    joints: tuple[Vector, ...]
     friction: Number  # (N,)
     stiffness: Number  # D, 0 without contact
-    references: tuple[Number, ...]  # aref of the edges to the left, right, back and front
+    # aref of the edges to the left, right, back and front
+    references: tuple[Number, ...]
 
     def edges(self, point: Vector) -> tuple[Number, ...]:
         """A velocity or acceleration of the point along the pyramid's edges."""
@@ -50,13 +72,25 @@ class Floor(NamedTuple):
 
     def point(self, at: GeneralizedVector) -> Vector:
         """Return the acceleration of the point of contact."""
-        a, turn = (at.trunk[0], at.trunk[1], at.trunk[2]), (at.trunk[3], at.trunk[4], at.trunk[5])
-        return add(a, cross(turn, self.lever), *(scaled(x, v) for x, v in zip(at.legs, self.joints, strict=True)))
+        a, turn = (
+            (at.trunk[0], at.trunk[1], at.trunk[2]),
+            (at.trunk[3], at.trunk[4], at.trunk[5]),
+        )
+        return add(
+            a,
+            cross(turn, self.lever),
+            *(scaled(x, v) for x, v in zip(at.legs, self.joints, strict=True)),
+        )
 
     def force(self, edges: tuple[Number, ...]) -> Vector:
-        """Return the sum, in the world's axes, of forces along the edges of the friction pyramid."""
+        """Return the sum, in the world's axes, of forces along the edges of the
+        friction pyramid."""
         left, right, back, front = edges
-        return self.friction * (front - back), self.friction * (left - right), left + right + back + front
+        return (
+            self.friction * (front - back),
+            self.friction * (left - right),
+            left + right + back + front,
+        )
 
 
 class Stops(NamedTuple):
@@ -83,25 +117,42 @@ class Constraints(NamedTuple):
     def residuals(self, at: GeneralizedVector) -> RowValues:
         """Return J x - aref at accelerations x; a row pushes where it is negative."""
         edges = self.floor.edges(self.floor.point(at))
-        on_floor = tuple(edge - ref for edge, ref in zip(edges, self.floor.references, strict=True))
+        on_floor = tuple(
+            edge - ref for edge, ref in zip(edges, self.floor.references, strict=True)
+        )
         stops = zip(self.stops.signs, at.legs[:3], self.stops.references, strict=True)
         return RowValues(on_floor, tuple(sign * x - ref for sign, x, ref in stops))
 
-    def add_forces(self, force: GeneralizedVector, rows: RowValues) -> GeneralizedVector:
+    def add_forces(
+        self, force: GeneralizedVector, rows: RowValues
+    ) -> GeneralizedVector:
         """Return force + J' f for forces f along the rows."""
         on_foot = self.floor.force(rows.edges)
         on_trunk = *on_foot, *cross(self.floor.lever, on_foot)
-        legs = [own + dot(v, on_foot) for own, v in zip(force.legs, self.floor.joints, strict=True)]
-        for i, (sign, stop) in enumerate(zip(self.stops.signs, rows.stops, strict=True)):
+        legs = [
+            own + dot(v, on_foot)
+            for own, v in zip(force.legs, self.floor.joints, strict=True)
+        ]
+        for i, (sign, stop) in enumerate(
+            zip(self.stops.signs, rows.stops, strict=True)
+        ):
             legs[i] = legs[i] + sign * stop
-        return GeneralizedVector([own + over_legs(x) for own, x in zip(force.trunk, on_trunk, strict=True)], legs)
+        return GeneralizedVector(
+            [own + over_legs(x) for own, x in zip(force.trunk, on_trunk, strict=True)],
+            legs,
+        )
 
     def curvature(self, rows: RowValues) -> ArrowheadMatrix:
-        """J' diag(D) J of the rows' stiffness D, before the trunk's is summed over the legs."""
+        """J' diag(D) J of the rows' stiffness D, before the trunk's is summed over the
+        legs."""
         left, right, back, front = rows.edges
         mu = self.floor.friction
         # The stiffness of a contact, a symmetric matrix without xy.
-        xx, yy, zz = mu * mu * (back + front), mu * mu * (left + right), left + right + back + front
+        xx, yy, zz = (
+            mu * mu * (back + front),
+            mu * mu * (left + right),
+            left + right + back + front,
+        )
         xz, yz = mu * (front - back), mu * (left - right)
         rx, ry, rz = self.floor.lever
         # Moments of the forces that a unit of motion along x, y and z meets ...
@@ -112,14 +163,25 @@ class Constraints(NamedTuple):
         about_x = [ry * along_z[i] - rz * along_y[i] for i in range(3)]
         about_y = [rz * along_x[i] - rx * along_z[i] for i in range(1, 3)]
         about_z = rx * along_y[2] - ry * along_x[2]
-        turn: Block = [about_x[:1], [about_x[1], about_y[0]], [about_x[2], about_y[1], about_z]]
+        turn: Block = [
+            about_x[:1],
+            [about_x[1], about_y[0]],
+            [about_x[2], about_y[1], about_z],
+        ]
         trunk: Block = [[xx], [ZERO, yy], [xz, yz, zz]]
         trunk += [[along_x[i], along_y[i], along_z[i], *turn[i]] for i in range(3)]
         met = [
-            (xx * v[0] + xz * v[2], yy * v[1] + yz * v[2], xz * v[0] + yz * v[1] + zz * v[2]) for v in self.floor.joints
+            (
+                xx * v[0] + xz * v[2],
+                yy * v[1] + yz * v[2],
+                xz * v[0] + yz * v[1] + zz * v[2],
+            )
+            for v in self.floor.joints
         ]
         coupling = [[*f, *cross(self.floor.lever, f)] for f in met]
-        legs = [[dot(v, f) for v in self.floor.joints[: i + 1]] for i, f in enumerate(met)]
+        legs = [
+            [dot(v, f) for v in self.floor.joints[: i + 1]] for i, f in enumerate(met)
+        ]
         for i, stop in enumerate(rows.stops):
             legs[i][i] = legs[i][i] + stop
         return ArrowheadMatrix(trunk, coupling, legs)
@@ -140,7 +202,8 @@ class _Iterate(NamedTuple):
     x: GeneralizedVector
     right: GeneralizedVector  # of the next step
     pushing: RowValues  # D of the rows that push at x
-    changed: Array  # (4, N), 1 for legs of which other rows push than before the last step, else 0
+    # (4, N), 1 for legs of which other rows push than before the last step, else 0
+    changed: Array
 
 
 def solve_constraints(
@@ -150,72 +213,113 @@ def solve_constraints(
     constraints: Constraints,
     guess: GeneralizedVector,
 ) -> GeneralizedVector:
-    """Find the acceleration that obeys the constraints, from a guess, say the acceleration of the step before."""
+    """Find the acceleration that obeys the constraints, from a guess, say the
+    acceleration of the step before."""
     problem = _Problem(inertia, force, constraints)
     if barriers.always is None:
 
         def iterate(_: Array | int, x: GeneralizedVector) -> GeneralizedVector:
             right, pushing = barriers(_newton_right_side, constraints, force, x)
-            return solve(barriers, inertia, right, barriers(Constraints.curvature, constraints, pushing))
+            return solve(
+                barriers,
+                inertia,
+                right,
+                barriers(Constraints.curvature, constraints, pushing),
+            )
 
         return jax.lax.fori_loop(0, STEPS_ON_GPU, iterate, guess)
-    return _settle_the_rest(barriers, problem, *_newton(barriers, COMMON_STEPS, problem, guess))
+    return _settle_the_rest(
+        barriers, problem, *_newton(barriers, COMMON_STEPS, problem, guess)
+    )
 
 
 def _newton(
     barriers: FusionBarriers, most: int, problem: _Problem, guess: GeneralizedVector
 ) -> tuple[GeneralizedVector, Array]:
-    """Take Newton's steps until all robots have settled, at most so many; return the last `x` and `changed`."""
+    """Take Newton's steps until all robots have settled, at most so many; return the
+    last `x` and `changed`."""
     inertia, force, constraints = problem
 
     def unsettled(at: _Iterate) -> Array:
         return (at.steps < most) & (jnp.max(at.changed) > 0.0)
 
     def step(at: _Iterate) -> _Iterate:
-        x = solve(barriers, inertia, at.right, barriers(Constraints.curvature, constraints, at.pushing))
+        x = solve(
+            barriers,
+            inertia,
+            at.right,
+            barriers(Constraints.curvature, constraints, at.pushing),
+        )
         right, pushing = barriers(_newton_right_side, constraints, force, x)
-        return _Iterate(at.steps + 1, x, right, pushing, barriers(_changed, at.pushing, pushing))
+        return _Iterate(
+            at.steps + 1, x, right, pushing, barriers(_changed, at.pushing, pushing)
+        )
 
     right, pushing = barriers(_newton_right_side, constraints, force, guess)
-    first = _Iterate(jnp.int32(0), guess, right, pushing, jnp.ones_like(constraints.floor.stiffness))
+    first = _Iterate(
+        jnp.int32(0), guess, right, pushing, jnp.ones_like(constraints.floor.stiffness)
+    )
     last = jax.lax.while_loop(unsettled, step, first)
     return last.x, last.changed
 
 
 def _changed(before: RowValues, after: RowValues) -> Array:
     """Return 1 for legs of which other rows push than before, else 0, (4, N)."""
-    rows = zip((*before.edges, *before.stops), (*after.edges, *after.stops), strict=True)
-    return jnp.where(functools.reduce(jnp.logical_or, (a != b for a, b in rows)), 1.0, 0.0)
+    rows = zip(
+        (*before.edges, *before.stops), (*after.edges, *after.stops), strict=True
+    )
+    return jnp.where(
+        functools.reduce(jnp.logical_or, (a != b for a, b in rows)), 1.0, 0.0
+    )
 
 
 def _settle_the_rest(
     barriers: FusionBarriers, problem: _Problem, x: GeneralizedVector, changed: Array
 ) -> GeneralizedVector:
-    """Go on with the robots that have not settled, picked from all into smaller batches."""
+    """Go on with the robots that have not settled, picked from all into smaller
+    batches."""
     robots = changed.shape[-1]
 
-    def pick(which: Array, batch: tuple[_Problem, GeneralizedVector]) -> tuple[_Problem, GeneralizedVector]:
-        return jax.tree.map(lambda a: a.at[..., which].get(mode="clip") if a.shape[-1] == robots else a, batch)
+    def pick(
+        which: Array, batch: tuple[_Problem, GeneralizedVector]
+    ) -> tuple[_Problem, GeneralizedVector]:
+        return jax.tree.map(
+            lambda a: a.at[..., which].get(mode="clip") if a.shape[-1] == robots else a,
+            batch,
+        )
 
-    def settle_some(state: tuple[GeneralizedVector, Array]) -> tuple[GeneralizedVector, Array]:
+    def settle_some(
+        state: tuple[GeneralizedVector, Array],
+    ) -> tuple[GeneralizedVector, Array]:
         x, left = state
-        (which,) = jnp.nonzero(left, size=-(-robots // SHARE), fill_value=robots)  # no robot has the last number
+        # no robot has the last number
+        (which,) = jnp.nonzero(left, size=-(-robots // SHARE), fill_value=robots)
         settled, _ = _newton(barriers, MOST_STEPS, *barriers(pick, which, (problem, x)))
-        x = jax.tree.map(lambda all_, some: all_.at[..., which].set(some, mode="drop"), x, settled)
+        x = jax.tree.map(
+            lambda all_, some: all_.at[..., which].set(some, mode="drop"), x, settled
+        )
         return x, left.at[which].set(False, mode="drop")
 
-    return jax.lax.while_loop(lambda state: jnp.any(state[1]), settle_some, (x, jnp.any(changed > 0.0, axis=0)))[0]
+    return jax.lax.while_loop(
+        lambda state: jnp.any(state[1]),
+        settle_some,
+        (x, jnp.any(changed > 0.0, axis=0)),
+    )[0]
 
 
 def _newton_right_side(
     constraints: Constraints, force: GeneralizedVector, x: GeneralizedVector
 ) -> tuple[GeneralizedVector, RowValues]:
-    """Newton's right-hand side, f + J' D aref over the rows that push at x; and those rows' D."""
+    """Newton's right-hand side, f + J' D aref over the rows that push at x; and those
+    rows' D."""
     floor, stops = constraints
     on_floor, on_stops = constraints.residuals(x)
     pushing = RowValues(
         tuple(jnp.where(residual < 0.0, floor.stiffness, 0.0) for residual in on_floor),
-        tuple(jnp.where(residual < 0.0, d, 0.0) for residual, d in zip(on_stops, stops.stiffness, strict=True)),
+        tuple(
+            jnp.where(residual < 0.0, d, 0.0)
+            for residual, d in zip(on_stops, stops.stiffness, strict=True)
+        ),
     )
     pull = RowValues(
         tuple(d * ref for d, ref in zip(pushing.edges, floor.references, strict=True)),
@@ -234,21 +338,33 @@ def find_constraints(
 ) -> tuple[Constraints, Array]:
     """Return all rows, and the heights of the feet's centres, m.
 
-    The state is the pose, the height of the trunk's origin, the legs' coordinates, and velocities in MuJoCo's
-    coordinates.
+    The state is the pose, the height of the trunk's origin, the legs' coordinates, and
+    velocities in MuJoCo's coordinates.
     """
-    floor, heights = _floor_rows(design, pose, height, friction, velocity.in_world(pose.rotation))
-    return Constraints(floor, _stop_rows(design, coordinates[:3], velocity.legs[:3])), heights
+    floor, heights = _floor_rows(
+        design, pose, height, friction, velocity.in_world(pose.rotation)
+    )
+    return Constraints(
+        floor, _stop_rows(design, coordinates[:3], velocity.legs[:3])
+    ), heights
 
 
 def _floor_rows(
-    design: Design, pose: RobotPose, height: Number, friction: Number, velocities: GeneralizedVector
+    design: Design,
+    pose: RobotPose,
+    height: Number,
+    friction: Number,
+    velocities: GeneralizedVector,
 ) -> tuple[Floor, Array]:
-    """The feet's rows, and the heights of their centres, m; `height` is that of the trunk's origin."""
+    """The feet's rows, and the heights of their centres, m; `height` is that of the
+    trunk's origin."""
     rotation, legs = pose
     anchor = rotation.to_world(design.anchor)
     x_axis = rotation.x[0], rotation.y[0], rotation.z[0]
-    y_axis, z_axis = (rotation.to_world(legs.to_trunk(axis)) for axis in ((ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0)))
+    y_axis, z_axis = (
+        rotation.to_world(legs.to_trunk(axis))
+        for axis in ((ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0))
+    )
 
     def in_world(v: Vector) -> Vector:
         return add(scaled(v[0], x_axis), scaled(v[1], y_axis), scaled(v[2], z_axis))
@@ -259,32 +375,55 @@ def _floor_rows(
     lever = foot[0], foot[1], foot[2] - (design.foot_radius + 0.5 * depth)
     reach = add(lever, scaled(-1.0, anchor))
     turned = cross(y_axis, reach)
-    pitches = (add(turned, scaled(x, z_axis), scaled(-z, x_axis)) for x, _, z in (legs.hip, legs.knee))
+    pitches = (
+        add(turned, scaled(x, z_axis), scaled(-z, x_axis))
+        for x, _, z in (legs.hip, legs.knee)
+    )
     slides = (in_world(legs.compressed) for _ in legs.bodies[3:])
     joints = (cross(x_axis, reach), *pitches, *slides)
-    weight = design.foot_weight * (1.0 + friction * friction) * 2.0 * friction * friction
-    spring, damping, stiffness = _reference_and_stiffness(design.floor_softness, depth, weight)
+    weight = (
+        design.foot_weight * (1.0 + friction * friction) * 2.0 * friction * friction
+    )
+    spring, damping, stiffness = _reference_and_stiffness(
+        design.floor_softness, depth, weight
+    )
     floor = Floor(lever, joints, friction, stiffness, ())
     edges = floor.edges(floor.point(velocities))
-    return floor._replace(references=tuple(-damping * edge - spring for edge in edges)), centre
+    return floor._replace(
+        references=tuple(-damping * edge - spring for edge in edges)
+    ), centre
 
 
 def _stop_rows(design: Design, angles: list[Number], rates: list[Number]) -> Stops:
-    """The rows of joints at these angles (rad) and rates (rad/s): abad, hip and knee."""
+    """The rows of joints at these angles (rad) and rates (rad/s): abad, hip and
+    knee."""
     rows: list[tuple[Number, Number, Number]] = []
-    for angle, rate, (low, high), weight in zip(angles, rates, design.ranges, design.range_weights, strict=True):
+    for angle, rate, (low, high), weight in zip(
+        angles, rates, design.ranges, design.range_weights, strict=True
+    ):
         above, below = angle - low, high - angle
         sign = jnp.where(above < below, 1.0, -1.0)
-        spring, damping, stiffness = _reference_and_stiffness(design.range_softness, jnp.minimum(above, below), weight)
+        spring, damping, stiffness = _reference_and_stiffness(
+            design.range_softness, jnp.minimum(above, below), weight
+        )
         rows.append((sign, stiffness, -damping * sign * rate - spring))
     signs, stiffness, references = zip(*rows, strict=True)
     return Stops(signs, stiffness, references)
 
 
-def _reference_and_stiffness(softness: Softness, distance: Number, weight: Number) -> tuple[Number, Number, Number]:
-    """(K I r, B, D) of MuJoCo's constraint at this distance; D is 0 where it is positive."""
+def _reference_and_stiffness(
+    softness: Softness, distance: Number, weight: Number
+) -> tuple[Number, Number, Number]:
+    """(K I r, B, D) of MuJoCo's constraint at this distance; D is 0 where it is
+    positive."""
     x = jnp.abs(distance) / softness.width
     curve = jnp.where(x < 0.5, 2.0 * x * x, 1.0 - 2.0 * (1.0 - x) * (1.0 - x))
-    impedance = softness.least + jnp.where(x > 1.0, 1.0, curve) * (softness.most - softness.least)
+    impedance = softness.least + jnp.where(x > 1.0, 1.0, curve) * (
+        softness.most - softness.least
+    )
     stiffness = impedance / (weight * (1.0 - impedance))
-    return softness.stiffness * impedance * distance, softness.damping, jnp.where(distance < 0.0, stiffness, 0.0)
+    return (
+        softness.stiffness * impedance * distance,
+        softness.damping,
+        jnp.where(distance < 0.0, stiffness, 0.0),
+    )

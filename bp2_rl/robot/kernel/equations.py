@@ -1,7 +1,9 @@
-"""The equations of motion: the inertia matrix, an arrowhead matrix, and the bias of velocities and gravity.
+"""The equations of motion: the inertia matrix, an arrowhead matrix, and the bias of
+velocities and gravity.
 
-The unknowns are the acceleration of the trunk's origin, the trunk's angular acceleration, both in the world's axes, and
-those of the legs' coordinates. Legs are coupled through the trunk alone, which makes the matrix an arrowhead.
+The unknowns are the acceleration of the trunk's origin, the trunk's angular
+acceleration, both in the world's axes, and those of the legs' coordinates. Legs are
+coupled through the trunk alone, which makes the matrix an arrowhead.
 """
 
 from functools import partial
@@ -15,16 +17,30 @@ from bp2_rl.robot.kernel.bodies import Body, Composite
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import Legs, Momentum, RobotPose, Rotation
-from bp2_rl.robot.kernel.vectors import NOWHERE, ZERO, Number, Vector, add, cross, dot, over_legs, scaled
+from bp2_rl.robot.kernel.vectors import (
+    NOWHERE,
+    ZERO,
+    Number,
+    Vector,
+    add,
+    cross,
+    dot,
+    over_legs,
+    scaled,
+)
 
 
-def inertia_matrix(barriers: FusionBarriers, robots: Robots, pose: RobotPose) -> ArrowheadMatrix:
+def inertia_matrix(
+    barriers: FusionBarriers, robots: Robots, pose: RobotPose
+) -> ArrowheadMatrix:
     """The inertia matrix, kg, kg m and kg m2."""
     (design, masses, _), (rotation, legs) = robots, pose
     moved = barriers(Legs.composites, legs)
     momenta = barriers(Legs.momenta, legs, moved)
     return ArrowheadMatrix(
-        trunk=barriers(partial(_trunk_block, design), masses.trunk, legs, moved[0], rotation),
+        trunk=barriers(
+            partial(_trunk_block, design), masses.trunk, legs, moved[0], rotation
+        ),
         coupling=barriers(partial(_coupling, design), legs, momenta, rotation),
         legs=barriers(partial(_legs_block, design), legs, momenta),
     )
@@ -38,27 +54,42 @@ def smooth_force(
     velocity: GeneralizedVector,
     applied: GeneralizedVector,
 ) -> GeneralizedVector:
-    """All forces but the constraints': applied ones, springs, damping, gravity and what velocities cost, N and Nm.
+    """All forces but the constraints': applied ones, springs, damping, gravity and what
+    velocities cost, N and Nm.
 
-    The legs' coordinates in rad and m; velocities and applied forces in MuJoCo's coordinates.
+    The legs' coordinates in rad and m; velocities and applied forces in MuJoCo's
+    coordinates.
     """
     _, _, _, *spin = velocity.trunk
-    trunk, joints = _bias(design, masses, pose, (spin[0], spin[1], spin[2]), velocity.legs)
+    trunk, joints = _bias(
+        design, masses, pose, (spin[0], spin[1], spin[2]), velocity.legs
+    )
     outside = applied.in_world(pose.rotation)
     free = [
         force - bias - damping * rate
-        for force, bias, damping, rate in zip(outside.legs, joints, design.damping, velocity.legs, strict=True)
+        for force, bias, damping, rate in zip(
+            outside.legs, joints, design.damping, velocity.legs, strict=True
+        )
     ]
     for compression in coordinates[3:]:
         free[3] = free[3] - design.stiffness * compression
         for stop, least, most in design.stops:
-            free[3] = free[3] - stop * (compression - jnp.clip(compression, least, most))
-    return GeneralizedVector([force - bias for force, bias in zip(outside.trunk, trunk, strict=True)], free)
+            free[3] = free[3] - stop * (
+                compression - jnp.clip(compression, least, most)
+            )
+    return GeneralizedVector(
+        [force - bias for force, bias in zip(outside.trunk, trunk, strict=True)], free
+    )
 
 
-def _trunk_block(design: Design, trunk: Body, legs: Legs, leg: Composite, rotation: Rotation) -> Block:
-    """Return the trunk's block of the mass matrix: all bodies as one, about the trunk's origin, in the world's axes."""
-    all_legs = jax.tree.map(over_legs, leg.about_x(legs.cos, legs.sin).moved(design.anchor))
+def _trunk_block(
+    design: Design, trunk: Body, legs: Legs, leg: Composite, rotation: Rotation
+) -> Block:
+    """Return the trunk's block of the mass matrix: all bodies as one, about the trunk's
+    origin, in the world's axes."""
+    all_legs = jax.tree.map(
+        over_legs, leg.about_x(legs.cos, legs.sin).moved(design.anchor)
+    )
     mass, moment, inertia = Composite.of(trunk).plus(all_legs)
     half = [inertia.times(row) for row in rotation]
     x, y, z = rotation.to_world(moment)
@@ -68,12 +99,22 @@ def _trunk_block(design: Design, trunk: Body, legs: Legs, leg: Composite, rotati
         [ZERO, ZERO, mass],
         [ZERO, -z, y, dot(half[0], rotation.x)],
         [z, ZERO, -x, dot(half[1], rotation.x), dot(half[1], rotation.y)],
-        [-y, x, ZERO, dot(half[2], rotation.x), dot(half[2], rotation.y), dot(half[2], rotation.z)],
+        [
+            -y,
+            x,
+            ZERO,
+            dot(half[2], rotation.x),
+            dot(half[2], rotation.y),
+            dot(half[2], rotation.z),
+        ],
     ]
 
 
-def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation) -> Block:
-    """Momentum about the trunk's origin of each joint at unit rate, in the world's axes."""
+def _coupling(
+    design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation
+) -> Block:
+    """Momentum about the trunk's origin of each joint at unit rate, in the world's
+    axes."""
     rows: Block = []
     for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)
@@ -83,10 +124,14 @@ def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotatio
 
 
 def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Block:
-    """Return a leg's block of the mass matrix: what a joint feels of the momentum of the joints below it."""
+    """Return a leg's block of the mass matrix: what a joint feels of the momentum of
+    the joints below it."""
     block: Block = []
     for i, (linear, angular) in enumerate(momenta):
-        pitches = [angular[1] - (z * linear[0] - x * linear[2]) for x, _, z in (legs.hip, legs.knee)]
+        pitches = [
+            angular[1] - (z * linear[0] - x * linear[2])
+            for x, _, z in (legs.hip, legs.knee)
+        ]
         slides = [body.mass for body in legs.bodies[3:]]
         block.append([angular[0], *pitches, *slides][: i + 1])
         block[i][i] = block[i][i] + design.armature[i]
@@ -96,9 +141,11 @@ def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Bl
 def _bias(
     design: Design, masses: Masses, pose: RobotPose, spin: Vector, rates: list[Number]
 ) -> tuple[list[Number], list[Number]]:
-    """The forces that keep every coordinate unaccelerated, world's axes: on the trunk's six, and on each leg's own."""
+    """The forces that keep every coordinate unaccelerated, world's axes: on the trunk's
+    six, and on each leg's own."""
     rotation, legs = pose
-    upward = scaled(design.gravity, rotation.z)  # gravity is as if all were accelerated upwards
+    # gravity is as if all were accelerated upwards
+    upward = scaled(design.gravity, rotation.z)
     trunk = _wrench(masses.trunk, _AngularMotion(spin, NOWHERE), upward)
 
     abad, hip, knee, *slide = rates
@@ -135,7 +182,8 @@ def _bias(
 
 
 class _AngularMotion(NamedTuple):
-    """Angular velocity (rad/s) and acceleration (rad/s2) of a part of the legs while no coordinate accelerates.
+    """Angular velocity (rad/s) and acceleration (rad/s2) of a part of the legs while no
+    coordinate accelerates.
 
     Vectors are in the leg's frame.
     """
@@ -144,17 +192,25 @@ class _AngularMotion(NamedTuple):
     acceleration: Vector
 
     def pitched(self, rate: Number) -> "_AngularMotion":
-        """Return the motion of a part that turns about y at this rate relative to this one."""
+        """Return the motion of a part that turns about y at this rate relative to this
+        one."""
         (x, y, z), (ax, ay, az) = self
         return _AngularMotion((x, y + rate, z), (ax - z * rate, ay, az + x * rate))
 
     def relative_acceleration(self, lever: Vector) -> Vector:
-        """The acceleration of a point of the part relative to the point at the lever's other end, m/s2."""
-        return add(cross(self.acceleration, lever), cross(self.velocity, cross(self.velocity, lever)))
+        """The acceleration of a point of the part relative to the point at the lever's
+        other end, m/s2."""
+        return add(
+            cross(self.acceleration, lever),
+            cross(self.velocity, cross(self.velocity, lever)),
+        )
 
 
-def _wrench(body: Body, motion: _AngularMotion, acceleration: Vector) -> tuple[Vector, Vector]:
-    """Return what a body's motion needs, from the acceleration of the point that its centre of mass is measured from.
+def _wrench(
+    body: Body, motion: _AngularMotion, acceleration: Vector
+) -> tuple[Vector, Vector]:
+    """Return what a body's motion needs, from the acceleration of the point that its
+    centre of mass is measured from.
 
     Force, N, and torque about that point, Nm.
     """

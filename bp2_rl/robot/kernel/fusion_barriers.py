@@ -1,9 +1,12 @@
-"""Where XLA compiles the physics step in parts: fusion barriers between them on CPUs, one kernel each on GPUs.
+"""Where XLA compiles the physics step in parts: fusion barriers between them on CPUs,
+one kernel each on GPUs.
 
-XLA fuses operations into one loop where it can, and computes whatever is cheap anew in each loop that needs it. It does
-not see how much that is in long chains of products and sums: on a CPU the step took twice as long as without fusion.
-A fusion barrier is a conditional whose condition always holds, which XLA cannot know: it does not fuse what is inside a
-conditional with what is outside. On GPUs the step is divided into a few kernels (Pallas, on Triton) instead.
+XLA fuses operations into one loop where it can, and computes whatever is cheap anew in
+each loop that needs it. It does not see how much that is in long chains of products and
+sums: on a CPU the step took twice as long as without fusion. A fusion barrier is a
+conditional whose condition always holds, which XLA cannot know: it does not fuse what
+is inside a conditional with what is outside. On GPUs the step is divided into a few
+kernels (Pallas, on Triton) instead.
 """
 
 from collections.abc import Callable
@@ -15,17 +18,20 @@ from jaxtyping import Array, Bool
 
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
-"""Robots that a block of threads computes on a GPU, by so many warps: a thread a leg."""
+"""Robots that a block of threads computes on a GPU, by so many warps: a thread a
+leg."""
 
 
 class FusionBarriers(NamedTuple):
-    """Computes functions behind fusion barriers: XLA does not fuse them with the rest of the program."""
+    """Computes functions behind fusion barriers: XLA does not fuse them with the rest
+    of the program."""
 
     always: Bool[Array, ""] | None  # None: no barriers
 
     @classmethod
     def of(cls, friction: Any) -> "FusionBarriers":
-        """Return barriers for CPUs, whose condition is that the floor's friction is not negative; none on GPUs."""
+        """Return barriers for CPUs, whose condition is that the floor's friction is not
+        negative; none on GPUs."""
         return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
 
     def __call__(self, function: Callable[..., T], *inputs: Any) -> T:
@@ -36,12 +42,15 @@ class FusionBarriers(NamedTuple):
 
 
 def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
-    """Return function(*inputs), computed on a GPU by one kernel: all between stays in registers.
+    """Return function(*inputs), computed on a GPU by one kernel: all between stays in
+    registers.
 
-    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
-    each other. The function may close over numbers, but not over arrays.
+    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the
+    legs'. Robots may not depend on each other. The function may close over numbers, but
+    not over arrays.
 
-    Triton's time grows faster than a kernel: all of the step as one compiles for longer than its parts together.
+    Triton's time grows faster than a kernel: all of the step as one compiles for longer
+    than its parts together.
     """
     if jax.default_backend() != "gpu":
         return function(*inputs)
@@ -56,7 +65,9 @@ def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -
     leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
     inputs = jax.tree.unflatten(structure, leaves)
     shapes, results = jax.tree.flatten(jax.eval_shape(function, *inputs))
-    shapes = [jax.ShapeDtypeStruct(shape.shape or (1,), shape.dtype) for shape in shapes]
+    shapes = [
+        jax.ShapeDtypeStruct(shape.shape or (1,), shape.dtype) for shape in shapes
+    ]
     robots = max(leaf.shape[-1] for leaf in leaves)
     block = min(BLOCK, robots & -robots)  # the largest power of two that divides them
 
@@ -87,6 +98,8 @@ def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -
 
 def _zeros_like(function: Callable[..., T]) -> Callable[..., T]:
     def zeros(*inputs: Any) -> Any:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *inputs))
+        return jax.tree.map(
+            lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *inputs)
+        )
 
     return zeros

@@ -1,8 +1,9 @@
-"""Where the legs are, how they turn the trunk's frame into theirs, and the momentum of each of their joints.
+"""Where the legs are, how they turn the trunk's frame into theirs, and the momentum of
+each of their joints.
 
-A leg's frame is the trunk's, turned about x by the abduction angle; in it, thigh, shank and toe turn about y. Three
-frames are used, each where it has the fewest products: the leg's, the trunk's, and the world's axes about the
-trunk's origin.
+A leg's frame is the trunk's, turned about x by the abduction angle; in it, thigh, shank
+and toe turn about y. Three frames are used, each where it has the fewest products: the
+leg's, the trunk's, and the world's axes about the trunk's origin.
 """
 
 from typing import NamedTuple
@@ -51,14 +52,16 @@ class Rotation(NamedTuple):
 
 
 class Momentum(NamedTuple):
-    """The momentum of all that a joint moves at unit rate: linear, and angular about the abduction joint."""
+    """The momentum of all that a joint moves at unit rate: linear, and angular about
+    the abduction joint."""
 
     linear: Vector
     angular: Vector
 
 
 class Legs(NamedTuple):
-    """The pose of the legs; lengths in m, vectors in the leg's frame unless another is named."""
+    """The pose of the legs; lengths in m, vectors in the leg's frame unless another is
+    named."""
 
     cos: Number  # of the abduction angle
     sin: Number
@@ -66,18 +69,28 @@ class Legs(NamedTuple):
     hip: Vector  # from the abduction joint
     thigh: Vector  # from the hip to the knee
     foot: Vector  # the centre of its sole, from the abduction joint
-    bodies: tuple[Body, ...]  # abad, thigh, shank and, with a spring, toe: from the joints abad, hip, knee and knee
+    # abad, thigh, shank and, with a spring, toe: from the joints abad, hip, knee and
+    # knee
+    bodies: tuple[Body, ...]
 
     @classmethod
     def of(cls, design: Design, masses: Masses, coordinates: list[Number]) -> "Legs":
-        """Return the pose at these coordinates: abad, hip and knee in rad, spring in m."""
+        """Return the pose at these coordinates: abad, hip and knee in rad, spring in
+        m."""
         abad, hip, knee, *spring = coordinates
-        (cos, sin), in_thigh, in_shank = cos_sin(abad), cos_sin(hip), cos_sin(hip + knee)
+        (cos, sin), in_thigh, in_shank = (
+            cos_sin(abad),
+            cos_sin(hip),
+            cos_sin(hip + knee),
+        )
         toe = add(design.toe, (ZERO, ZERO, spring[0])) if spring else NOWHERE
         thigh = about_y(design.knee, *in_thigh)
         own, thighs, *lower = masses.links
         bodies = [own, _pitched(thighs, in_thigh), _pitched(lower[0], in_shank)]
-        bodies += [_pitched(body._replace(com=add(toe, body.com)), in_shank) for body in lower[1:]]
+        bodies += [
+            _pitched(body._replace(com=add(toe, body.com)), in_shank)
+            for body in lower[1:]
+        ]
         foot = add(design.hip, thigh, about_y(add(toe, design.foot), *in_shank))
         return cls(cos, sin, in_shank, design.hip, thigh, foot, tuple(bodies))
 
@@ -107,7 +120,9 @@ class Legs(NamedTuple):
         below_hip = thigh.plus(below_knee.moved(self.thigh))
         return abad.plus(below_hip.moved(self.hip)), below_hip, below_knee
 
-    def momenta(self, moved: tuple[Composite, Composite, Composite]) -> tuple[Momentum, ...]:
+    def momenta(
+        self, moved: tuple[Composite, Composite, Composite]
+    ) -> tuple[Momentum, ...]:
         """Return the momenta of abad, hip, knee and, if there is one, of the spring."""
         leg, below_hip, below_knee = moved
         _, y, z = leg.moment
@@ -139,4 +154,6 @@ def _pitch_momentum(moved: Composite, joint: Vector) -> Momentum:
     x, _, z = moved.moment
     linear = z, ZERO, -x
     inertia = moved.inertia
-    return Momentum(linear, add((inertia.xy, inertia.yy, inertia.yz), cross(joint, linear)))
+    return Momentum(
+        linear, add((inertia.xy, inertia.yy, inertia.yz), cross(joint, linear))
+    )

@@ -1,4 +1,5 @@
-"""One physics step: MuJoCo's semi-implicit Euler, with the joints' and springs' damping implicit."""
+"""One physics step: MuJoCo's semi-implicit Euler, with the joints' and springs' damping
+implicit."""
 
 from functools import partial
 from typing import NamedTuple
@@ -8,7 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, GeneralizedVector, solve
-from bp2_rl.robot.kernel.constraints import Constraints, find_constraints, solve_constraints
+from bp2_rl.robot.kernel.constraints import (
+    Constraints,
+    find_constraints,
+    solve_constraints,
+)
 from bp2_rl.robot.kernel.design import TRUNK, Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
@@ -26,13 +31,17 @@ class MuJoCoState(NamedTuple):
     qacc_warmstart: Float[Array, "nv N"]
 
 
-def step(robots: Robots, state: MuJoCoState, applied: Float[Array, "nv N"]) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
-    """One step of `design.timestep`: (the state after it, the heights of the feet's centres before it, m).
+def step(
+    robots: Robots, state: MuJoCoState, applied: Float[Array, "nv N"]
+) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
+    """One step of `design.timestep`: (the state after it, the heights of the feet's
+    centres before it, m).
 
     Args:
         robots: those that move.
         state: before the step.
-        applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among them, N and Nm.
+        applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among
+            them, N and Nm.
     """
     after, heights = _step(robots, _RobotState.of(state), _split(applied))
     return after.in_mujoco(), heights
@@ -50,22 +59,44 @@ class _RobotState(NamedTuple):
     @classmethod
     def of(cls, state: MuJoCoState) -> "_RobotState":
         qpos, qvel, warmstart = state
-        place, quaternion = (qpos[0], qpos[1], qpos[2]), (qpos[3], qpos[4], qpos[5], qpos[6])
-        return cls(place, quaternion, _by_coordinate(qpos[TRUNK + 1 :]), _split(qvel), _split(warmstart))
+        place, quaternion = (
+            (qpos[0], qpos[1], qpos[2]),
+            (qpos[3], qpos[4], qpos[5], qpos[6]),
+        )
+        return cls(
+            place,
+            quaternion,
+            _by_coordinate(qpos[TRUNK + 1 :]),
+            _split(qvel),
+            _split(warmstart),
+        )
 
     def in_mujoco(self) -> MuJoCoState:
-        qpos = jnp.concatenate([jnp.stack([*self.place, *self.quaternion]), _leg_by_leg(self.legs)])
+        qpos = jnp.concatenate(
+            [jnp.stack([*self.place, *self.quaternion]), _leg_by_leg(self.legs)]
+        )
         return MuJoCoState(qpos, _joined(self.velocity), _joined(self.warmstart))
 
 
-def _step(robots: Robots, state: _RobotState, applied: GeneralizedVector) -> tuple[_RobotState, Array]:
+def _step(
+    robots: Robots, state: _RobotState, applied: GeneralizedVector
+) -> tuple[_RobotState, Array]:
     barriers = FusionBarriers.of(robots.friction)
     pose, inertia = in_one_kernel(partial(_pose_and_inertia, barriers), robots, state)
     force, constraints, guess, heights = in_one_kernel(
         partial(_forces_and_constraints, barriers), robots, pose, state, applied
     )
-    acceleration = in_one_kernel(partial(solve_constraints, barriers), inertia, force, constraints, guess)
-    after = in_one_kernel(partial(_advance, barriers), robots.design, inertia, pose.rotation, state, acceleration)
+    acceleration = in_one_kernel(
+        partial(solve_constraints, barriers), inertia, force, constraints, guess
+    )
+    after = in_one_kernel(
+        partial(_advance, barriers),
+        robots.design,
+        inertia,
+        pose.rotation,
+        state,
+        acceleration,
+    )
     return after, heights
 
 
@@ -73,17 +104,32 @@ def _pose_and_inertia(
     barriers: FusionBarriers, robots: Robots, state: _RobotState
 ) -> tuple[RobotPose, ArrowheadMatrix]:
     """Where everything is, and its inertia."""
-    pose = barriers(partial(_pose, robots.design), robots.masses, state.quaternion, state.legs)
+    pose = barriers(
+        partial(_pose, robots.design), robots.masses, state.quaternion, state.legs
+    )
     return pose, inertia_matrix(barriers, robots, pose)
 
 
 def _forces_and_constraints(
-    barriers: FusionBarriers, robots: Robots, pose: RobotPose, state: _RobotState, applied: GeneralizedVector
+    barriers: FusionBarriers,
+    robots: Robots,
+    pose: RobotPose,
+    state: _RobotState,
+    applied: GeneralizedVector,
 ) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
-    """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
-    (design, masses, friction), velocity, height = robots, state.velocity, state.place[2]
-    force = barriers(partial(smooth_force, design), masses, pose, state.legs, velocity, applied)
-    constraints, heights = barriers(partial(find_constraints, design), pose, friction, height, state.legs, velocity)
+    """The forces, the constraints, a first guess of the accelerations, and the heights
+    of the feet."""
+    (design, masses, friction), velocity, height = (
+        robots,
+        state.velocity,
+        state.place[2],
+    )
+    force = barriers(
+        partial(smooth_force, design), masses, pose, state.legs, velocity, applied
+    )
+    constraints, heights = barriers(
+        partial(find_constraints, design), pose, friction, height, state.legs, velocity
+    )
     return force, constraints, state.warmstart.in_world(pose.rotation), heights
 
 
@@ -95,30 +141,47 @@ def _advance(
     state: _RobotState,
     acceleration: GeneralizedVector,
 ) -> _RobotState:
-    """The state after the step, whose acceleration is also the first guess of the next step's.
+    """The state after the step, whose acceleration is also the first guess of the next
+    step's.
 
-    The force in all, M x, moves M + dt C, for the damping C is implicit: by x - (M + dt C)^-1 dt C x.
+    The force in all, M x, moves M + dt C, for the damping C is implicit: by x - (M + dt
+    C)^-1 dt C x.
     """
     steps = [design.timestep * damping for damping in design.damping]
     moved = acceleration
     if any(step is not ZERO for step in steps):
         rows = zip(inertia.legs, steps, strict=True)
-        implicit = inertia._replace(legs=[[*row[:-1], row[-1] + step] for row, step in rows])
+        implicit = inertia._replace(
+            legs=[[*row[:-1], row[-1] + step] for row, step in rows]
+        )
         resisted = [step * x for step, x in zip(steps, acceleration.legs, strict=True)]
         less = solve(barriers, implicit, GeneralizedVector([ZERO] * TRUNK, resisted))
         moved = jax.tree.map(jnp.subtract, acceleration, less)
-    after = barriers(partial(_integrated, design.timestep), state, moved.in_mujoco(rotation))
+    after = barriers(
+        partial(_integrated, design.timestep), state, moved.in_mujoco(rotation)
+    )
     return after._replace(warmstart=acceleration.in_mujoco(rotation))
 
 
-def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]) -> RobotPose:
-    return RobotPose(Rotation.of(_unit(quaternion)), Legs.of(design, masses, coordinates))
+def _pose(
+    design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]
+) -> RobotPose:
+    return RobotPose(
+        Rotation.of(_unit(quaternion)), Legs.of(design, masses, coordinates)
+    )
 
 
-def _integrated(dt: Number, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
+def _integrated(
+    dt: Number, state: _RobotState, acceleration: GeneralizedVector
+) -> _RobotState:
     """The state after the step."""
-    trunk = [v + dt * a for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)]
-    legs = [v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)]
+    trunk = [
+        v + dt * a
+        for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)
+    ]
+    legs = [
+        v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)
+    ]
     (x, y, z), (vx, vy, vz, *spin) = state.place, trunk
     turn = dt * spin[0], dt * spin[1], dt * spin[2]
     return state._replace(
@@ -133,7 +196,9 @@ def _rotated(q: Quaternion, by: Vector) -> Quaternion:
     """The orientation after a turn by a vector, rad, in its own axes."""
     w, x, y, z = q
     angle = jnp.sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2])
-    share = jnp.where(angle > 0.0, jnp.sin(0.5 * angle) / jnp.where(angle > 0.0, angle, 1.0), 0.5)
+    share = jnp.where(
+        angle > 0.0, jnp.sin(0.5 * angle) / jnp.where(angle > 0.0, angle, 1.0), 0.5
+    )
     c, i, j, k = jnp.cos(0.5 * angle), share * by[0], share * by[1], share * by[2]
     return (
         w * c - x * i - y * j - z * k,
@@ -150,7 +215,9 @@ def _unit(quaternion: Quaternion) -> Quaternion:
 
 
 def _split(generalized: Float[Array, "nv N"]) -> GeneralizedVector:
-    return GeneralizedVector([generalized[i] for i in range(TRUNK)], _by_coordinate(generalized[TRUNK:]))
+    return GeneralizedVector(
+        [generalized[i] for i in range(TRUNK)], _by_coordinate(generalized[TRUNK:])
+    )
 
 
 def _joined(x: GeneralizedVector) -> Float[Array, "nv N"]:
@@ -158,7 +225,8 @@ def _joined(x: GeneralizedVector) -> Float[Array, "nv N"]:
 
 
 def _by_coordinate(coordinates: Float[Array, "n N"]) -> list[Number]:
-    """Abad, hip, knee and, if there is one, spring of all legs, (4, N) each, from MuJoCo's order."""
+    """Abad, hip, knee and, if there is one, spring of all legs, (4, N) each, from
+    MuJoCo's order."""
     legs = coordinates.reshape(4, -1, coordinates.shape[-1])
     return [legs[:, i] for i in range(legs.shape[1])]
 

@@ -1,4 +1,5 @@
-"""Vectors whose entries are numbers over robots, or over legs and robots: tuples of three."""
+"""Vectors whose entries are numbers over robots, or over legs and robots: tuples of
+three."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -13,9 +14,11 @@ T = TypeVar("T")
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Zero:
-    """A number that is known to be 0 when the program is traced: what is multiplied by it is not computed.
+    """A number that is known to be 0 when the program is traced: what is multiplied by
+    it is not computed.
 
-    XLA cannot leave out a product with a float that is 0, because the other factor might be infinite.
+    XLA cannot leave out a product with a float that is 0, because the other factor
+    might be infinite.
     """
 
     __array_ufunc__ = None  # NumPy's arrays leave the operation to this class
@@ -45,7 +48,8 @@ if TYPE_CHECKING:
     Number = Array | float  # to a type checker a `Zero` is a number like any other
 else:
     Number = Array | float | Zero
-"""A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
+"""A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the
+same for all robots."""
 Vector = tuple[Number, Number, Number]
 ZERO: Number = cast(Any, Zero())
 NOWHERE: Vector = (ZERO, ZERO, ZERO)
@@ -71,7 +75,11 @@ def dot(a: Vector, b: Vector) -> Number:
 
 def cross(a: Vector, b: Vector) -> Vector:
     """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
 
 def about_x(v: Vector, cos: Number, sin: Number) -> Vector:
@@ -92,16 +100,25 @@ def over_legs(x: Number) -> Number:
 def cos_sin(angle: Number) -> tuple[Array, Array]:
     """Cosine and sine, to two units in the last place of float32 below 100 rad.
 
-    XLA's own are libm's, one number after the other: as slow as a third of the whole step. These are Cephes's
-    polynomials about the nearest multiple of pi/2, which is taken off in three parts (Cody and Waite).
+    XLA's own are libm's, one number after the other: as slow as a third of the whole
+    step. These are Cephes's polynomials about the nearest multiple of pi/2, which is
+    taken off in three parts (Cody and Waite).
     """
     quarter = jnp.floor(angle * (2.0 / jnp.pi) + 0.5)
-    x = ((angle - quarter * 1.5703125) - quarter * 4.837512969970703e-4) - quarter * 7.549789948768648e-8
+    x = (
+        (angle - quarter * 1.5703125) - quarter * 4.837512969970703e-4
+    ) - quarter * 7.549789948768648e-8
     square = x * x
-    sine = x + x * square * (-1.6666654611e-1 + square * (8.3321608736e-3 - square * 1.9515295891e-4))
-    tail = 4.166664568298827e-2 + square * (-1.388731625493765e-3 + square * 2.443315711809948e-5)
+    sine = x + x * square * (
+        -1.6666654611e-1 + square * (8.3321608736e-3 - square * 1.9515295891e-4)
+    )
+    tail = 4.166664568298827e-2 + square * (
+        -1.388731625493765e-3 + square * 2.443315711809948e-5
+    )
     cosine = 1.0 - 0.5 * square + square * square * tail
     turns = quarter - 4.0 * jnp.floor(0.25 * quarter)  # 0, 1, 2 or 3
     odd = (turns == 1.0) | (turns == 3.0)
     cos, sin = jnp.where(odd, sine, cosine), jnp.where(odd, cosine, sine)
-    return jnp.where((turns == 1.0) | (turns == 2.0), -cos, cos), jnp.where(turns >= 2.0, -sin, sin)
+    return jnp.where((turns == 1.0) | (turns == 2.0), -cos, cos), jnp.where(
+        turns >= 2.0, -sin, sin
+    )

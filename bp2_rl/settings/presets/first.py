@@ -1,4 +1,5 @@
-"""The preset `first`: a first training, in which a robot learns to trot at 2 m/s before one's eyes, on two cores."""
+"""The preset `first`: a first training, in which a robot learns to trot at 2 m/s before
+one's eyes, on two cores."""
 
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
@@ -20,19 +21,39 @@ RUN = RunConfig(steps=2_400_000, logs=40, checkpoints=4, judged=4)
 def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the imitation stage."""
     ppo = PPOConfig(
-        num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
-        averaging=0.9, critic_steps=12, desired_kl=0.02, max_learning_rate=2e-3, entropy_cost=2e-3,
-    )  # fmt: skip
-    return TrainConfig("imitation", _env("imitation", weights, robot), ppo, RUN, impl="kernel")
+        num_envs=512,
+        num_minibatches=8,
+        policy_layers=(64, 64),
+        value_layers=(64, 64),
+        symmetric=True,
+        averaging=0.9,
+        critic_steps=12,
+        desired_kl=0.02,
+        max_learning_rate=2e-3,
+        entropy_cost=2e-3,
+    )
+    return TrainConfig(
+        "imitation", _env("imitation", weights, robot), ppo, RUN, impl="kernel"
+    )
 
 
 def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the relaxed stage."""
     ppo = PPOConfig(
-        num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
-        averaging=0.9, learning_rate=1e-4, desired_kl=0.02, max_learning_rate=2e-3, entropy_cost=1e-3,
-    )  # fmt: skip
-    return TrainConfig("relaxed", _env("relaxed", weights, robot), ppo, RUN, impl="kernel")
+        num_envs=512,
+        num_minibatches=8,
+        policy_layers=(64, 64),
+        value_layers=(64, 64),
+        symmetric=True,
+        averaging=0.9,
+        learning_rate=1e-4,
+        desired_kl=0.02,
+        max_learning_rate=2e-3,
+        entropy_cost=1e-3,
+    )
+    return TrainConfig(
+        "relaxed", _env("relaxed", weights, robot), ppo, RUN, impl="kernel"
+    )
 
 
 def _env(stage: Stage, weights: Weights, robot: HardwareSpec) -> EnvConfig:
@@ -41,7 +62,12 @@ def _env(stage: Stage, weights: Weights, robot: HardwareSpec) -> EnvConfig:
         hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False),
-        commands=CommandConfig(max_forward=2.5, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 2.0)),
+        commands=CommandConfig(
+            max_forward=2.5,
+            max_lateral=0.2,
+            straight_fraction=0.8,
+            acceleration=(1.0, 2.0),
+        ),
         reset=ResetConfig(standing_fraction=0.6),
         randomization=RandomizationConfig(
             friction=ranges.mild_friction,

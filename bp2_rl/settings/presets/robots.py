@@ -1,4 +1,5 @@
-"""A preset on another robot: how widely the robot is randomised, and settings for its size."""
+"""A preset on another robot: how widely the robot is randomised, and settings for its
+size."""
 
 import dataclasses
 import math
@@ -18,11 +19,13 @@ from bp2_rl.settings.training import TrainConfig
 MOST_REACH = 0.98
 """Share of the legs' reach that the kinematic gait uses."""
 FIRST_COMMANDS = 0.25
-"""Share of the greatest command of all up to which commands go at first: nobody knows how fast a new robot can be, and
-most of a fleet that is told to run faster than that falls all the time."""
+"""Share of the greatest command of all up to which commands go at first: nobody knows
+how fast a new robot can be, and most of a fleet that is told to run faster than that
+falls all the time."""
 FADE = 0.02
-"""Share of the relaxed stage after which the entropy cost has halved. A robot runs faster without the noise that it
-learned with: Go1, told 1 m/s, by 0.12 m/s at the standard deviation of 0.17 that the cost holds up, by 0.05 at 0.1."""
+"""Share of the relaxed stage after which the entropy cost has halved. A robot runs
+faster without the noise that it learned with: Go1, told 1 m/s, by 0.12 m/s at the
+standard deviation of 0.17 that the cost holds up, by 0.05 at 0.1."""
 SLOW_FRACTION = 0.4
 """Least share of slow commands in the relaxed stage."""
 
@@ -45,25 +48,36 @@ def ranges_of(robot: HardwareSpec) -> RobotRanges:
 
 
 def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
-    """Return a BP2's environment with this robot, and friction and losses randomised in its ranges."""
+    """Return a BP2's environment with this robot, and friction and losses randomised in
+    its ranges."""
     ranges = ranges_of(robot)
-    drawn = dataclasses.replace(env.randomization, friction=ranges.friction, losses=ranges.losses)
+    drawn = dataclasses.replace(
+        env.randomization, friction=ranges.friction, losses=ranges.losses
+    )
     return sized(dataclasses.replace(env, hardware=robot, randomization=drawn))
 
 
 def sized(env: EnvConfig) -> EnvConfig:
-    """Return settings that were written for BP2 for the size of the environment's robot; BP2's are as they were."""
+    """Return settings that were written for BP2 for the size of the environment's
+    robot; BP2's are as they were."""
     size, robot = env.hardware.size, env.hardware
     if robot.is_bp2:
         return env
-    control, reset, drawn, end = env.control, env.reset, env.randomization, env.termination
+    control, reset, drawn, end = (
+        env.control,
+        env.reset,
+        env.randomization,
+        env.termination,
+    )
     speed = speed_factor(robot)
     start = env.curriculum.start_speed or FIRST_COMMANDS * CommandConfig().max_forward
     return dataclasses.replace(
         env,
         reference="kinematic" if env.reference == "collocation" else env.reference,
         gait=_sized_gait(env.gait, robot),
-        library=dataclasses.replace(env.library, stepping_speed=size.speed * env.library.stepping_speed),
+        library=dataclasses.replace(
+            env.library, stepping_speed=size.speed * env.library.stepping_speed
+        ),
         control=dataclasses.replace(
             control,
             stiffness=size.torque * control.stiffness,
@@ -73,47 +87,69 @@ def sized(env: EnvConfig) -> EnvConfig:
             launching_speed=speed * control.launching_speed,
         ),
         commands=_sized_commands(env.commands, size, speed),
-        curriculum=dataclasses.replace(env.curriculum, start_speed=speed * min(start, env.commands.max_forward)),
-        reset=dataclasses.replace(reset, command_error=size.speed * reset.command_error),
+        curriculum=dataclasses.replace(
+            env.curriculum, start_speed=speed * min(start, env.commands.max_forward)
+        ),
+        reset=dataclasses.replace(
+            reset, command_error=size.speed * reset.command_error
+        ),
         randomization=dataclasses.replace(
-            drawn, com_offset=size.length * drawn.com_offset, push_velocity=size.speed * drawn.push_velocity
+            drawn,
+            com_offset=size.length * drawn.com_offset,
+            push_velocity=size.speed * drawn.push_velocity,
         ),
         termination=dataclasses.replace(
-            end, min_height=size.length * end.min_height, max_overlap=size.length * end.max_overlap
+            end,
+            min_height=size.length * end.min_height,
+            max_overlap=size.length * end.max_overlap,
         ),
     )
 
 
 def settled(config: TrainConfig) -> TrainConfig:
-    """Return a last stage's settings in which a robot that is not BP2 keeps to slow commands, too."""
+    """Return a last stage's settings in which a robot that is not BP2 keeps to slow
+    commands, too."""
     env, ppo = config.env, config.ppo
     if env.hardware.is_bp2:
         return config
-    shape = dataclasses.replace(env.reward.tracking_shape, floor=min(env.reward.tracking_shape.floor, 0.15))
-    commands = dataclasses.replace(env.commands, slow_fraction=max(env.commands.slow_fraction, SLOW_FRACTION))
+    shape = dataclasses.replace(
+        env.reward.tracking_shape, floor=min(env.reward.tracking_shape.floor, 0.15)
+    )
+    commands = dataclasses.replace(
+        env.commands, slow_fraction=max(env.commands.slow_fraction, SLOW_FRACTION)
+    )
     decay = min(ppo.entropy_decay, FADE * config.run.steps / ppo.steps_per_train_step)
     return dataclasses.replace(
         config,
         env=dataclasses.replace(
             env,
             commands=commands,
-            reward=dataclasses.replace(env.reward, tracking_shape=shape, schedule="off"),
+            reward=dataclasses.replace(
+                env.reward, tracking_shape=shape, schedule="off"
+            ),
         ),
         ppo=dataclasses.replace(ppo, entropy_decay=decay),
     )
 
 
 def speed_factor(robot: HardwareSpec) -> float:
-    """Return the greatest speed to ask of a robot over BP2's: what its size, joint speeds and power allow at most."""
+    """Return the greatest speed to ask of a robot over BP2's: what its size, joint
+    speeds and power allow at most."""
     if robot.is_bp2:
         return 1.0
-    shares = (own / of_bp2 for own, of_bp2 in zip(_limits(robot), _limits(IDEAL), strict=True))
+    shares = (
+        own / of_bp2 for own, of_bp2 in zip(_limits(robot), _limits(IDEAL), strict=True)
+    )
     return min(robot.size.speed, *shares)
 
 
 def _limits(robot: HardwareSpec) -> tuple[float, float]:
-    """Return a hip's no-load speed times the length of the leg, m/s, and motors' torque times speed by weight, m/s."""
-    torque, speed = (np.broadcast_to(x, NUM_MOTORS) for x in (robot.joint_peak_torque, robot.joint_no_load_speed))
+    """Return a hip's no-load speed times the length of the leg, m/s, and motors' torque
+    times speed by weight, m/s."""
+    torque, speed = (
+        np.broadcast_to(x, NUM_MOTORS)
+        for x in (robot.joint_peak_torque, robot.joint_no_load_speed)
+    )
     hips = slice(1, None, 3)
     power = float(np.mean(torque * speed)) / (robot.mass * GRAVITY)
     return float(np.min(speed[hips])) * 2.0 * robot.anatomy.leg_length, power
@@ -130,18 +166,22 @@ def _sized_commands(commands: CommandConfig, size: Size, speed: float) -> Comman
         max_backward=size.speed * commands.max_backward,
         slow=size.speed * commands.slow,
         hold_time=(size.time * low, size.time * high),
-        stand_time=stand if stand is None else (size.time * stand[0], size.time * stand[1]),
+        stand_time=stand
+        if stand is None
+        else (size.time * stand[0], size.time * stand[1]),
     )
 
 
 def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
-    """Return the gait with times for the robot's size, as high as its knees can stretch for the sweep.
+    """Return the gait with times for the robot's size, as high as its knees can stretch
+    for the sweep.
 
     Raises:
         UserError: the knees cannot stretch even for the sweep.
     """
     size = robot.size
-    longest = MOST_REACH * reach(hardware=robot)[1] / size.length  # as lengths are for BP2's leg
+    # as lengths are for BP2's leg
+    longest = MOST_REACH * reach(hardware=robot)[1] / size.length
     if longest <= gait.sweep / 2.0:
         raise UserError(
             f"the knees of {robot.anatomy.name} let its legs reach {reach(hardware=robot)[1]:.3g} m, and the gait "

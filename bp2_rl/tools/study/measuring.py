@@ -12,7 +12,8 @@ from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import conventions
 
 MEASURED = "measured.json"
-LADDER = (1.0, 0.8, 0.6)  # commands under which a policy is launched, shares of the training's fastest
+# commands under which a policy is launched, shares of the training's fastest
+LADDER = (1.0, 0.8, 0.6)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,8 @@ class _Measured:
 
 
 def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
-    """Measure each saved policy of a run in order, and write `MEASURED` beside them; measure no policy twice."""
+    """Measure each saved policy of a run in order, and write `MEASURED` beside them;
+    measure no policy twice."""
     known = {one.weights_sha256: one for one in read_measurements(run_dir)}
     result: list[PolicyMeasurement] = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())

@@ -1,4 +1,5 @@
-"""Where trainings run: as processes of this machine, one on each GPU, or as jobs that submitit hands to a cluster."""
+"""Where trainings run: as processes of this machine, one on each GPU, or as jobs that
+submitit hands to a cluster."""
 
 import contextlib
 import dataclasses
@@ -38,7 +39,8 @@ class Place(Protocol):
     slots: int
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """Train a run, anew by train.py's `arguments` or from where it was stopped; whether it came to its end.
+        """Train a run, anew by train.py's `arguments` or from where it was stopped;
+        whether it came to its end.
 
         Waits for it; called from as many threads as there are slots.
         """
@@ -57,7 +59,8 @@ def begin(
     gpu: str | None = None,
     keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
-    """Start train.py for a run in a process that ends with this one, and saves first; it writes to RUN.txt.
+    """Start train.py for a run in a process that ends with this one, and saves first;
+    it writes to RUN.txt.
 
     Args:
         arguments: for a new run; one that has a checkpoint is resumed.
@@ -77,7 +80,8 @@ def begin(
         arguments = ["--resume", str(run_dir)]
     elif run_dir.exists() and not (run_dir / POLICIES).exists():
         with lock_folder(run_dir, f"{run_dir.name}: another process trains it"):
-            shutil.rmtree(run_dir)  # killed before its first checkpoint: nothing to go on from
+            # killed before its first checkpoint: nothing to go on from
+            shutil.rmtree(run_dir)
     environment = os.environ | {PARENT: str(os.getpid())}
     if NPROC_IS_OURS:
         environment.pop("NPROC", None)  # it sets its own
@@ -87,32 +91,53 @@ def begin(
         log.write(f"{utc_now()} {' '.join(arguments)}\n")
         log.flush()
         command = [sys.executable, *train, *arguments]
-        return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT, pass_fds=tuple(keep))
+        return subprocess.Popen(
+            command,
+            env=environment,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            pass_fds=tuple(keep),
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class Resources:
     """What the trainings of a study or a search run on."""
 
-    gpus: Sequence[str]  # of this machine, as CUDA_VISIBLE_DEVICES names them; none: one training on what JAX finds
+    # of this machine, as CUDA_VISIBLE_DEVICES names them; none: one training on what
+    # JAX finds
+    gpus: Sequence[str]
     judges: int  # processes that measure policies here
     say: Callable[[str], None]  # takes lines of progress
-    jobs: JobsConfig = JobsConfig()  # whether the trainings are jobs of a cluster; its machines then measure, too
+    # whether the trainings are jobs of a cluster; its machines then measure, too
+    jobs: JobsConfig = JobsConfig()
 
     @contextlib.contextmanager
-    def open(self, folder: Path, lock: int) -> Generator[tuple["Place", Executor, ThreadPoolExecutor]]:
-        """Open the place of the trainings, the processes that measure policies, and a thread for each slot.
+    def open(
+        self, folder: Path, lock: int
+    ) -> Generator[tuple["Place", Executor, ThreadPoolExecutor]]:
+        """Open the place of the trainings, the processes that measure policies, and a
+        thread for each slot.
 
-        An exception in the block stops the trainings, which save what they have. The processes end with the thread
-        that submits their first task: let one that outlives the block submit.
+        An exception in the block stops the trainings, which save what they have. The
+        processes end with the thread that submits their first task: let one that
+        outlives the block submit.
 
         Args:
             folder: of the work.
-            lock: descriptor of the folder's lock, which the trainings on this machine hold as well.
+            lock: descriptor of the folder's lock, which the trainings on this machine
+                hold as well.
         """
         here = self.jobs.executor == "here"
-        place: Place = Here(self.gpus, lock, self.say) if here else Jobs(self.jobs, folder, self.say)
-        with spawned(self.judges, compute_here) as measuring, ThreadPoolExecutor(place.slots) as threads:
+        place: Place = (
+            Here(self.gpus, lock, self.say)
+            if here
+            else Jobs(self.jobs, folder, self.say)
+        )
+        with (
+            spawned(self.judges, compute_here) as measuring,
+            ThreadPoolExecutor(place.slots) as threads,
+        ):
             try:
                 yield place, measuring, threads
             except BaseException:
@@ -129,7 +154,9 @@ def visible_gpus() -> tuple[str, ...]:
     if shutil.which("nvidia-smi") is None:
         return ()
     listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout
-    return tuple(map(str, range(sum(line.startswith("GPU") for line in listed.splitlines()))))
+    return tuple(
+        map(str, range(sum(line.startswith("GPU") for line in listed.splitlines())))
+    )
 
 
 class Here:
@@ -181,7 +208,8 @@ class Here:
 
 
 class Jobs:
-    """Jobs of a cluster, by submitit; each trains a run and judges its policies. Their logs are in `folder`/jobs.
+    """Jobs of a cluster, by submitit; each trains a run and judges its policies. Their
+    logs are in `folder`/jobs.
 
     Args:
         config: which cluster, and what of it a job gets.
@@ -227,7 +255,9 @@ class Jobs:
                 self._jobs.discard(job)
                 failure = job.exception()
                 if failure is not None:
-                    self._say(f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}")
+                    self._say(
+                        f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}"
+                    )
                 return failure is None and job.result()
         self._say(f"{run_dir.name} stopped: see {run_dir}.txt")
         return False
@@ -263,7 +293,8 @@ class Job:
         return True
 
     def checkpoint(self) -> Any:
-        """The scheduler wants the machine back: let the training save, and be queued again as it is.
+        """The scheduler wants the machine back: let the training save, and be queued
+        again as it is.
 
         submitit calls this from a signal's handler, in the middle of `__call__`.
         """

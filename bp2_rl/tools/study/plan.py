@@ -15,49 +15,97 @@ class Variant:
     """The recipe with one thing changed."""
 
     meaning: str
-    flags: tuple[str, ...] = ()  # of train.py, in the imitation stage; the relaxed stage inherits what they set
+    # of train.py, in the imitation stage; the relaxed stage inherits what they set
+    flags: tuple[str, ...] = ()
     relaxed: tuple[str, ...] = ()  # further ones, in the relaxed stage
-    imitation: str = ""  # the variant whose imitation runs it goes on from; empty: its own
+    # the variant whose imitation runs it goes on from; empty: its own
+    imitation: str = ""
 
 
 def _both(meaning: str, *flags: str) -> Variant:
-    """A variant whose flags the relaxed stage does not take from its parent: rewards, how PPO learns, the physics."""
+    """A variant whose flags the relaxed stage does not take from its parent: rewards,
+    how PPO learns, the physics."""
     return Variant(meaning, flags, flags)
 
 
 VARIANTS: dict[str, Variant] = {
     "ours": Variant("the recipe"),
-    "kinematic": Variant("the kinematic gait as reference", ("--reference", "kinematic")),
+    "kinematic": Variant(
+        "the kinematic gait as reference", ("--reference", "kinematic")
+    ),
     "none": Variant("no reference: standing still", ("--reference", "none")),
-    "standing": Variant("all episodes start at rest", ("--env.reset.standing-fraction", "1")),
-    "paper": Variant("relaxed stage with Table S4's weights", relaxed=("--weights", "paper"), imitation="ours"),
+    "standing": Variant(
+        "all episodes start at rest", ("--env.reset.standing-fraction", "1")
+    ),
+    "paper": Variant(
+        "relaxed stage with Table S4's weights",
+        relaxed=("--weights", "paper"),
+        imitation="ours",
+    ),
     "published": Variant(
         "kinematic gait, absolute actions, Table S4's weights",
-        ("--reference", "kinematic", "--env.control.mode", "absolute", "--weights", "paper"), ("--weights", "paper"),
+        (
+            "--reference",
+            "kinematic",
+            "--env.control.mode",
+            "absolute",
+            "--weights",
+            "paper",
+        ),
+        ("--weights", "paper"),
     ),
-    "plain_networks": Variant("networks without left-right symmetry", ("--ppo.no-symmetric",)),
-    "no_averaging": _both("the newest weights instead of their average", "--ppo.averaging", "0"),
-    "hopping": Variant("a motion library whose slow trots hop", ("--env.library.path", "bp2_trot")),
+    "plain_networks": Variant(
+        "networks without left-right symmetry", ("--ppo.no-symmetric",)
+    ),
+    "no_averaging": _both(
+        "the newest weights instead of their average", "--ppo.averaging", "0"
+    ),
+    "hopping": Variant(
+        "a motion library whose slow trots hop", ("--env.library.path", "bp2_trot")
+    ),
     "no_history": Variant("no history in the observation", ("--env.control.history",)),
     "paper_kernel": _both(
         "the paper's tracking kernel",
-        "--env.reward.tracking-shape.floor", "1", "--env.reward.tracking-shape.width", "inf",
-        "--env.reward.tracking-shape.tail", "0", "--env.reward.tracking-shape.yaw-width", "1",
-        "--env.reward.tracking-shape.yaw-reach", "1", "--env.reward.tracking-shape.memory", "0",
+        "--env.reward.tracking-shape.floor",
+        "1",
+        "--env.reward.tracking-shape.width",
+        "inf",
+        "--env.reward.tracking-shape.tail",
+        "0",
+        "--env.reward.tracking-shape.yaw-width",
+        "1",
+        "--env.reward.tracking-shape.yaw-reach",
+        "1",
+        "--env.reward.tracking-shape.memory",
+        "0",
     ),
-    "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
-    "no_symmetry_reward": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
-    "no_randomization": Variant("no randomisation", ("--env.randomization.no-enabled",)),
+    "unscheduled": _both(
+        "rewards that do not depend on speed", "--env.reward.schedule", "off"
+    ),
+    "no_symmetry_reward": Variant(
+        "no reward for symmetry",
+        relaxed=("--env.reward.symmetry", "0"),
+        imitation="ours",
+    ),
+    "no_randomization": Variant(
+        "no randomisation", ("--env.randomization.no-enabled",)
+    ),
     "no_launch_limit": Variant(
         "no limit on how fast the command rises",
         ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
     ),
     "stock_mjx": _both("MJX's own solver instead of the kernel", "--impl", "jax"),
-    "restless": Variant("no reward for standing still", relaxed=("--env.reward.stand", "0"), imitation="ours"),
-    "no_standing_wait": Variant(
-        "no wait before the first launch", relaxed=("--env.reset.standing-time", "0", "0"), imitation="ours"
+    "restless": Variant(
+        "no reward for standing still",
+        relaxed=("--env.reward.stand", "0"),
+        imitation="ours",
     ),
-}  # fmt: skip
+    "no_standing_wait": Variant(
+        "no wait before the first launch",
+        relaxed=("--env.reset.standing-time", "0", "0"),
+        imitation="ours",
+    ),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,26 +143,49 @@ class Plan:
 
     @property
     def chains(self) -> list[list[Training]]:
-        """Runs that need each other: an imitation run, and the relaxed ones that go on from it."""
+        """Runs that need each other: an imitation run, and the relaxed ones that go on
+        from it."""
         chains: dict[tuple[str, int], list[Training]] = {}
         for seed in self.seeds:
             for name in self.variants:
                 origin = VARIANTS[name].imitation or name
-                chain = chains.setdefault((origin, seed), [Training(origin, seed, "imitation")])
+                chain = chains.setdefault(
+                    (origin, seed), [Training(origin, seed, "imitation")]
+                )
                 chain.append(Training(name, seed, "relaxed"))
         return list(chains.values())
 
     def command(self, training: Training, folder: Path) -> list[str]:
         """The arguments of train.py."""
-        variant, steps = VARIANTS[training.variant], self.steps[STAGES.index(training.stage)]
-        words = ["--stage", training.stage, "--preset", self.preset, "--out", str(folder / training.name)]
+        variant, steps = (
+            VARIANTS[training.variant],
+            self.steps[STAGES.index(training.stage)],
+        )
+        words = [
+            "--stage",
+            training.stage,
+            "--preset",
+            self.preset,
+            "--out",
+            str(folder / training.name),
+        ]
         if training.stage == "imitation":
             words += ["--robot", self.robot, *variant.flags]
         else:
-            origin = Training(variant.imitation or training.variant, training.seed, "imitation")
+            origin = Training(
+                variant.imitation or training.variant, training.seed, "imitation"
+            )
             words += ["--from", str(folder / origin.name), *variant.relaxed]
         # The study judges what is saved, in its own way.
-        return [*words, "--run.judged", "0", "--run.seed", str(training.seed), "--run.steps", str(steps)]
+        return [
+            *words,
+            "--run.judged",
+            "0",
+            "--run.seed",
+            str(training.seed),
+            "--run.steps",
+            str(steps),
+        ]
 
 
 def default_steps(preset: Preset) -> tuple[int, int]:

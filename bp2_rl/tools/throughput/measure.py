@@ -1,8 +1,10 @@
-"""How fast, how large and how long in the making: the programs of training, each measured by itself.
+"""How fast, how large and how long in the making: the programs of training, each
+measured by itself.
 
-Every program advances all robots by one unroll, so that times compare: what the environment, the policy and the
-gradient steps take adds up to a train step, but for the bookkeeping between them. JAX runs asynchronously and
-compiles on first use; here each call is waited for, and compilation is timed apart.
+Every program advances all robots by one unroll, so that times compare: what the
+environment, the policy and the gradient steps take adds up to a train step, but for the
+bookkeeping between them. JAX runs asynchronously and compiles on first use; here each
+call is waited for, and compilation is timed apart.
 """
 
 import collections
@@ -31,20 +33,31 @@ from bp2_rl.learning.ppo import PPO, TrainState, make_transition
 from bp2_rl.robot import conventions
 from bp2_rl.settings.ppo import PPOConfig
 
-PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
+PartName = Literal[
+    "physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"
+]
 PARTS: tuple[PartName, ...] = get_args(PartName)
 """What can be measured, in this order.
 
-physics: the physics steps, with motors that hold their targets. environment: control steps with zero actions, and
-the fresh episodes that they need. resets: those episodes alone. policy: the actor's actions. sgd: all epochs of
-gradient steps. acting: environment and policy, as the learner runs them. brax: the same by stock Brax, its wrappers
-and its `generate_unroll`. training: the whole train step.
+physics: the physics steps, with motors that hold their targets. environment: control
+steps with zero actions, and the fresh episodes that they need. resets: those episodes
+alone. policy: the actor's actions. sgd: all epochs of gradient steps. acting:
+environment and policy, as the learner runs them. brax: the same by stock Brax, its
+wrappers and its `generate_unroll`. training: the whole train step.
 """
 
 OUT_OF_MEMORY = "out of memory"
-COMPILED, FROM_CACHE = "/jax/core/compile/backend_compile_duration", "/jax/compilation_cache/cache_hits"
-"""JAX's events for each program that is compiled, and for those of them that are only read from the disk."""
-EVERYWHERE, ROBOTS, TIMES_ROBOTS = PartitionSpec(), PartitionSpec("robots"), PartitionSpec(None, "robots")
+COMPILED, FROM_CACHE = (
+    "/jax/core/compile/backend_compile_duration",
+    "/jax/compilation_cache/cache_hits",
+)
+"""JAX's events for each program that is compiled, and for those of them that are only
+read from the disk."""
+EVERYWHERE, ROBOTS, TIMES_ROBOTS = (
+    PartitionSpec(),
+    PartitionSpec("robots"),
+    PartitionSpec(None, "robots"),
+)
 
 WARM_UP = 2  # calls: all that compiles must have compiled by then
 FEWEST = 3  # timed calls, however long they take
@@ -52,7 +65,8 @@ MOST = 1000
 
 
 class BenchPart(NamedTuple):
-    """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again and again."""
+    """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again
+    and again."""
 
     name: PartName
     program: Any  # jitted
@@ -62,7 +76,8 @@ class BenchPart(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PartTiming:
-    """One part at one size. Rates are by the median call; a call is one unroll of all robots."""
+    """One part at one size. Rates are by the median call; a call is one unroll of all
+    robots."""
 
     part: PartName
     robots: int
@@ -88,19 +103,26 @@ class Case:
     robots: int
     devices: int
     measurements: tuple[PartTiming, ...] = ()
-    state_bytes_per_robot: float | None = None  # what is kept of a robot between train steps
-    device_peak_bytes: int | None = None  # of the fullest device since the process began; None where not known
-    shares: dict[str, float] = dataclasses.field(default_factory=dict)  # see `share_out`
+    # what is kept of a robot between train steps
+    state_bytes_per_robot: float | None = None
+    # of the fullest device since the process began; None where not known
+    device_peak_bytes: int | None = None
+    # see `share_out`
+    shares: dict[str, float] = dataclasses.field(default_factory=dict)
     error: str | None = None  # why measuring ended early
 
     def rate(self, part: PartName) -> float | None:
         """Control steps per second of a part, None where it was not measured."""
-        return next((m.control_steps_per_second for m in self.measurements if m.part == part), None)
+        return next(
+            (m.control_steps_per_second for m in self.measurements if m.part == part),
+            None,
+        )
 
 
 @contextlib.contextmanager
 def compilations() -> Generator[collections.Counter[str]]:
-    """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among them."""
+    """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among
+    them."""
     counts: collections.Counter[str] = collections.Counter()
 
     def count(event: str, *_: Any, **__: Any) -> None:
@@ -122,7 +144,8 @@ class BenchOptions:
     parts: Sequence[PartName] = PARTS  # physics only of BP2Env, brax only on one device
     seconds: float = 2.0  # of timed calls for each part; at least three calls are timed
     profile: Path | None = None  # folder for jax.profiler's trace of two train steps
-    tell: Callable[[PartTiming], None] = lambda timing: None  # receives each timing as soon as it is measured
+    # receives each timing as soon as it is measured
+    tell: Callable[[PartTiming], None] = lambda timing: None
 
 
 def measure_case(
@@ -142,8 +165,8 @@ def measure_case(
         options: what to measure and where to report it.
 
     Returns:
-        The timings. Where the robots don't fit the devices or their memory, the case has an `error` and the timings
-        that came before it.
+        The timings. Where the robots don't fit the devices or their memory, the case
+        has an `error` and the timings that came before it.
     """
     measurements: list[PartTiming] = []
     state_bytes = error = None
@@ -158,17 +181,23 @@ def measure_case(
             options.tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
-    peaks = [(device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices]
+    peaks = [
+        (device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices
+    ]
     peak = max((peak for peak in peaks if peak is not None), default=None)
     shares = share_out(measurements)
-    return Case(robots, len(devices), tuple(measurements), state_bytes, peak, shares, error)
+    return Case(
+        robots, len(devices), tuple(measurements), state_bytes, peak, shares, error
+    )
 
 
 def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
-    """What a train step spends its time on, as shares that add up to 1; empty where a part was not measured.
+    """What a train step spends its time on, as shares that add up to 1; empty where a
+    part was not measured.
 
-    By the best call of each, which other programs disturbed least. The parts ran by themselves, where XLA cannot fuse
-    them with their neighbours: good to a few per cent on an idle machine.
+    By the best call of each, which other programs disturbed least. The parts ran by
+    themselves, where XLA cannot fuse them with their neighbours: good to a few per cent
+    on an idle machine.
     """
     seconds = {m.part: m.best_seconds for m in measurements}
     if not {"environment", "resets", "policy", "sgd", "training"} <= set(seconds):
@@ -180,8 +209,11 @@ def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
     return {name: value / seconds["training"] for name, value in parts.items()}
 
 
-def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None) -> PartTiming:
-    """Compile a part of `learner`, warm it up, and time its calls for so many seconds."""
+def measure(
+    part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None
+) -> PartTiming:
+    """Compile a part of `learner`, warm it up, and time its calls for so many
+    seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
     with compilations() as before:
@@ -224,30 +256,49 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
     )
 
 
-# --- The parts -----------------------------------------------------------------------------------------------
+# --- The parts ------------------------------------------------------------------------
 
 
-def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> Iterator[BenchPart]:
-    """Yield the named parts that the learner has, in the order of `PARTS`; `training` consumes `state`."""
+def make_parts(
+    learner: PPO, state: TrainState, names: Sequence[PartName]
+) -> Iterator[BenchPart]:
+    """Yield the named parts that the learner has, in the order of `PARTS`; `training`
+    consumes `state`."""
     env, networks = learner.fleet.env, (state.params, state.normalizer)
     keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
-    keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner.robots)
+    keys, zeros = jax.device_put(
+        (keys, jnp.zeros((len(keys), env.action_size))), learner.robots
+    )
     if "physics" in names and isinstance(env, BP2Env):
         yield _physics(learner, env, state)
     if "environment" in names:
-        yield BenchPart("environment", _on_each_device(learner, partial(_live, learner)), state.fleet, (zeros, keys))
+        yield BenchPart(
+            "environment",
+            _on_each_device(learner, partial(_live, learner)),
+            state.fleet,
+            (zeros, keys),
+        )
     if "resets" in names:
-        yield BenchPart("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
+        yield BenchPart(
+            "resets",
+            _on_each_device(learner, partial(_reset, learner)),
+            (),
+            (state.fleet, keys),
+        )
     yield from _networks(learner, state, keys, names)
     if "acting" in names:
-        yield BenchPart("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
+        yield BenchPart(
+            "acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys)
+        )
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
         yield BenchPart("training", learner.programs.train_step, state, ())
 
 
-def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[BenchPart]:
+def _networks(
+    learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]
+) -> Iterator[BenchPart]:
     """Policy and gradient steps; their data are gone when the next part begins."""
     if not {"policy", "sgd"} & set(names):
         return
@@ -261,32 +312,50 @@ def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[
 
 
 def _on_each_device(
-    learner: PPO, function: Callable[..., Any], in_specs: Any = ROBOTS, out_specs: Any = ROBOTS
+    learner: PPO,
+    function: Callable[..., Any],
+    in_specs: Any = ROBOTS,
+    out_specs: Any = ROBOTS,
 ) -> jax.stages.Wrapped:
     """Robots never talk to each other: each device runs its own, as in the learner."""
-    local = jax.shard_map(function, mesh=learner.mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False)
+    local = jax.shard_map(
+        function,
+        mesh=learner.mesh,
+        in_specs=in_specs,
+        out_specs=out_specs,
+        check_vma=False,
+    )
     return jax.jit(local)
 
 
 def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
-    """The joints hold the targets of the first control step. Every call begins anew, before a robot could fall."""
+    """The joints hold the targets of the first control step. Every call begins anew,
+    before a robot could fall."""
     first: Any = state.fleet.pipeline_state
 
     def aim(robot: Any) -> Any:
-        return env.controller.act(robot.controller, robot.command.current, jnp.zeros(env.action_size))[1]
+        return env.controller.act(
+            robot.controller, robot.command.current, jnp.zeros(env.action_size)
+        )[1]
 
-    def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
+    def simulate(
+        carry: tuple[()], physics: Any, targets: Any, robots: Any
+    ) -> tuple[tuple[()], Any]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
                 return jax.vmap(env.engine)(physics, targets, robots)[0], None
 
-        return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
+        return carry, jax.lax.scan(
+            control_step, physics, length=learner.config.unroll_length
+        )[0]
 
     fixed = (first.physics, jax.jit(jax.vmap(aim))(first), first.randomization)
     return BenchPart("physics", _on_each_device(learner, simulate), (), fixed)
 
 
-def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -> tuple[envs.State, tuple[()]]:
+def _live(
+    learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array
+) -> tuple[envs.State, tuple[()]]:
     fresh = learner.fleet.fresh_episodes(fleet, keys)
 
     def control_step(fleet: envs.State, _: None) -> tuple[envs.State, None]:
@@ -295,30 +364,45 @@ def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -
     return jax.lax.scan(control_step, fleet, length=learner.config.unroll_length)[0], ()
 
 
-def _reset(learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array) -> tuple[tuple[()], envs.State]:
+def _reset(
+    learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array
+) -> tuple[tuple[()], envs.State]:
     return carry, learner.fleet.fresh_episodes(fleet, keys)
 
 
-def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array) -> tuple[envs.State, Any]:
+def _unroll(
+    learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array
+) -> tuple[envs.State, Any]:
     fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
     return fleet, rest
 
 
 def _repeat(learner: PPO, observations: Any) -> Any:
-    """Repeat observations over an unroll, to be passed as an argument: XLA must not see that they are equal."""
+    """Repeat observations over an unroll, to be passed as an argument: XLA must not see
+    that they are equal."""
     length = learner.config.unroll_length
-    repeated = jax.tree.map(lambda x: jnp.broadcast_to(x, (length, *x.shape)), observations)
+    repeated = jax.tree.map(
+        lambda x: jnp.broadcast_to(x, (length, *x.shape)), observations
+    )
     return jax.device_put(repeated, NamedSharding(learner.mesh, TIMES_ROBOTS))
 
 
-def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array) -> BenchPart:
-    def act(carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any) -> tuple[tuple[()], Any]:
+def _policy(
+    learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array
+) -> BenchPart:
+    def act(
+        carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any
+    ) -> tuple[tuple[()], Any]:
         infer = jax.vmap(learner.infer((normalizer, params.policy)))
 
         def control_step(time: jax.Array, observation: Any) -> tuple[jax.Array, Any]:
-            return time + 1, infer(observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys))
+            return time + 1, infer(
+                observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys)
+            )
 
-        return carry, jax.lax.scan(control_step, jnp.zeros((), jnp.int32), observations)[1]
+        return carry, jax.lax.scan(
+            control_step, jnp.zeros((), jnp.int32), observations
+        )[1]
 
     in_specs = (EVERYWHERE, EVERYWHERE, EVERYWHERE, TIMES_ROBOTS, ROBOTS)
     program = _on_each_device(learner, act, in_specs, (EVERYWHERE, TIMES_ROBOTS))
@@ -326,9 +410,13 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 
 
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
-    def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
+    def improve(
+        carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array
+    ) -> tuple[Any, Any]:
         params, optimizer = carry
-        before = state.replace(params=params, optimizer=optimizer, normalizer=normalizer)
+        before = state.replace(
+            params=params, optimizer=optimizer, normalizer=normalizer
+        )
         params, optimizer, metrics = learner.improve(before, data, key)
         return (params, optimizer), metrics
 
@@ -337,15 +425,22 @@ def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
     return BenchPart("sgd", program, (state.params, state.optimizer), fixed)
 
 
-def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> Transition:
-    """The data of an unroll in which nothing happened, from arrays with axes (time, robot): the learner's shapes."""
+def batch(
+    learner: PPO, observations: Any, actions: jax.Array, extras: Any
+) -> Transition:
+    """The data of an unroll in which nothing happened, from arrays with axes (time,
+    robot): the learner's shapes."""
 
     def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
-        observations, actions, extras = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras))
+        observations, actions, extras = jax.tree.map(
+            lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras)
+        )
         zeros = jnp.zeros(actions.shape[:2])
         last = jax.tree.map(lambda x: x[:, -1:], observations)
         extras = {"policy_extras": extras, "state_extras": {"truncation": zeros}}
-        return make_transition(observations, actions, zeros, jnp.ones_like(zeros), last, extras)
+        return make_transition(
+            observations, actions, zeros, jnp.ones_like(zeros), last, extras
+        )
 
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
@@ -354,30 +449,42 @@ def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart
     config = learner.config
     env = brax_training.wrap(learner.fleet.env, config.episode_length)
 
-    def act(carry: tuple[Any, jax.Array], params: Any, normalizer: Any) -> tuple[tuple[Any, jax.Array], Any]:
+    def act(
+        carry: tuple[Any, jax.Array], params: Any, normalizer: Any
+    ) -> tuple[tuple[Any, jax.Array], Any]:
         fleet, key = carry
         key, now = jax.random.split(key)
         policy = learner.infer((normalizer, params.policy))
-        fleet, data = acting.generate_unroll(env, fleet, policy, now, config.unroll_length, ("truncation",))
+        fleet, data = acting.generate_unroll(
+            env, fleet, policy, now, config.unroll_length, ("truncation",)
+        )
         return (fleet, key), data
 
-    return BenchPart("brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks)
+    return BenchPart(
+        "brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks
+    )
 
 
-# --- What JAX says of itself ---------------------------------------------------------------------------------
+# --- What JAX says of itself ----------------------------------------------------------
 
 
 def _program_bytes(program: jax.stages.Compiled) -> int | None:
-    """What a program needs on each device at most, its arguments and results included; None where not known."""
+    """What a program needs on each device at most, its arguments and results included;
+    None where not known."""
     memory = program.memory_analysis()
     if memory is None:
         return None
-    whole = memory.argument_size_in_bytes + memory.output_size_in_bytes + memory.temp_size_in_bytes
+    whole = (
+        memory.argument_size_in_bytes
+        + memory.output_size_in_bytes
+        + memory.temp_size_in_bytes
+    )
     return whole - memory.alias_size_in_bytes
 
 
 def _explain(reason: Exception) -> str:
-    """Why a size cannot be measured, in one line; raises what is no question of size."""
+    """Why a size cannot be measured, in one line; raises what is no question of
+    size."""
     if isinstance(reason, UserError):
         return str(reason)
     if re.search("RESOURCE_EXHAUSTED|out of memory", str(reason), re.IGNORECASE):

@@ -1,4 +1,5 @@
-"""How fast MuJoCo Playground trains its Go1, with its own settings and Brax's learner: a peer of our training."""
+"""How fast MuJoCo Playground trains its Go1, with its own settings and Brax's learner:
+a peer of our training."""
 
 import contextlib
 import dataclasses
@@ -26,7 +27,8 @@ TRAIN_STEPS = 5  # between two looks at the clock
 class PlaygroundRate:
     """What was timed, on one device."""
 
-    impl: str  # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
+    # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
+    impl: str
     robots: int
     control_period: float  # s, of simulated time
     control_steps: int  # that were timed, all robots together
@@ -34,14 +36,16 @@ class PlaygroundRate:
 
 
 class _TimedEnoughError(Exception):
-    """Ends Brax's training, which wants to know its length before its speed is known."""
+    """Ends Brax's training, which wants to know its length before its speed is
+    known."""
 
 
 def playground_settings(robots: int | None = None) -> dict[str, Any]:
     """Return Playground's own settings of Brax's PPO, for so many robots.
 
     Args:
-        robots: how many, a multiple of Playground's 32 minibatches; by default Playground's own number, 8192.
+        robots: how many, a multiple of Playground's 32 minibatches; by default
+            Playground's own number, 8192.
 
     Raises:
         UserError: Playground is not installed, or the robots are no such multiple.
@@ -49,16 +53,21 @@ def playground_settings(robots: int | None = None) -> dict[str, Any]:
     try:
         from mujoco_playground.config.locomotion_params import brax_ppo_config
     except ImportError as missing:
-        raise not_installed("--peer playground", "playground", "playground") from missing
+        raise not_installed(
+            "--peer playground", "playground", "playground"
+        ) from missing
     settings = brax_ppo_config(TASK).to_dict()
     robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
     if robots % batches:
-        raise UserError(f"--robots {robots}: Playground's learner needs a multiple of its {batches} minibatches")
+        raise UserError(
+            f"--robots {robots}: Playground's learner needs a multiple of its {batches} minibatches"
+        )
     return settings | {"num_envs": robots, "batch_size": robots // batches}
 
 
 def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRate:
-    """Train Playground's Go1 with those settings for so many seconds, in at least two spans of `TRAIN_STEPS`.
+    """Train Playground's Go1 with those settings for so many seconds, in at least two
+    spans of `TRAIN_STEPS`.
 
     What Playground resets between evaluations is left out, as are the evaluations.
     """
@@ -70,10 +79,15 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
     robots = settings["num_envs"]
     steps = TRAIN_STEPS * robots * settings["unroll_length"]
     settings |= {
-        "num_evals": MOST + 1, "num_resets_per_eval": 0, "num_timesteps": MOST * steps,
-        "network_factory": functools.partial(networks.make_ppo_networks, **settings["network_factory"]),
-    }  # fmt: skip
-    randomise: Any = locomotion.get_domain_randomizer(TASK)  # Brax annotates its own systems
+        "num_evals": MOST + 1,
+        "num_resets_per_eval": 0,
+        "num_timesteps": MOST * steps,
+        "network_factory": functools.partial(
+            networks.make_ppo_networks, **settings["network_factory"]
+        ),
+    }
+    # Brax annotates its own systems
+    randomise: Any = locomotion.get_domain_randomizer(TASK)
     clock: list[float] = []
 
     def look(*_: Any) -> None:
@@ -83,15 +97,23 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
 
     with _removed_from_jax(), contextlib.suppress(_TimedEnoughError):
         ppo_train.train(
-            _make_env(impl), **settings, wrap_env_fn=wrapper.wrap_for_brax_training, max_devices_per_host=1,
-            randomization_fn=randomise, run_evals=False, progress_fn=look,
-        )  # fmt: skip
+            _make_env(impl),
+            **settings,
+            wrap_env_fn=wrapper.wrap_for_brax_training,
+            max_devices_per_host=1,
+            randomization_fn=randomise,
+            run_evals=False,
+            progress_fn=look,
+        )
     timed = (len(clock) - WARM_UP) * steps
-    return PlaygroundRate(impl, robots, own.ctrl_dt, timed, timed / (clock[-1] - clock[WARM_UP - 1]))
+    return PlaygroundRate(
+        impl, robots, own.ctrl_dt, timed, timed / (clock[-1] - clock[WARM_UP - 1])
+    )
 
 
 def _make_env(impl: str) -> Any:
-    """Playground's environment without the meshes, which are only looked at: they would have to be downloaded."""
+    """Playground's environment without the meshes, which are only looked at: they would
+    have to be downloaded."""
     from mujoco_playground._src import mjx_env
     from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
 
@@ -99,7 +121,10 @@ def _make_env(impl: str) -> Any:
         found: dict[str, bytes] = {}
         mjx_env.update_assets(found, go1_constants.ROOT_PATH / "xmls", "*.xml")
         mjx_env.update_assets(found, go1_constants.ROOT_PATH / "xmls" / "assets")
-        return {name: without_meshes(text) if name.endswith(".xml") else text for name, text in found.items()}
+        return {
+            name: without_meshes(text) if name.endswith(".xml") else text
+            for name, text in found.items()
+        }
 
     with mock.patch.object(base, "get_assets", assets):
         return joystick.Joystick("flat_terrain", config_overrides={"impl": impl})
@@ -120,7 +145,11 @@ def _removed_from_jax() -> Generator[None]:
     """Brax calls a function that JAX has removed."""
 
     def device_put_replicated(tree: Any, devices: Any) -> Any:
-        return jax.tree.map(lambda x: jnp.broadcast_to(x, (len(devices), *jnp.shape(x))), tree)
+        return jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (len(devices), *jnp.shape(x))), tree
+        )
 
-    with mock.patch.object(jax, "device_put_replicated", device_put_replicated, create=True):
+    with mock.patch.object(
+        jax, "device_put_replicated", device_put_replicated, create=True
+    ):
         yield

@@ -1,7 +1,7 @@
 """The search for better settings: Optuna proposes, train.py trains, C MuJoCo judges.
 
-A folder of runs, trial-NUMBER, and Optuna's SQLite file. What is there is not done again: a trial that was stopped on
-the way goes on where it stands.
+A folder of runs, trial-NUMBER, and Optuna's SQLite file. What is there is not done
+again: a trial that was stopped on the way goes on where it stands.
 """
 
 import dataclasses
@@ -35,13 +35,35 @@ class Search:
 
     def flags(self, values: dict[str, Any]) -> list[str]:
         """A point of the space as flags of train.py."""
-        return [word for one in self.space for word in (f"--{one.flag}", one.word(values[one.flag]))]
+        return [
+            word
+            for one in self.space
+            for word in (f"--{one.flag}", one.word(values[one.flag]))
+        ]
 
     def command(self, flags: Sequence[str], run_dir: Path) -> list[str]:
         """The arguments of train.py."""
-        words = ["--stage", "imitation", "--preset", self.preset, "--robot", self.robot, "--out", str(run_dir), *flags]
+        words = [
+            "--stage",
+            "imitation",
+            "--preset",
+            self.preset,
+            "--robot",
+            self.robot,
+            "--out",
+            str(run_dir),
+            *flags,
+        ]
         # What is saved is judged here, in its own way.
-        return [*words, "--run.judged", "0", "--run.seed", str(self.seed), "--run.steps", str(self.steps)]
+        return [
+            *words,
+            "--run.judged",
+            "0",
+            "--run.seed",
+            str(self.seed),
+            "--run.steps",
+            str(self.steps),
+        ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +72,8 @@ class Trial:
 
     number: int
     flags: tuple[str, ...]
-    top_speed: float | None  # m/s, of its fastest policy, 0 if all fell; None where the training failed
+    # m/s, of its fastest policy, 0 if all fell; None where the training failed
+    top_speed: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,15 +85,20 @@ class _Settings:
 
 
 def run(search: Search, folder: Path, trials: int, resources: Resources) -> list[Trial]:
-    """Search until the folder holds so many trials, earlier calls' included; return all, the fastest first.
+    """Search until the folder holds so many trials, earlier calls' included; return
+    all, the fastest first.
 
-    An interruption ends the trainings, which save what they have; their trials go on at the next call.
+    An interruption ends the trainings, which save what they have; their trials go on at
+    the next call.
 
     Raises:
         UserError: the folder holds another search, or another process is at work on it.
     """
     make_folder(folder)
-    with lock_folder(folder, f"another search is at work in {folder}: wait for it, or name another --out") as lock:
+    with lock_folder(
+        folder,
+        f"another search is at work in {folder}: wait for it, or name another --out",
+    ) as lock:
         settings = config_hash(preset("imitation", search.preset, robot=search.robot))
         claim_folder(folder, SETTINGS, _Settings(search, settings), "a search")
         study = _study(search, folder)
@@ -80,28 +108,54 @@ def run(search: Search, folder: Path, trials: int, resources: Resources) -> list
                 [trial for trial in known if trial.state.name == "RUNNING"],
                 len(known),
             )  # stopped ones first
-            at_work: dict[Future[Any], int] = {}  # trainings and measurements -> number of the trial
+            # trainings and measurements -> number of the trial
+            at_work: dict[Future[Any], int] = {}
             while at_work or waiting or asked < trials:
                 while len(at_work) < place.slots and (waiting or asked < trials):
                     if not waiting:
-                        waiting, asked = [study.ask(_distributions(search.space))], asked + 1
+                        waiting, asked = (
+                            [study.ask(_distributions(search.space))],
+                            asked + 1,
+                        )
                     trial = waiting.pop(0)
-                    flags, run_dir = search.flags(trial.params), folder / run_name(trial.number)
+                    flags, run_dir = (
+                        search.flags(trial.params),
+                        folder / run_name(trial.number),
+                    )
                     resources.say(f"{run_dir.name}: {' '.join(flags)}")
-                    at_work[threads.submit(place.train, search.command(flags, run_dir), run_dir)] = trial.number
+                    at_work[
+                        threads.submit(
+                            place.train, search.command(flags, run_dir), run_dir
+                        )
+                    ] = trial.number
                 for one in wait(at_work, return_when=FIRST_COMPLETED).done:
                     number, result = at_work.pop(one), one.result()
                     if result is True:  # trained
-                        at_work[measuring.submit(measure_policies, folder / run_name(number))] = number
+                        at_work[
+                            measuring.submit(
+                                measure_policies, folder / run_name(number)
+                            )
+                        ] = number
                     else:
-                        _tell(study, folder / run_name(number), number, result or [], resources.say)
+                        _tell(
+                            study,
+                            folder / run_name(number),
+                            number,
+                            result or [],
+                            resources.say,
+                        )
         return _ranked(study, search)
 
 
 def _tell(
-    study: Any, run_dir: Path, number: int, measured: list[PolicyMeasurement], say: Callable[[str], None]
+    study: Any,
+    run_dir: Path,
+    number: int,
+    measured: list[PolicyMeasurement],
+    say: Callable[[str], None],
 ) -> None:
-    """Tell Optuna how a trial ended: with measured policies, or with a training that failed."""
+    """Tell Optuna how a trial ended: with measured policies, or with a training that
+    failed."""
     from optuna.trial import TrialState
 
     if measured:
@@ -125,8 +179,11 @@ def _study(search: Search, folder: Path) -> Any:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     open_in_place(folder / STORAGE).close()  # SQLite would follow a link
     storage = f"sqlite:///{folder.resolve() / STORAGE}"
-    study = optuna.create_study(storage=storage, study_name=STUDY, load_if_exists=True, direction="maximize")
-    known = len(study.get_trials(deepcopy=False))  # a later call must not propose the points of the first again
+    study = optuna.create_study(
+        storage=storage, study_name=STUDY, load_if_exists=True, direction="maximize"
+    )
+    # a later call must not propose the points of the first again
+    known = len(study.get_trials(deepcopy=False))
     study.sampler = optuna.samplers.TPESampler(seed=search.seed + known)
     return study
 
@@ -146,5 +203,11 @@ def _distributions(space: Sequence[Dimension]) -> dict[str, Any]:
 
 def _ranked(study: Any, search: Search) -> list[Trial]:
     known = study.get_trials(deepcopy=False)
-    found = [Trial(one.number, tuple(search.flags(one.params)), one.value) for one in known]
-    return sorted(found, key=lambda trial: -1.0 if trial.top_speed is None else trial.top_speed, reverse=True)
+    found = [
+        Trial(one.number, tuple(search.flags(one.params)), one.value) for one in known
+    ]
+    return sorted(
+        found,
+        key=lambda trial: -1.0 if trial.top_speed is None else trial.top_speed,
+        reverse=True,
+    )

@@ -1,4 +1,5 @@
-"""What `bp2 tune` may change: flags of train.py, each with the values among which it looks."""
+"""What `bp2 tune` may change: flags of train.py, each with the values among which it
+looks."""
 
 import dataclasses
 import re
@@ -27,7 +28,13 @@ class Dimension:
 
     def word(self, value: float | str) -> str:
         """A value as train.py reads it."""
-        return value if isinstance(value, str) else str(round(value)) if self.kind == "int" else repr(float(value))
+        return (
+            value
+            if isinstance(value, str)
+            else str(round(value))
+            if self.kind == "int"
+            else repr(float(value))
+        )
 
 
 def parse_dimension(text: str) -> Dimension:
@@ -42,7 +49,9 @@ def parse_dimension(text: str) -> Dimension:
     if ":" not in values:
         choices = tuple(values.split(","))
         if len(set(choices)) < max(2, len(choices)) or not all(choices):
-            raise UserError(f"--search {flag}: name two values or more, each once; got {values}")
+            raise UserError(
+                f"--search {flag}: name two values or more, each once; got {values}"
+            )
         return Dimension(flag, "choice", choices=choices)
     low, high, *scale = values.split(":")
     try:

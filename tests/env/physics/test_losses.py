@@ -1,4 +1,5 @@
-"""Losses in every engine: MJX, the kernel and C MuJoCo, against closed forms and each other."""
+"""Losses in every engine: MJX, the kernel and C MuJoCo, against closed forms and each
+other."""
 
 import dataclasses
 import math
@@ -20,7 +21,8 @@ from bp2_rl.simulation.simulator import RobotSetup, Simulator
 
 Engine = Impl | Literal["mujoco"]
 ENGINES: list[Engine] = ["mujoco", "jax", "kernel"]
-HEAVY_ROTORS = 0.1  # kg m2 at the motor, 7.2 at the joint: beside it a leg weighs little
+# kg m2 at the motor, 7.2 at the joint: beside it a leg weighs little
+HEAVY_ROTORS = 0.1
 LEG_INERTIA = 0.14  # kg m2, of a bent leg about its hip
 
 
@@ -46,21 +48,34 @@ def fly(
     strength: float = 1.0,
     braking: float | None = None,
 ) -> np.ndarray:
-    """Velocities after each control step of a robot that starts 10 m up, its targets where its joints are.
+    """Velocities after each control step of a robot that starts 10 m up, its targets
+    where its joints are.
 
-    With a `strength` of 0 its motors give nothing; `braking` is what training draws of `weak_braking`.
+    With a `strength` of 0 its motors give nothing; `braking` is what training draws of
+    `weak_braking`.
     """
     if engine != "mujoco":
         env, control_step, robot = compiled(hardware, engine)
-        robot = robot.replace(strength=strength * jnp.ones(12), braking=None if braking is None else jnp.array(braking))
+        robot = robot.replace(
+            strength=strength * jnp.ones(12),
+            braking=None if braking is None else jnp.array(braking),
+        )
         rest = env.starts.at_rest()
-        physics = rest.replace(qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32))
+        physics = rest.replace(
+            qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32)
+        )
         found = []
         for _ in range(control_steps):
             physics = control_step(physics, robot)
             found.append(np.asarray(physics.qvel, np.float64))
         return np.array(found)
-    simulator = Simulator([RobotSetup(EnvConfig(hardware=dataclasses.replace(hardware, envelope="start")))])
+    simulator = Simulator(
+        [
+            RobotSetup(
+                EnvConfig(hardware=dataclasses.replace(hardware, envelope="start"))
+            )
+        ]
+    )
     simulator.set_motors(0, dataclasses.replace(simulator.motors[0], strength=strength))
     simulator.data[0].qpos[2] = 10.0
     simulator.data[0].qvel[:] = qvel
@@ -75,11 +90,14 @@ def fly(
 
 
 def test_brakes_that_training_draws_weaker_are_those_of_such_motors_in_c_mujoco():
-    """Joints at up to 21 rad/s, where brakes as drives have hardly any torque left; beyond, the back EMF brakes."""
+    """Joints at up to 21 rad/s, where brakes as drives have hardly any torque left;
+    beyond, the back EMF brakes."""
     qvel = np.zeros(22)
     qvel[MOTOR_QVEL] = np.linspace(-21.0, 21.0, 12)
     drawn = fly("kernel", BUILT, qvel, 1, braking=1.0)[:, MOTOR_QVEL]
-    weak = fly("mujoco", dataclasses.replace(BUILT, braking_speed=21.4), qvel, 1)[:, MOTOR_QVEL]
+    weak = fly("mujoco", dataclasses.replace(BUILT, braking_speed=21.4), qvel, 1)[
+        :, MOTOR_QVEL
+    ]
     strong = fly("mujoco", BUILT, qvel, 1)[:, MOTOR_QVEL]
     assert np.max(np.abs(drawn - weak)) < 0.01
     assert np.max(np.abs(strong - weak)) > 1.0
@@ -87,7 +105,8 @@ def test_brakes_that_training_draws_weaker_are_those_of_such_motors_in_c_mujoco(
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_flying_robot_coasts_down_in_the_air(engine):
-    """v = v0 / (1 + k v0 t / m). Drag acts on the trunk, whose legs lag a little behind."""
+    """v = v0 / (1 + k v0 t / m). Drag acts on the trunk, whose legs lag a little
+    behind."""
     qvel = np.zeros(22)
     qvel[0] = 20.0
     found = fly(engine, HardwareSpec(losses=Losses(drag_area=2.0)), qvel, 60)
@@ -99,21 +118,35 @@ def test_a_flying_robot_coasts_down_in_the_air(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_headwind_blows_a_flying_robot_back_towards_its_own_speed(engine):
     """From rest relative to the ground: v = -(u - u / (1 + k u t / m))."""
-    found = fly(engine, HardwareSpec(losses=Losses(drag_area=2.0, headwind=20.0)), np.zeros(22), 60)
-    assert found[-1, 0] == pytest.approx(20.0 / (1.0 + 0.5 * 1.2 * 2.0 * 20.0 * 0.3 / 35.8) - 20.0, rel=0.02)
+    found = fly(
+        engine,
+        HardwareSpec(losses=Losses(drag_area=2.0, headwind=20.0)),
+        np.zeros(22),
+        60,
+    )
+    assert found[-1, 0] == pytest.approx(
+        20.0 / (1.0 + 0.5 * 1.2 * 2.0 * 20.0 * 0.3 / 35.8) - 20.0, rel=0.02
+    )
 
 
 @pytest.mark.parametrize("others", [None, (5.0, 1.0)])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(engine, others):
-    """I w' = -c - b w: w = (w0 + c / b) exp(-b t / I) - c / b, with 2 % of I from the leg that hangs on it.
+def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(
+    engine, others
+):
+    """I w' = -c - b w: w = (w0 + c / b) exp(-b t / I) - c / b, with 2 % of I from the
+    leg that hangs on it.
 
-    That leg's own springs shake it by some hundredths of a rad/s. A hip does not care for the `others`' numbers.
+    That leg's own springs shake it by some hundredths of a rad/s. A hip does not care
+    for the `others`' numbers.
     """
     losses = Losses(joint_friction=60.0, joint_viscosity=10.0)
     if others is not None:
         friction, viscosity = others
-        losses = Losses(joint_friction=(friction, 60.0, 40.0), joint_viscosity=(viscosity, 10.0, 8.0))
+        losses = Losses(
+            joint_friction=(friction, 60.0, 40.0),
+            joint_viscosity=(viscosity, 10.0, 8.0),
+        )
     hardware = HardwareSpec(rotor_inertia=HEAVY_ROTORS, losses=losses)
     qvel = np.zeros(22)
     qvel[MOTOR_QVEL[[1, 10]]] = 2.0, -2.0  # a fore and a hind hip
@@ -124,16 +157,20 @@ def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(engi
     assert 20 < np.sum(moving) < 55
     np.testing.assert_allclose(found[moving, 0], expected[moving], atol=0.03)
     np.testing.assert_allclose(found[moving, 1], -expected[moving], atol=0.03)
-    assert np.all(np.abs(found[-1]) < 0.05)  # still, but for what the swinging legs shake
+    # still, but for what the swinging legs shake
+    assert np.all(np.abs(found[-1]) < 0.05)
 
 
 @pytest.mark.parametrize("engine", ["jax", "kernel"])
 def test_a_built_robot_is_the_same_in_every_engine_as_in_the_judge(engine):
-    """Ten control steps of a tumbling robot with all losses, bus and lag; float32 rounds 10 rad/s by 1e-6."""
+    """Ten control steps of a tumbling robot with all losses, bus and lag; float32
+    rounds 10 rad/s by 1e-6."""
     rng = np.random.default_rng(3)
     qvel = rng.normal(0.0, 3.0, 22)
     qvel[MOTOR_QVEL] = rng.uniform(-15.0, 15.0, 12)
-    hardware = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.0))
+    hardware = dataclasses.replace(
+        BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.0)
+    )
     ours, judged = (fly(one, hardware, qvel, 10) for one in (engine, "mujoco"))
     np.testing.assert_allclose(ours, judged, rtol=0, atol=5e-3)
     lossless = fly("mujoco", HardwareSpec(), qvel, 10)
@@ -147,12 +184,22 @@ def test_a_robot_drawn_with_twice_the_losses_has_twice_the_losses(engine):
     hardware = HardwareSpec(losses=Losses(drag_area=2.0))
     env, control_step, robot = compiled(hardware, engine)
     rest = env.starts.at_rest()
-    start = rest.replace(qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32))
+    start = rest.replace(
+        qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32)
+    )
     lost = [
-        10.0 - float(control_step(start, robot.replace(losses=robot.losses.at[0].set(factor))).qvel[0])
+        10.0
+        - float(
+            control_step(
+                start, robot.replace(losses=robot.losses.at[0].set(factor))
+            ).qvel[0]
+        )
         for factor in (0.0, 1.0, 2.0)
     ]
-    assert lost[0] == pytest.approx(0.0, abs=5e-3)  # what the springs do to the trunk as they give
+    # what the springs do to the trunk as they give
+    assert lost[0] == pytest.approx(0.0, abs=5e-3)
     assert lost[2] - lost[0] == pytest.approx(2.0 * (lost[1] - lost[0]), rel=0.02)
-    trunk_and_legs = math.inf if lost[1] == 0.0 else 0.005 * 0.5 * 1.2 * 2.0 * 100.0 / lost[1]
+    trunk_and_legs = (
+        math.inf if lost[1] == 0.0 else 0.005 * 0.5 * 1.2 * 2.0 * 100.0 / lost[1]
+    )
     assert 20.0 < trunk_and_legs < 36.0  # kg: the trunk is braked before its legs

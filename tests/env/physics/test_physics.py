@@ -17,14 +17,17 @@ from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 ROBOTS, STEPS = 64, 100
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
 ACTIONS = 0.1 * jax.random.normal(jax.random.PRNGKey(1), (STEPS, ROBOTS, 12))
-"""Small departures from the reference: every robot trots at its own speed of up to 4 m/s."""
+"""Small departures from the reference: every robot trots at its own speed of up to 4
+m/s."""
 
-FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)  # contacts in the critic's observation
+# contacts in the critic's observation
+FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)
 
 
 @pytest.fixture(params=["kernel", "warp"])
 def impl(request, monkeypatch) -> Impl:
-    """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors, too."""
+    """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors,
+    too."""
     if request.param == "warp":
         pytest.importorskip("warp", reason="needs the extra `warp`")
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
@@ -44,11 +47,14 @@ def start(randomised: bool):
     env = BP2Env(EnvConfig())
     nominal = randomization.nominal(env.mj_model.nbody, env.config.hardware)
     nominal = jax.tree.map(lambda x: jnp.broadcast_to(x, (ROBOTS, *x.shape)), nominal)
-    return state.replace(pipeline_state=state.pipeline_state.replace(randomization=nominal))
+    return state.replace(
+        pipeline_state=state.pipeline_state.replace(randomization=nominal)
+    )
 
 
 def run(impl: Impl, state):
-    """The states before the steps and after the last, and whether each robot had not fallen before."""
+    """The states before the steps and after the last, and whether each robot had not
+    fallen before."""
     states, upright = [state], [np.ones(ROBOTS, bool)]
     for action in ACTIONS:
         states.append(stepper(impl)(states[-1], action))
@@ -75,29 +81,40 @@ def apart(ours, theirs, field: str) -> np.ndarray:
 def test_every_engine_takes_the_same_step_from_the_same_state(impl, randomised):
     """Over 100 control steps of a trot, started anew each time from where MJX stands.
 
-    99 of 100 differ by float32's rounding: of positions of 1 m, of speeds of 10 rad/s and accelerations of 10^4 over
-    1 ms, and of the 250 Nm/rad of the joints. In a few, at impacts, MJX's five iterations do not converge.
+    99 of 100 differ by float32's rounding: of positions of 1 m, of speeds of 10 rad/s
+    and accelerations of 10^4 over 1 ms, and of the 250 Nm/rad of the joints. In a few,
+    at impacts, MJX's five iterations do not converge.
     """
     engine = stepper(impl)
     states, upright = reference_run(randomised)
     differences = {"qpos": [], "qvel": [], "torque": []}
     feet = []
-    for before, after, action, up in zip(states, states[1:], ACTIONS, upright, strict=False):
+    for before, after, action, up in zip(
+        states, states[1:], ACTIONS, upright, strict=False
+    ):
         ours = engine(before, action)
         for field, found in differences.items():
             found.extend(apart(ours, after, field)[up])
-        seen, expected = (np.asarray(state.obs["privileged_state"])[up, FEET] for state in (ours, after))
+        seen, expected = (
+            np.asarray(state.obs["privileged_state"])[up, FEET]
+            for state in (ours, after)
+        )
         feet.extend(np.all(seen == expected, axis=1).tolist())
     assert len(feet) > 0.9 * STEPS * ROBOTS
     # m and rad, m/s and rad/s, Nm
-    for field, usual, largest in (("qpos", 2e-6, 2e-3), ("qvel", 3e-4, 2.0), ("torque", 1e-3, 5.0)):
+    for field, usual, largest in (
+        ("qpos", 2e-6, 2e-3),
+        ("qvel", 3e-4, 2.0),
+        ("torque", 1e-3, 5.0),
+    ):
         assert np.quantile(differences[field], 0.99) < usual, field
         assert np.max(differences[field]) < largest, field
     assert np.mean(feet) > 0.999
 
 
 def test_engines_drift_apart_slowly(impl):
-    """Contact makes rounding grow; half a second into the trot it is still far below what a policy would notice."""
+    """Contact makes rounding grow; half a second into the trot it is still far below
+    what a policy would notice."""
     (theirs, up), (ours, ours_up) = reference_run(True), run(impl, start(True))
     for steps, usual in ((1, 1e-6), (10, 1e-5), (100, 1e-4)):
         both = up[steps] & ours_up[steps]
@@ -109,13 +126,23 @@ def test_engines_drift_apart_slowly(impl):
 def test_latency_chooses_the_newest_target_that_has_got_through():
     """Targets are issued every 5 ms, and a physics step takes 1 ms."""
     latency = np.array([0.0, 0.001, 0.003, 0.005, 0.006, 0.010])
-    chosen = [[0, 1, 1, 1, 2, 2], [0, 0, 1, 1, 1, 2], [0, 0, 1, 1, 1, 2], [0, 0, 0, 1, 1, 2], [0, 0, 0, 1, 1, 2]]
+    chosen = [
+        [0, 1, 1, 1, 2, 2],
+        [0, 0, 1, 1, 1, 2],
+        [0, 0, 1, 1, 1, 2],
+        [0, 0, 0, 1, 1, 2],
+        [0, 0, 0, 1, 1, 2],
+    ]
     assert [list(newest_active(ages, latency)) for ages in TARGET_AGES] == chosen
-    assert [list(newest_active(jnp.asarray(ages), jnp.asarray(latency))) for ages in TARGET_AGES] == chosen
+    assert [
+        list(newest_active(jnp.asarray(ages), jnp.asarray(latency)))
+        for ages in TARGET_AGES
+    ] == chosen
 
 
 SOLID = EnvConfig(
-    hardware=IDEAL.changed(hind_track=0.28, solid_legs=True), termination=TerminationConfig(max_overlap=0.005)
+    hardware=IDEAL.changed(hind_track=0.28, solid_legs=True),
+    termination=TerminationConfig(max_overlap=0.005),
 )
 
 
@@ -124,16 +151,26 @@ def crossed():
     """Robot 3 stands with crossed fore legs; no other robot's legs touch."""
     env = BP2Env(SOLID)
     state = jax.jit(jax.vmap(env.reset))(KEYS)
-    legs = physics(state).qpos.at[3].set(env.starts.at_rest().qpos.at[jnp.array([7, 11])].set(jnp.array([0.4, -0.4])))
+    legs = (
+        physics(state)
+        .qpos.at[3]
+        .set(
+            env.starts.at_rest().qpos.at[jnp.array([7, 11])].set(jnp.array([0.4, -0.4]))
+        )
+    )
     still = physics(state).qvel.at[3].set(0.0)
-    tangle = state.pipeline_state.replace(physics=physics(state).replace(qpos=legs, qvel=still))
+    tangle = state.pipeline_state.replace(
+        physics=physics(state).replace(qpos=legs, qvel=still)
+    )
     return state.replace(pipeline_state=tangle)
 
 
 def assert_self_collision(engine: Impl):
     step = jax.jit(jax.vmap(BP2Env(SOLID, impl=engine, num_robots=ROBOTS).step))
     after = step(crossed(), jnp.zeros((ROBOTS, 12)))
-    np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/self_collision"]), [3])
+    np.testing.assert_array_equal(
+        np.flatnonzero(after.metrics["fall/self_collision"]), [3]
+    )
     assert after.done[3] == 1.0
 
 
@@ -147,5 +184,11 @@ def test_legs_in_each_other_end_an_episode_in_mjx():
 
 
 def test_the_large_presets_train_in_our_kernel_unless_told_otherwise():
-    assert _parse(["--preset", "cpu"]).impl == _parse(["--preset", "gpu"]).impl == "kernel"
-    assert _parse(["--preset", "gpu", "--impl", "jax"]).impl == _parse(["--preset", "smoke"]).impl == "jax"
+    assert (
+        _parse(["--preset", "cpu"]).impl == _parse(["--preset", "gpu"]).impl == "kernel"
+    )
+    assert (
+        _parse(["--preset", "gpu", "--impl", "jax"]).impl
+        == _parse(["--preset", "smoke"]).impl
+        == "jax"
+    )

@@ -5,7 +5,12 @@ import pytest
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp, speed_to_command, top_speed
+from bp2_rl.evaluation.benchmarks.conditions import (
+    describe_easing,
+    describe_ramp,
+    speed_to_command,
+    top_speed,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -16,20 +21,29 @@ from bp2_rl.simulation.schedule import Ramp
 
 def with_results(results):
     policy = load_policy(asset_path("policies/built"))
-    return dataclasses.replace(policy, card=dataclasses.replace(policy.card, results=results))
+    return dataclasses.replace(
+        policy, card=dataclasses.replace(policy.card, results=results)
+    )
 
 
 @pytest.mark.parametrize("group", ["judged", "topspeed"])
-@pytest.mark.parametrize("value", ["x", True, -3, [1], {"a": 1}, 1e308, 10**400, math.nan])
+@pytest.mark.parametrize(
+    "value", ["x", True, -3, [1], {"a": 1}, 1e308, 10**400, math.nan]
+)
 def test_a_card_whose_results_are_none_is_refused_in_one_line(group, value):
     """What `load_policy` lets through: results may be anything by name."""
     result = {"judged": "speed", "topspeed": "best_speed"}[group]
     for results in ({group: {result: value}}, {group: value}):
         if results == {group: {"a": 1}}:
             continue  # another result
-        with pytest.raises(UserError, match=rf"the policy's card is not as we write it: {result} of {group} is "):
+        with pytest.raises(
+            UserError,
+            match=rf"the policy's card is not as we write it: {result} of {group} is ",
+        ):
             top_speed(with_results(results))
-        with pytest.raises(UserError, match=r"the policy's card is not as we write it: \w+ of \w+ is "):
+        with pytest.raises(
+            UserError, match=r"the policy's card is not as we write it: \w+ of \w+ is "
+        ):
             speed_to_command(with_results(results))
 
 
@@ -52,12 +66,20 @@ def test_a_speed_is_topspeeds_or_the_judges_or_else_that_of_the_training():
     [
         (ControlConfig(), "the policy is told the command as it is"),
         (
-            ControlConfig(launching=6.0, launching_speed=18.0, braking=4.0, stopping_time=0.9),
+            ControlConfig(
+                launching=6.0, launching_speed=18.0, braking=4.0, stopping_time=0.9
+            ),
             "the forward command v that the policy is told rises no faster than 6 m/s² x (1 - v / 18 m/s), and falls "
             "no faster than 4 m/s², nor than (v + 0.5 m/s) / 0.9 s",
         ),
-        (ControlConfig(launching=6.0), "the forward command v that the policy is told rises no faster than 6 m/s²"),
-        (ControlConfig(braking=4.0), "the forward command v that the policy is told falls no faster than 4 m/s²"),
+        (
+            ControlConfig(launching=6.0),
+            "the forward command v that the policy is told rises no faster than 6 m/s²",
+        ),
+        (
+            ControlConfig(braking=4.0),
+            "the forward command v that the policy is told falls no faster than 4 m/s²",
+        ),
     ],
     ids=["as it is", "all", "launches", "stops"],
 )
@@ -69,19 +91,30 @@ def test_a_schedule_says_what_its_controller_limits():
     ramp = Ramp(9.0, 2.0, hold=3.0)
     assert describe_ramp(ramp) == "from a stand to 9 m/s at 2 m/s², then hold for 3 s"
     limited = ramp.under(ControlConfig(launching=6.0, launching_speed=18.0))
-    assert "at 2 m/s², and at no more than 6 m/s² x (1 - v / 18 m/s), then hold" in describe_ramp(limited)
+    assert (
+        "at 2 m/s², and at no more than 6 m/s² x (1 - v / 18 m/s), then hold"
+        in describe_ramp(limited)
+    )
 
 
 def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothing():
     policy = load_policy(asset_path("policies/built"))
-    blank = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results={}))
+    blank = dataclasses.replace(
+        policy, card=dataclasses.replace(policy.card, results={})
+    )
     control = policy.card.env.control
     assert math.isfinite(control.launching)
     ramp = race(blank, Setup())
-    assert (ramp.acceleration, ramp.launching_speed) == (control.launching, control.launching_speed)
+    assert (ramp.acceleration, ramp.launching_speed) == (
+        control.launching,
+        control.launching_speed,
+    )
     assert ramp.duration == pytest.approx(30.0)
     assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (SPRINT_ACCELERATION, math.inf)
+    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (
+        SPRINT_ACCELERATION,
+        math.inf,
+    )
     assert ramp_to_topspeed(blank, Setup()).launching == control.launching

@@ -22,14 +22,22 @@ from bp2_rl.simulation.simulator import CONVERGED
 
 @pytest.fixture
 def runs(make_run):
-    """A usual run at 5 m/s, and one of each other kind, faster by 0.1, 0.2 ... per cent."""
-    return {name: make_run(speed=5.0 * (1.0 + 1e-3 * k), acceleration=10.0) for k, name in enumerate(VARIANTS)}
+    """A usual run at 5 m/s, and one of each other kind, faster by 0.1, 0.2 ... per
+    cent."""
+    return {
+        name: make_run(speed=5.0 * (1.0 + 1e-3 * k), acceleration=10.0)
+        for k, name in enumerate(VARIANTS)
+    }
 
 
 def test_differences_are_relative_to_the_run_as_judged(runs):
     m = compare(runs)
-    assert [v.mean_speed_change for v in m.variants] == pytest.approx([0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6)
-    assert [v.best_speed_change for v in m.variants] == pytest.approx([0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6)
+    assert [v.mean_speed_change for v in m.variants] == pytest.approx(
+        [0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6
+    )
+    assert [v.best_speed_change for v in m.variants] == pytest.approx(
+        [0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6
+    )
     assert m.greatest_change == pytest.approx(4e-3, abs=1e-6)
     assert verdict(m) == "Finer physics changes the mean speed held by 0.40% at most."
     assert from_json(ConvergenceMetrics, to_json(m)) == m
@@ -46,14 +54,20 @@ def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
     assert m.greatest_change == 0.0
 
 
-def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, assert_fits):
+def test_the_policy_is_run_under_every_numerics(
+    make_policy, runs, monkeypatch, assert_fits
+):
     asked = []
 
     def run(one):
         asked.append((one.schedule, one.numerics))
         return runs[one.name]
 
-    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
+    monkeypatch.setattr(
+        module,
+        "simulate_all",
+        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
+    )
     policy, setup = make_policy(), Setup(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
@@ -74,13 +88,19 @@ def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, 
     assert_fits(evaluation)
 
 
-def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, monkeypatch):
+def test_too_great_a_change_is_no_good_verdict(
+    make_policy, runs, make_run, monkeypatch
+):
     slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
     monkeypatch.setattr(
-        module, "simulate_all", lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries]
+        module,
+        "simulate_all",
+        lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries],
     )
     setup = Setup(speed=6.0)
-    assert not convergence(make_policy(), ramp_to_topspeed(make_policy(), setup), setup).good
+    assert not convergence(
+        make_policy(), ramp_to_topspeed(make_policy(), setup), setup
+    ).good
 
 
 def test_mjx_has_no_other_numerics():

@@ -23,15 +23,22 @@ def test_all_parts_together_make_the_other_robot():
     assert with_parts(BUILT, IDEAL, PARTS) == IDEAL
     assert differing(IDEAL, IDEAL) == ()
     assert set(differing(IDEAL, BUILT)) == set(PARTS) - {"braking limit"}
-    own = BUILT.changed(leg_length=0.4, thigh_mass=3.0)  # a part brings its own fields, and leaves the rest of the body
-    assert with_parts(own, IDEAL, PARTS) == IDEAL.changed(leg_length=0.4, thigh_mass=3.0)
+    # a part brings its own fields, and leaves the rest of the body
+    own = BUILT.changed(leg_length=0.4, thigh_mass=3.0)
+    assert with_parts(own, IDEAL, PARTS) == IDEAL.changed(
+        leg_length=0.4, thigh_mass=3.0
+    )
 
 
 def test_every_loss_belongs_to_one_part():
     fields = [field for part in PARTS.values() for field in part]
     assert len(set(fields)) == len(fields)
-    assert {f"losses.{field.name}" for field in dataclasses.fields(Losses)} <= set(fields)
-    parameters = {f.name for part in (HardwareSpec, BP2Body) for f in dataclasses.fields(part)}
+    assert {f"losses.{field.name}" for field in dataclasses.fields(Losses)} <= set(
+        fields
+    )
+    parameters = {
+        f.name for part in (HardwareSpec, BP2Body) for f in dataclasses.fields(part)
+    }
     assert {field for field in fields if "." not in field} <= parameters
 
 
@@ -46,7 +53,9 @@ def test_the_optimiser_was_asked_for_the_same_parts():
     assert found["built"] < found["ideal"] + 1e-9
 
 
-def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monkeypatch, assert_fits):
+def test_each_loss_is_tried_alone_left_out_and_added(
+    make_policy, make_run, monkeypatch, assert_fits
+):
     """A robot that loses a tenth of a m/s for every part in which it is not ideal."""
     asked = []
 
@@ -55,11 +64,16 @@ def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monk
         slower = len(differing(IDEAL, one.hardware)) / 10
         return make_run(duration=12.0, speed=10.0 - slower, acceleration=5.0)
 
-    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
+    monkeypatch.setattr(
+        module,
+        "simulate_all",
+        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
+    )
     policy, setup = make_policy(), Setup(speed=10.0)
     evaluation = losses(policy, ramp_to_losses(policy, setup), setup)
     metrics, parts = evaluation.metrics, differing(IDEAL, BUILT)
-    # With all but the last is as added up to it, the first added is alone, and the last added is the built robot.
+    # With all but the last is as added up to it, the first added is alone, and the last
+    # added is the built robot.
     assert len(asked) == len(set(asked)) == 3 * len(parts) - 1
     assert [loss.name for loss in metrics.losses] == list(parts)
     ideal, built = metrics.ideal.speed, metrics.built.speed

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_operator, describe_ramp, speed_to_command
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_operator,
+    describe_ramp,
+    speed_to_command,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.settings.env import CommandConfig, EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
@@ -12,19 +17,24 @@ from bp2_rl.simulation.schedule import Ramp
 @pytest.mark.parametrize(
     ("results", "speed"),
     [
-        ({"topspeed": {"commanded_speed": 9.0, "best_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
+        # told 8.25 m/s it would run slower still
+        ({"topspeed": {"commanded_speed": 9.0, "best_speed": 8.25}}, 9.0),
         ({"topspeed": {"best_speed": 8.25}}, 8.25),
         ({"sprint": {"commanded_speed": 8.0}}, 7.5),
-        ({"topspeed": {"commanded_speed": None, "best_speed": None}}, 7.5),  # the fastest command of the training
+        # the fastest command of the training
+        ({"topspeed": {"commanded_speed": None, "best_speed": None}}, 7.5),
         ({}, 7.5),
         ({"judged": {"speed": 6.0}}, 7.5),
         ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
         ({"judged": {"speed": 0.004}}, 7.5),  # it only stands
         ({"judged": {"speed": 0.0}}, 7.5),  # all launches fell
-        ({"judged": {"speed": 0.0, "fell_after": 4.0}}, 4.0),  # and this is what the robot ran before
+        # and this is what the robot ran before
+        ({"judged": {"speed": 0.0, "fell_after": 4.0}}, 4.0),
     ],
 )
-def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_policy, results, speed):
+def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(
+    make_policy, results, speed
+):
     env = EnvConfig(commands=CommandConfig(max_forward=7.5))
     assert speed_to_command(make_policy(env=env, results=results)) == speed
 
@@ -32,17 +42,28 @@ def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_
 def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(make_policy):
     top = {"topspeed": {"commanded_speed": 9.0}}
     assert speed_to_command(make_policy(results=top), "sprint") == 9.0
-    assert speed_to_command(make_policy(results=top | {"sprint": {"commanded_speed": 8.0}}), "sprint") == 8.0
+    assert (
+        speed_to_command(
+            make_policy(results=top | {"sprint": {"commanded_speed": 8.0}}), "sprint"
+        )
+        == 8.0
+    )
 
 
 def test_conditions_say_how_to_do_it_again(make_policy):
     policy = make_policy()
-    said = conditions(policy, describe_ramp(Ramp(6.0, 2.4, 20.0)), "a simulator", Setup())
+    said = conditions(
+        policy, describe_ramp(Ramp(6.0, 2.4, 20.0)), "a simulator", Setup()
+    )
     assert said["schedule"] == "from a stand to 6 m/s at 2.4 m/s², then hold for 20 s"
     assert "seed 3" in said["policy"]
     assert said["weights_sha256"] == policy.card.weights_sha256
-    assert said["operator"].startswith("yaw-rate command = -4/s x heading - 0.4/(m s) x offset")
-    assert said["operator"].endswith("sees the true heading and offset, without noise or delay")
+    assert said["operator"].startswith(
+        "yaw-rate command = -4/s x heading - 0.4/(m s) x offset"
+    )
+    assert said["operator"].endswith(
+        "sees the true heading and offset, without noise or delay"
+    )
     assert describe_operator(HeadingHold(limit=0.0)).startswith("none")
 
 

@@ -1,13 +1,22 @@
-"""Benchmarks of robots other than BP2: at speeds of their own, and without what is BP2's."""
+"""Benchmarks of robots other than BP2: at speeds of their own, and without what is
+BP2's."""
 
 import dataclasses
 import math
 
 import pytest
 
-from bp2_rl.evaluation.benchmarks.conditions import cruising_speed, describe_robot, top_speed
+from bp2_rl.evaluation.benchmarks.conditions import (
+    cruising_speed,
+    describe_robot,
+    top_speed,
+)
 from bp2_rl.evaluation.benchmarks.losses import ramp_to_losses
-from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import ManoeuvreSizes, all_manoeuvres, sizes_of
+from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
+    ManoeuvreSizes,
+    all_manoeuvres,
+    sizes_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
@@ -26,7 +35,9 @@ GO1 = find_robot("go1")
 
 @pytest.fixture
 def go1(make_policy):
-    return lambda **results: make_policy(env=preset("relaxed", "cpu", robot="go1").env, results=results)
+    return lambda **results: make_policy(
+        env=preset("relaxed", "cpu", robot="go1").env, results=results
+    )
 
 
 def test_a_top_speed_is_the_measured_one_else_the_judges_else_the_fastest_command(go1):
@@ -50,42 +61,73 @@ def test_bp2_keeps_the_papers_speeds_whatever_was_measured(make_policy):
 def test_another_robots_manoeuvres_are_within_its_speed():
     commands = CommandConfig(max_yaw_rate=1.25)
     sizes = sizes_of(GO1, 3.0, 1.8, commands)
-    assert sizes.turns == pytest.approx([0.2 * 3.0, 0.4 * 3.0, 0.65 * 3.0, 0.85 * 3.0], abs=0.051)  # two digits
+    # two digits
+    assert sizes.turns == pytest.approx(
+        [0.2 * 3.0, 0.4 * 3.0, 0.65 * 3.0, 0.85 * 3.0], abs=0.051
+    )
     assert sizes.slow == (0.5, 1.0, 1.5, 2.0, 3.0)
     # Froude's law: a leg of 0.64 of BP2's length has 0.80 of its speeds.
     assert sizes.pushes == pytest.approx(
-        [x * math.sqrt(GO1.anatomy.leg_length / 0.35) for x in (0.5, 1.0, 1.5)], rel=0.02
+        [x * math.sqrt(GO1.anatomy.leg_length / 0.35) for x in (0.5, 1.0, 1.5)],
+        rel=0.02,
     )
     tries = all_manoeuvres(Ramp(3.0), 3.0, GO1, HEADING_HOLD, 0, sizes)
     for one in tries:
-        told = [one.schedule.command(x / 10) for x in range(round(10 * one.schedule.duration))]
+        told = [
+            one.schedule.command(x / 10)
+            for x in range(round(10 * one.schedule.duration))
+        ]
         assert max(command[0] for command in told) <= 3.0 + 1e-9
         assert max(abs(command[2]) for command in told) <= 1.5 * 1.25 + 1e-9
-    assert {one.group for one in tries} >= {"Brake from 1.8 m/s", "Brake from the top", "Push of 0.4 m/s"}
+    assert {one.group for one in tries} >= {
+        "Brake from 1.8 m/s",
+        "Brake from the top",
+        "Push of 0.4 m/s",
+    }
 
 
 def test_a_slow_robot_has_the_time_to_arrive(go1):
     ramp = race(go1(topspeed={"best_speed": 2.0, "commanded_speed": 2.0}), Setup())
-    assert ramp.duration == pytest.approx(75.0)  # s: half as long again as 100 m at 2 m/s
+    # s: half as long again as 100 m at 2 m/s
+    assert ramp.duration == pytest.approx(75.0)
 
 
 def test_another_robot_without_its_losses_stands_on_its_own_ground(go1):
     ideal = ideal_of(GO1)
-    assert (ideal.losses, ideal.solid_legs, ideal.envelope) == (Losses(), False, "start")
-    assert (ideal.friction, ideal.contact_time, ideal.body) == (GO1.friction, GO1.contact_time, GO1.body)
+    assert (ideal.losses, ideal.solid_legs, ideal.envelope) == (
+        Losses(),
+        False,
+        "start",
+    )
+    assert (ideal.friction, ideal.contact_time, ideal.body) == (
+        GO1.friction,
+        GO1.contact_time,
+        GO1.body,
+    )
     assert with_parts(GO1, ideal, PARTS) == ideal
     assert with_parts(ideal, GO1, PARTS) == GO1
     assert set(differing(ideal, GO1)) == {
-        "gears", "joint friction", "torque lag", "latency", "envelope throughout", "solid legs, tracks",
-    }  # fmt: skip
+        "gears",
+        "joint friction",
+        "torque lag",
+        "latency",
+        "envelope throughout",
+        "solid legs, tracks",
+    }
     assert ideal_of(BUILT) is IDEAL
     assert ramp_to_losses(go1(), Setup(speed=2.0)).target[0] == 2.0
 
 
 def test_the_robots_beside_another_robot_have_what_it_has():
     robots = robots_of(GO1)
-    assert not [name for name in robots if "spring" in name or "track" in name or "100 Nm" in name]
-    assert robots["peak torque -20 %"].peak_torque == pytest.approx((18.96, 18.96, 28.44))
+    assert not [
+        name
+        for name in robots
+        if "spring" in name or "track" in name or "100 Nm" in name
+    ]
+    assert robots["peak torque -20 %"].peak_torque == pytest.approx(
+        (18.96, 18.96, 28.44)
+    )
     assert robots["rotor inertia x 2"].rotor_inertia == pytest.approx(
         (0.01,) * 3 if isinstance(GO1.rotor_inertia, tuple) else 0.01
     )
@@ -94,16 +136,23 @@ def test_the_robots_beside_another_robot_have_what_it_has():
 
 def test_a_report_describes_another_robot_by_its_own_numbers():
     said = describe_robot(GO1)
-    assert said.startswith("Unitree Go1, 12.7 kg: CdA 0 m², gears 92%, joint friction 0.3 Nm")
+    assert said.startswith(
+        "Unitree Go1, 12.7 kg: CdA 0 m², gears 92%, joint friction 0.3 Nm"
+    )
     assert "slides" not in said
     assert "bus" not in said
     assert describe_robot(dataclasses.replace(GO1, friction=0.5)) != said
-    losses = dataclasses.replace(GO1.losses, joint_friction=(1.0, 1.5, 3.0), joint_viscosity=0.2)
-    assert "joint friction 1 / 1.5 / 3 Nm + 0.2 Nm s/rad" in describe_robot(dataclasses.replace(GO1, losses=losses))
+    losses = dataclasses.replace(
+        GO1.losses, joint_friction=(1.0, 1.5, 3.0), joint_viscosity=0.2
+    )
+    assert "joint friction 1 / 1.5 / 3 Nm + 0.2 Nm s/rad" in describe_robot(
+        dataclasses.replace(GO1, losses=losses)
+    )
 
 
 def test_the_froude_number_is_of_the_robots_own_stand():
-    leg = 0.213 * math.cos(0.9) + 0.213 * math.cos(0.9) + 0.023  # m, thigh and shank each 0.9 rad off the vertical
+    # m, thigh and shank each 0.9 rad off the vertical
+    leg = 0.213 * math.cos(0.9) + 0.213 * math.cos(0.9) + 0.023
     assert standing_height(GO1) == pytest.approx(leg, abs=1e-6)
     assert froude_number(3.0, leg) == pytest.approx(9.0 / 9.81 / leg)
     assert standing_height(BUILT) == 0.55

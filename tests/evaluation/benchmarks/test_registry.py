@@ -9,7 +9,12 @@ from bp2_rl.cli.eval import BenchmarkName
 from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
-from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
+from bp2_rl.evaluation.benchmarks.topspeed import (
+    follows,
+    ramp_to_topspeed,
+    topspeed,
+    verdict,
+)
 from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.operator import HeadingHold
@@ -28,7 +33,7 @@ def asked(monkeypatch, make_run):
     return calls
 
 
-# --- Which, with which flags -----------------------------------------------------------------------------------
+# --- Which, with which flags ----------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -39,25 +44,44 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
 
 @pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3))])
 def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
-    with pytest.raises(UserError, match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed"):
+    with pytest.raises(
+        UserError,
+        match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed",
+    ):
         choose("topspeed", wrong)
 
 
 def test_a_refused_flag_is_written_as_it_is_typed():
-    with pytest.raises(UserError, match="--sensor-noise is not of --benchmark manoeuvres, which takes --robot"):
+    with pytest.raises(
+        UserError,
+        match="--sensor-noise is not of --benchmark manoeuvres, which takes --robot",
+    ):
         choose("manoeuvres", Setup(sensor_noise=True))
 
 
 def test_an_unknown_benchmark_is_refused_with_those_there_are():
-    with pytest.raises(UserError, match=re.escape(f"--benchmark dash: there are {', '.join(BENCHMARKS)}, and all")):
+    with pytest.raises(
+        UserError,
+        match=re.escape(
+            f"--benchmark dash: there are {', '.join(BENCHMARKS)}, and all"
+        ),
+    ):
         choose("dash", Setup())
 
 
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
-        backend="drake", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
-        sensor_noise=True, operator=HeadingHold(1.0), drake=DrakeContact("hydroelastic"),
-    )  # fmt: skip
+        backend="drake",
+        robot="ideal",
+        speed=5.0,
+        acceleration=1.0,
+        hold=2.0,
+        robots=7,
+        seed=1,
+        sensor_noise=True,
+        operator=HeadingHold(1.0),
+        drake=DrakeContact("hydroelastic"),
+    )
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)
     for name, benchmark in BENCHMARKS.items():
@@ -65,7 +89,7 @@ def test_all_gives_each_benchmark_the_flags_that_it_knows():
         assert chosen[name].speed == 5.0
 
 
-# --- Top speed -------------------------------------------------------------------------------------------------
+# --- Top speed ------------------------------------------------------------------------
 
 
 def run(policy, setup):
@@ -77,12 +101,18 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     if backend == "drake":
         pytest.importorskip("pydrake")
     operator = HeadingHold(heading_gain=1.0)
-    evaluation = run(make_policy(), Setup(backend=backend, speed=6.0, operator=operator))
+    evaluation = run(
+        make_policy(), Setup(backend=backend, speed=6.0, operator=operator)
+    )
     ((name, request),) = asked
     schedule = request.schedule
     assert name == backend
     assert request.operator is operator
-    assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
+    assert (schedule.target, schedule.acceleration, schedule.hold) == (
+        (6.0, 0.0, 0.0),
+        2.4,
+        20.0,
+    )
     assert evaluation.benchmark == "topspeed"
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
     assert evaluation.results["best_speed"] == pytest.approx(5.0)
@@ -90,10 +120,15 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
 
 
 def test_topspeed_says_how_noisy_its_sensors_are(make_policy, asked):
-    quiet, noisy = run(make_policy(), Setup(speed=6.0)), run(make_policy(), Setup(speed=6.0, seed=7, sensor_noise=True))
+    quiet, noisy = (
+        run(make_policy(), Setup(speed=6.0)),
+        run(make_policy(), Setup(speed=6.0, seed=7, sensor_noise=True)),
+    )
     assert [request.noise_seed for _, request in asked] == [None, 7]
     assert quiet.conditions["sensors"] == "without noise"
-    assert noisy.conditions["sensors"].startswith("with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s")
+    assert noisy.conditions["sensors"].startswith(
+        "with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s"
+    )
     assert "noisy sensors" in noisy.subject
     assert "noisy sensors" not in quiet.subject
 
@@ -112,7 +147,10 @@ def test_the_verdict_tells_a_fall(make_run):
     told = dataclasses.replace(stands, commanded_speed=10.0)
     assert verdict(told) == "Does not run: 0.10 m/s where 10 m/s were commanded."
     assert not follows(told)
-    assert verdict(measure(make_run(duration=3.5, fell_at=3.5))) == "Fell after 3.50 s, 1.5 s into the hold."
+    assert (
+        verdict(measure(make_run(duration=3.5, fell_at=3.5)))
+        == "Fell after 3.50 s, 1.5 s into the hold."
+    )
 
 
 def test_the_command_offers_all_benchmarks_there_are():

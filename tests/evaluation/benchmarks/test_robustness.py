@@ -31,7 +31,8 @@ DT = 5e-3
 
 
 def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
-    """Robots that rise to their speeds within a second and hold them, each 0.1 m farther off the line than the last."""
+    """Robots that rise to their speeds within a second and hold them, each 0.1 m
+    farther off the line than the last."""
     speeds = np.asarray(speeds, float)
     count = len(speeds)
     time = DT * np.arange(1, round(duration / DT) + 1)
@@ -41,7 +42,9 @@ def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
         command=10.0 * rise,
         speed=rise[:, None] * speeds,
         offset=0.1 * np.sin(time)[:, None] * np.arange(count),
-        fell_at=np.full(count, np.inf) if fell_at is None else np.asarray(fell_at, float),
+        fell_at=np.full(count, np.inf)
+        if fell_at is None
+        else np.asarray(fell_at, float),
         leg_room=np.linspace(-0.002, 0.03, count),
         robots={
             "friction": np.linspace(0.5, 1.1, count),
@@ -56,7 +59,8 @@ def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
 @pytest.mark.parametrize(
     ("successes", "trials", "interval"),
     [
-        # Newcombe, Two-sided confidence intervals for the single proportion, Stat. Med. 17 (1998), Table I, method 3
+        # Newcombe, Two-sided confidence intervals for the single proportion, Stat. Med.
+        # 17 (1998), Table I, method 3
         (81, 263, (0.2553, 0.3662)),
         (15, 148, (0.0624, 0.1605)),
         (0, 20, (0.0, 0.1611)),
@@ -65,11 +69,14 @@ def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
     ],
 )
 def test_wilson_interval_of_published_examples(successes, trials, interval):
-    assert wilson_interval(successes, trials) == pytest.approx(interval, abs=5e-5)  # as printed
+    # as printed
+    assert wilson_interval(successes, trials) == pytest.approx(interval, abs=5e-5)
 
 
 def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
-    fleet = make_fleet([9.0, 9.5, 10.0, 3.0, 10.5, 11.0], [np.inf, np.inf, np.inf, 2.0, np.inf, np.inf])
+    fleet = make_fleet(
+        [9.0, 9.5, 10.0, 3.0, 10.5, 11.0], [np.inf, np.inf, np.inf, 2.0, np.inf, np.inf]
+    )
     m = measure_fleet(fleet)
     assert (m.upright, m.share) == (5, pytest.approx(5 / 6))
     assert m.share_interval == wilson_interval(5, 6)
@@ -88,14 +95,24 @@ def test_each_robot_is_told_with_what_was_drawn_for_it():
     m = measure_fleet(make_fleet([9.0, 9.5, 10.0], [np.inf, 3.0, np.inf]))
     first, fallen, last = m.robots
     assert first.mean_speed == pytest.approx(9.0)
-    assert (first.friction, first.latency, first.mass, first.strength) == (0.5, 0.0, 33.0, 0.9)
+    assert (first.friction, first.latency, first.mass, first.strength) == (
+        0.5,
+        0.0,
+        33.0,
+        0.9,
+    )
     assert (fallen.mean_speed, fallen.offset, fallen.fell_at) == (None, None, 3.0)
     assert (last.fell_at, last.friction) == (None, 1.1)
 
 
 def test_a_fleet_of_which_none_stands_has_no_speed():
     m = measure_fleet(make_fleet([9.0, 9.5], [0.5, 0.25]))
-    assert (m.upright, m.mean_speed, m.offset, m.greatest_offset) == (0, None, None, None)
+    assert (m.upright, m.mean_speed, m.offset, m.greatest_offset) == (
+        0,
+        None,
+        None,
+        None,
+    )
     assert m.fallen_at == (0.25, 0.5)
     assert {row.label: row.value for row in fleet_rows(m)}["Mean speed"] == "-"
 
@@ -108,12 +125,20 @@ def test_robots_whose_legs_touch_are_counted():
 def test_metrics_survive_strict_json():
     for fell_at in (None, [0.5, np.inf], [0.5, 0.6]):
         m = measure_fleet(make_fleet([9.0, 9.5], fell_at))
-        assert from_json(RobustnessMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+        assert (
+            from_json(
+                RobustnessMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))
+            )
+            == m
+        )
 
 
 def test_the_ranges_are_said_in_words():
     said = describe_randomization(
-        dataclasses.replace(RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)), IDEAL
+        dataclasses.replace(
+            RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)
+        ),
+        IDEAL,
     )
     assert "friction 0.45 to 0.90" in said
     assert "latency 0 to 10 ms" in said
@@ -122,15 +147,22 @@ def test_the_ranges_are_said_in_words():
 
 
 @pytest.mark.parametrize("backend", ["mujoco", "drake"])
-def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, assert_fits, backend):
+def test_the_fleet_runs_at_the_papers_outdoor_speed(
+    make_policy, monkeypatch, assert_fits, backend
+):
     asked = {}
 
     def run_fleet(policy, request, ranges, robots, seed, backend):
-        asked.update(request=request, ranges=ranges, robots=robots, seed=seed, backend=backend)
+        asked.update(
+            request=request, ranges=ranges, robots=robots, seed=seed, backend=backend
+        )
         return make_fleet([9.0, 9.5])
 
     monkeypatch.setattr(module, "run_fleet", run_fleet)
-    policy, setup = make_policy(results={"topspeed": {"commanded_speed": 16.0}}), Setup(backend=backend)
+    policy, setup = (
+        make_policy(results={"topspeed": {"commanded_speed": 16.0}}),
+        Setup(backend=backend),
+    )
     if backend == "drake":
         pytest.importorskip("pydrake")
     evaluation = robustness(policy, ramp_to_robustness(policy, setup), setup)
@@ -138,15 +170,24 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     assert (ramp.target, ramp.acceleration, ramp.hold) == ((10.74, 0.0, 0.0), 2.4, 15.0)
     assert (asked["robots"], asked["seed"], asked["backend"]) == (200, 0, backend)
     assert asked["request"].hardware.solid_legs
-    assert asked["ranges"] == on_robot(EnvConfig(), BUILT).randomization  # not the policy's own
+    # not the policy's own
+    assert asked["ranges"] == on_robot(EnvConfig(), BUILT).randomization
     assert evaluation.good
     assert evaluation.trajectory is None
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
-    other = Setup(backend=backend, robots=7, seed=5, speed=8.0, acceleration=2.0, hold=3.0)
+    other = Setup(
+        backend=backend, robots=7, seed=5, speed=8.0, acceleration=2.0, hold=3.0
+    )
     robustness(policy, ramp_to_robustness(policy, other), other)
     ramp = asked["request"].schedule
-    assert (asked["robots"], asked["seed"], ramp.target[0], ramp.acceleration, ramp.hold) == (7, 5, 8.0, 2.0, 3.0)
+    assert (
+        asked["robots"],
+        asked["seed"],
+        ramp.target[0],
+        ramp.acceleration,
+        ramp.hold,
+    ) == (7, 5, 8.0, 2.0, 3.0)
 
 
 def test_training_physics_does_not_judge_a_fleet(make_policy):
@@ -154,7 +195,9 @@ def test_training_physics_does_not_judge_a_fleet(make_policy):
         ramp_to_robustness(make_policy(), Setup(backend="mjx"))
 
 
-@pytest.mark.parametrize("fell_at", [None, [np.inf, 2.0, np.inf], [0.5, 2.0, 0.6], [DT, DT, DT]])
+@pytest.mark.parametrize(
+    "fell_at", [None, [np.inf, 2.0, np.inf], [0.5, 2.0, 0.6], [DT, DT, DT]]
+)
 def test_figures_can_be_drawn_whoever_falls(fell_at):
     fleet = make_fleet([9.0, 9.5, 10.0], fell_at)
     for figure in (robots_figure(measure_fleet(fleet)), fleet_figure(fleet)):
@@ -162,4 +205,6 @@ def test_figures_can_be_drawn_whoever_falls(fell_at):
         figure.savefig(buffer, format="png")
         assert Image.open(buffer).width >= 1200
         labels = figure.axes[0].get_legend_handles_labels()[1]
-        assert any("fell" in label or "falls" in label for label in labels) == (fell_at is not None)
+        assert any("fell" in label or "falls" in label for label in labels) == (
+            fell_at is not None
+        )

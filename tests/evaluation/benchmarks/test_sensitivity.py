@@ -38,18 +38,37 @@ ROBOT = RobotMetrics(
     fell_in_sprint_at=None,
     lane_kept=True,
 )
-SLOW = dataclasses.replace(ROBOT, name="slow", best_speed=14.0, mean_speed=13.9, time_100m=20.0, lane_kept=False)
-FELL = dataclasses.replace(ROBOT, name="fell", best_speed=16.0, mean_speed=None, fell_at=8.0)
-FELL_RACING = dataclasses.replace(ROBOT, name="fell racing", best_speed=17.0, time_100m=None, fell_in_sprint_at=2.0)
+SLOW = dataclasses.replace(
+    ROBOT,
+    name="slow",
+    best_speed=14.0,
+    mean_speed=13.9,
+    time_100m=20.0,
+    lane_kept=False,
+)
+FELL = dataclasses.replace(
+    ROBOT, name="fell", best_speed=16.0, mean_speed=None, fell_at=8.0
+)
+FELL_RACING = dataclasses.replace(
+    ROBOT, name="fell racing", best_speed=17.0, time_100m=None, fell_in_sprint_at=2.0
+)
 
 
 def test_each_other_robot_differs_in_one_property():
     robots = robots_of(IDEAL)
     assert robots.pop(AS_ASSUMED) == IDEAL
     for name, robot in robots.items():
-        changed = [f.name for f in dataclasses.fields(HardwareSpec) if getattr(robot, f.name) != getattr(IDEAL, f.name)]
+        changed = [
+            f.name
+            for f in dataclasses.fields(HardwareSpec)
+            if getattr(robot, f.name) != getattr(IDEAL, f.name)
+        ]
         assert len(changed) == (2 if "spring stops" in name else 1), name
-    assert robots["spring stops x 10"].spring_stop_stiffness == robots["spring stops x 10"].rebound_stiffness == 300e3
+    assert (
+        robots["spring stops x 10"].spring_stop_stiffness
+        == robots["spring stops x 10"].rebound_stiffness
+        == 300e3
+    )
     assert "joint stops 20 ms" not in robots  # as assumed
     assert "friction 0.8" not in robots_of(BUILT)
     assert robots["spring travel -10 mm"].spring_travel == pytest.approx(0.12)
@@ -59,11 +78,22 @@ def test_each_other_robot_differs_in_one_property():
 def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
     m = compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING])
     assert (m.upright, m.best_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
-    assert verdict(m) == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
+    assert (
+        verdict(m)
+        == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
+    )
     late = dataclasses.replace(ROBOT, time_100m=None)
-    assert verdict(compare(16.0, [late])) == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
+    assert (
+        verdict(compare(16.0, [late]))
+        == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
+    )
     assert verdict(compare(16.0, [FELL])) == "0 of 1 robots did not fall."
-    assert from_json(SensitivityMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+    assert (
+        from_json(
+            SensitivityMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))
+        )
+        == m
+    )
 
 
 def test_a_reader_is_told_of_falls_and_of_lanes_left():
@@ -86,8 +116,15 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
         return fast if one.finish == 100.0 else fast.between(0.0, 7.0)
 
-    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
-    policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0, robot="ideal")
+    monkeypatch.setattr(
+        module,
+        "simulate_all",
+        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
+    )
+    policy, setup = (
+        make_policy(results={"sprint": {"sprint_acceleration": 3.5}}),
+        Setup(speed=10.0, robot="ideal"),
+    )
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)
     for finish, acceleration in ((math.inf, 2.4), (100.0, 3.5)):
@@ -97,7 +134,9 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     assert [run[3].hold for run in asked if run[2] == math.inf] == [5.0] * len(robots)
     assert evaluation.good
     assert evaluation.results["lanes_kept"] == len(robots)
-    assert folder.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
+    assert folder.card_results(evaluation)["sprint"].startswith(
+        "from a stand; the command rises at 3.5 m/s²"
+    )
     assert evaluation.results["best_speeds"]["mass +10 %"] == pytest.approx(10.0)
     assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
@@ -114,12 +153,21 @@ def test_mjx_runs_no_other_robots():
         choose("sensitivity", Setup(backend="mjx"))
 
 
-@pytest.mark.parametrize("robots", [[ROBOT, SLOW, FELL, FELL_RACING], [FELL, FELL_RACING]])
+@pytest.mark.parametrize(
+    "robots", [[ROBOT, SLOW, FELL, FELL_RACING], [FELL, FELL_RACING]]
+)
 def test_the_figure_can_be_drawn_whoever_falls(robots):
     figure = sensitivity_figure(compare(16.0, robots))
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).width >= 1200
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == [robot.name for robot in robots]
-    crosses = [sum(line.get_marker() == "X" for line in axes.lines) for axes in figure.axes]
-    assert crosses == [sum(r.fell_at is not None for r in robots), sum(r.time_100m is None for r in robots)]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == [
+        robot.name for robot in robots
+    ]
+    crosses = [
+        sum(line.get_marker() == "X" for line in axes.lines) for axes in figure.axes
+    ]
+    assert crosses == [
+        sum(r.fell_at is not None for r in robots),
+        sum(r.time_100m is None for r in robots),
+    ]

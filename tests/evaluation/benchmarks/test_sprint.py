@@ -24,12 +24,19 @@ from bp2_rl.evaluation.races import BOLT_SPLITS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.track import foot_centres, foot_edges, time_at, track_position, trunk_edges
+from bp2_rl.simulation.track import (
+    foot_centres,
+    foot_edges,
+    time_at,
+    track_position,
+    trunk_edges,
+)
 
 
 @pytest.fixture
 def make_race(make_run):
-    """A run of constant acceleration to a top speed that ends with the first sample beyond 100 m."""
+    """A run of constant acceleration to a top speed that ends with the first sample
+    beyond 100 m."""
 
     def make(acceleration=5.0, speed=10.0, duration=20.0, **changes):
         run = make_run(duration=duration)
@@ -38,7 +45,9 @@ def make_race(make_run):
         qpos, qvel = run.qpos.copy(), run.qvel.copy()
         qpos[:, 0] = 0.5 * acceleration * rising**2 + speed * (time - rising)
         qvel[:, 0] = acceleration * rising
-        whole = make_run(**({"duration": duration, "qpos": qpos, "qvel": qvel} | changes))
+        whole = make_run(
+            **({"duration": duration, "qpos": qpos, "qvel": qvel} | changes)
+        )
         past = np.flatnonzero(qpos[:, 0] >= 100.0)
         return whole.between(0.0, time[past[0]] + run.dt) if len(past) else whole
 
@@ -55,23 +64,30 @@ def crossing(distance, acceleration, speed):
     )
 
 
-# --- The clock -------------------------------------------------------------------------------------------------
+# --- The clock ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("acceleration", "speed"), [(5.0, 10.0), (2.4, 8.2), (6.0, 15.3)])
+@pytest.mark.parametrize(
+    ("acceleration", "speed"), [(5.0, 10.0), (2.4, 8.2), (6.0, 15.3)]
+)
 def test_times_and_splits_of_a_constant_acceleration(make_race, acceleration, speed):
     m = measure_sprint(make_race(acceleration, speed), acceleration)
     times = [crossing(10.0 * k, acceleration, speed) for k in range(1, 11)]
-    # A straight line between samples is off by a dt^2 / 8 of the way, 1e-6 m: 1e-7 s at these speeds.
+    # A straight line between samples is off by a dt^2 / 8 of the way, 1e-6 m: 1e-7 s at
+    # these speeds.
     assert m.time == pytest.approx(times[-1], abs=1e-6)
     assert [split.time for split in m.splits] == pytest.approx(times, abs=1e-6)
     assert [split.distance for split in m.splits] == [10.0 * k for k in range(1, 11)]
-    assert [split.speed for split in m.splits] == pytest.approx(10.0 / np.diff([0.0, *times]), rel=1e-5)
+    assert [split.speed for split in m.splits] == pytest.approx(
+        10.0 / np.diff([0.0, *times]), rel=1e-5
+    )
     assert m.sprint_acceleration == acceleration
 
 
 @pytest.mark.parametrize("acceleration", [2.38, 5.0])
-def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(make_race, acceleration):
+def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(
+    make_race, acceleration
+):
     launch = measure_first_metres(make_race(acceleration, speed=10.0))
     assert launch is not None
     assert launch.time == pytest.approx((10.0 / acceleration) ** 0.5, abs=1e-6)
@@ -81,7 +97,8 @@ def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(make_race, ac
 
 
 def test_accelerations_of_a_launch_at_constant_speed_differ(make_race):
-    """Off at 5 m/s: 1 s for 5 m, at 5 m/s; but 10 m/s2 would have been needed to take as long from rest."""
+    """Off at 5 m/s: 1 s for 5 m, at 5 m/s; but 10 m/s2 would have been needed to take
+    as long from rest."""
     launch = measure_first_metres(make_race(acceleration=1e6, speed=5.0))
     assert launch is not None
     assert launch.mean_acceleration == pytest.approx(5.0, rel=1e-4)
@@ -106,7 +123,10 @@ def test_a_fall_before_five_metres_has_no_launch(make_race):
 def test_the_clock_runs_along_the_first_heading(make_race):
     straight = make_race()
     turn, qpos = 0.4, straight.qpos.copy()
-    qpos[:, 0], qpos[:, 1] = 3.0 + np.cos(turn) * qpos[:, 0], -2.0 + np.sin(turn) * qpos[:, 0]
+    qpos[:, 0], qpos[:, 1] = (
+        3.0 + np.cos(turn) * qpos[:, 0],
+        -2.0 + np.sin(turn) * qpos[:, 0],
+    )
     qpos[:, 3], qpos[:, 6] = np.cos(turn / 2), np.sin(turn / 2)
     turned = dataclasses.replace(straight, qpos=qpos)
     assert time_at(turned, 70.0) == pytest.approx(time_at(straight, 70.0), abs=1e-9)
@@ -115,10 +135,11 @@ def test_the_clock_runs_along_the_first_heading(make_race):
 
 def test_the_world_record_is_one():
     assert BOLT_SPLITS[-1] == 9.58
-    assert 10.0 / min(np.diff(BOLT_SPLITS)) == pytest.approx(12.35, abs=0.01)  # 0.81 s from 60 to 70 m
+    # 0.81 s from 60 to 70 m
+    assert 10.0 / min(np.diff(BOLT_SPLITS)) == pytest.approx(12.35, abs=0.01)
 
 
-# --- The lane --------------------------------------------------------------------------------------------------
+# --- The lane -------------------------------------------------------------------------
 
 
 def test_the_trunks_way_is_measured_from_the_line(make_race):
@@ -155,7 +176,9 @@ def test_feet_are_where_mujoco_has_them(make_run):
     for k, state in enumerate(qpos):
         data.qpos[:] = state
         mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(centres[k], data.geom_xpos[foot_geom_ids(model)], atol=1e-12)
+        np.testing.assert_allclose(
+            centres[k], data.geom_xpos[foot_geom_ids(model)], atol=1e-12
+        )
 
 
 def test_a_foot_beside_the_lane_leaves_it(make_race):
@@ -171,7 +194,7 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
     assert not lane.kept
 
 
-# --- The benchmark ---------------------------------------------------------------------------------------------
+# --- The benchmark --------------------------------------------------------------------
 
 
 def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_fits):
@@ -182,11 +205,18 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
         return [make_race()]
 
     monkeypatch.setattr(module, "simulate", simulate)
-    policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
+    policy, setup = (
+        make_policy(results={"topspeed": {"commanded_speed": 10.0}}),
+        Setup(operator=HeadingHold(limit=0.1)),
+    )
     evaluation = sprint(policy, race(policy, setup), setup)
     (request,) = asked
     schedule = request.schedule
-    assert (schedule.target, schedule.acceleration, schedule.duration) == ((10.0, 0.0, 0.0), 3.0, 30.0)
+    assert (schedule.target, schedule.acceleration, schedule.duration) == (
+        (10.0, 0.0, 0.0),
+        3.0,
+        30.0,
+    )
     assert (request.finish, request.operator) == (100.0, setup.operator)
     assert evaluation.verdict == "100 m in 11.00 s, inside one lane."
     assert evaluation.good
@@ -198,7 +228,10 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
 
 
 def test_a_sprint_starts_as_its_card_says(make_policy):
-    measured = {"sprint": {"commanded_speed": 12.0, "sprint_acceleration": 6.0}, "topspeed": {"commanded_speed": 10.0}}
+    measured = {
+        "sprint": {"commanded_speed": 12.0, "sprint_acceleration": 6.0},
+        "topspeed": {"commanded_speed": 10.0},
+    }
     ramp = race(make_policy(results=measured), Setup())
     assert (ramp.target[0], ramp.acceleration) == (12.0, 6.0)
     ramp = race(make_policy(results=measured), Setup(speed=9.0, acceleration=3.0))
@@ -210,17 +243,27 @@ def test_a_start_that_takes_longer_than_the_race_is_refused(make_policy):
         race(make_policy(), Setup(speed=10.0, acceleration=0.3))
 
 
-@pytest.mark.parametrize(("flag", "wrong"), [("hold", Setup(hold=3.0)), ("robots", Setup(robots=3))])
+@pytest.mark.parametrize(
+    ("flag", "wrong"), [("hold", Setup(hold=3.0)), ("robots", Setup(robots=3))]
+)
 def test_flags_of_others_are_refused(flag, wrong):
-    with pytest.raises(UserError, match=f"--{flag} is not of --benchmark sprint, which takes .*--speed"):
+    with pytest.raises(
+        UserError, match=f"--{flag} is not of --benchmark sprint, which takes .*--speed"
+    ):
         choose("sprint", wrong)
 
 
 @pytest.mark.parametrize("fell_at", [None, 0.002])
 def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, fell_at):
-    run = make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
+    run = (
+        make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
+    )
     figure = sprint_figure(run, measure_sprint(run, 5.0).time)
-    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Speed", "Lane of 1.22 m", "Time over 100 m"]
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "Speed",
+        "Lane of 1.22 m",
+        "Time over 100 m",
+    ]
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).width >= 1200

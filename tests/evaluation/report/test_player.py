@@ -1,4 +1,5 @@
-"""The run in the page: its numbers are the run's, its links are where MuJoCo's are, and a browser shows it."""
+"""The run in the page: its numbers are the run's, its links are where MuJoCo's are, and
+a browser shows it."""
 
 import base64
 
@@ -20,16 +21,24 @@ PLAYER = "document.querySelector('.player').player"
 
 def channel(content, name):
     told = content["channels"][name]
-    values = np.frombuffer(base64.b64decode(told["data"]), "<" + told["type"]).reshape(-1, told["width"])
+    values = np.frombuffer(base64.b64decode(told["data"]), "<" + told["type"]).reshape(
+        -1, told["width"]
+    )
     return values * told["scale"]
 
 
 def test_the_page_is_told_the_run_to_a_tenth_of_a_millimetre(busy_run):
     content = describe(busy_run)
     assert content["motion"]["rate"] == pytest.approx(200.0)
-    np.testing.assert_allclose(channel(content, "place"), busy_run.qpos[::5, :3], atol=1e-5)
-    np.testing.assert_allclose(channel(content, "turn"), busy_run.qpos[::5, 3:7], atol=2e-5)
-    np.testing.assert_allclose(channel(content, "joints"), busy_run.qpos[::5, 7:], atol=5e-5)
+    np.testing.assert_allclose(
+        channel(content, "place"), busy_run.qpos[::5, :3], atol=1e-5
+    )
+    np.testing.assert_allclose(
+        channel(content, "turn"), busy_run.qpos[::5, 3:7], atol=2e-5
+    )
+    np.testing.assert_allclose(
+        channel(content, "joints"), busy_run.qpos[::5, 7:], atol=5e-5
+    )
     forces = moving_mean(busy_run.foot_force, 5)[::5].reshape(-1, 12)
     np.testing.assert_allclose(channel(content, "force"), forces, atol=0.05)
 
@@ -54,20 +63,42 @@ def test_of_a_long_run_the_best_minute_is_shown(make_run):
 def tab(busy_run, tmp_path_factory):
     """The report of a run, open in a browser that has no network."""
     pytest.importorskip(
-        "websockets", reason='needs the package websockets: pip install -c constraints.txt -e ".[play]"'
+        "websockets",
+        reason='needs the package websockets: pip install -c constraints.txt -e ".[play]"',
     )
     if BROWSER is None:
         pytest.skip("needs a Chromium")
     pictures = run_pictures(busy_run)
-    words = {"conditions": {}, "verdict": "It ran.", "good": True, "rows": (), "tiles": (), "results": {}}
+    words = {
+        "conditions": {},
+        "verdict": "It ran.",
+        "good": True,
+        "rows": (),
+        "tiles": (),
+        "results": {},
+    }
     words["tables"] = run_tables(busy_run.metrics)
-    evaluation = Evaluation("topspeed", "a trot", "none", **words, metrics=None, pictures=pictures, trajectory=busy_run)
+    evaluation = Evaluation(
+        "topspeed",
+        "a trot",
+        "none",
+        **words,
+        metrics=None,
+        pictures=pictures,
+        trajectory=busy_run,
+    )
     place = tmp_path_factory.mktemp("report")
     (place / "index.html").write_text(page(evaluation, has_video=False))
     with browsing(BROWSER, "about:blank", tmp_path_factory.mktemp("profile")) as tab:
         tab.listen()
         tab.call("Network.enable")
-        tab.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0)
+        tab.call(
+            "Network.emulateNetworkConditions",
+            offline=True,
+            latency=0,
+            downloadThroughput=0,
+            uploadThroughput=0,
+        )
         tab.url = (place / "index.html").as_uri()
         yield tab
 
@@ -75,23 +106,39 @@ def tab(busy_run, tmp_path_factory):
 @pytest.mark.parametrize("width", [400, 1280])
 def test_the_run_plays_without_a_network_and_without_a_complaint(tab, width):
     show(tab, width)
-    assert tab.value("document.documentElement.scrollWidth") <= width  # nothing hangs out at the side
-    tables = tab.value("[...document.querySelectorAll('.wide:has(table)')].map(e => e.scrollWidth - e.clientWidth)")
+    # nothing hangs out at the side
+    assert tab.value("document.documentElement.scrollWidth") <= width
+    tables = tab.value(
+        "[...document.querySelectorAll('.wide:has(table)')].map(e => e.scrollWidth - e.clientWidth)"
+    )
     assert tables == [0, 0, 0]  # measures, motors and legs are seen whole
     still = stage(tab)
     red, green, blue = (still[..., k].astype(int) for k in range(3))
     assert np.mean((red > 110) & (green < 90) & (blue < 80)) > 0.2  # the track
-    assert np.mean((abs(red - green) < 25) & (abs(green - blue) < 30) & (red > 110) & (red < 235)) > 0.005  # the back
+    # the back
+    assert (
+        np.mean(
+            (abs(red - green) < 25)
+            & (abs(green - blue) < 30)
+            & (red > 110)
+            & (red < 235)
+        )
+        > 0.005
+    )
     move_slider(tab, 0.5)
     assert tab.value(f"{PLAYER}.seconds") == pytest.approx(4.0, abs=0.1)
     scrubbed = stage(tab)
     assert np.mean(np.any(abs(scrubbed.astype(int) - still) > 40, axis=-1)) > 0.01
-    assert float(tab.value("document.querySelector('[data-shows=speed]').textContent")) == pytest.approx(5.0, abs=0.1)
+    assert float(
+        tab.value("document.querySelector('[data-shows=speed]').textContent")
+    ) == pytest.approx(5.0, abs=0.1)
     tab.value("document.querySelector('[data-does=play]').click()")
     tab.wait(f"{PLAYER}.seconds > 4.3", seconds=20)
     tab.value("document.querySelector('[data-does=play]').click()")
     assert tab.complaints == []
-    fetched = tab.value("performance.getEntriesByType('resource').map(entry => entry.name.slice(0, 5))")
+    fetched = tab.value(
+        "performance.getEntriesByType('resource').map(entry => entry.name.slice(0, 5))"
+    )
     assert set(fetched) <= {"data:"}
 
 
@@ -128,29 +175,45 @@ def test_forces_are_seen_and_can_be_hidden(tab):
     tab.value("document.querySelector('[data-does=forces]').click()")
     hidden = stage(tab).astype(int)
     red, _, blue = (shown[..., k] for k in range(3))
-    assert np.sum((blue > red + 60) & np.any(shown != hidden, axis=-1)) > 100  # FR's is blue
+    # FR's is blue
+    assert np.sum((blue > red + 60) & np.any(shown != hidden, axis=-1)) > 100
 
 
 def test_a_hand_turns_the_camera(tab):
     show(tab, 1280)
     before = tab.value(f"[{PLAYER}.camera.yaw, {PLAYER}.camera.pitch]")
     tab.value("document.querySelector('.player').scrollIntoView()")
-    for kind, x, y in (("mousePressed", 600, 300), ("mouseMoved", 500, 350), ("mouseReleased", 500, 350)):
-        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+    for kind, x, y in (
+        ("mousePressed", 600, 300),
+        ("mouseMoved", 500, 350),
+        ("mouseReleased", 500, 350),
+    ):
+        tab.call(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=x,
+            y=y,
+            button="left",
+            buttons=1,
+            clickCount=1,
+        )
     yaw, pitch = tab.value(f"[{PLAYER}.camera.yaw, {PLAYER}.camera.pitch]")
     assert yaw - before[0] == pytest.approx(0.8)
     assert pitch - before[1] == pytest.approx(0.4)
 
 
 def test_the_links_are_where_mujoco_puts_them(tab, busy_run):
-    """To 0.2 mm: angles come in steps of 0.05 mrad, 0.7 m from the feet, and between samples as chords of 5 ms."""
+    """To 0.2 mm: angles come in steps of 0.05 mrad, 0.7 m from the feet, and between
+    samples as chords of 5 ms."""
     show(tab, 1280)
     model = load_model(busy_run.hardware)
     data = mujoco.MjData(model)
     for k in (0, 2500, 6130, 7995):
         data.qpos[:] = busy_run.qpos[k]
         mujoco.mj_kinematics(model, data)
-        found = np.array(tab.value(f"{PLAYER}.motion.poses({k / 1000}, false)")).reshape(-1, 4, 4)
+        found = np.array(
+            tab.value(f"{PLAYER}.motion.poses({k / 1000}, false)")
+        ).reshape(-1, 4, 4)
         np.testing.assert_allclose(found[:, 3, :3], data.xpos[1:], atol=2e-4)
         turns = found[:, :3, :3].transpose(0, 2, 1)
         np.testing.assert_allclose(turns, data.xmat[1:].reshape(-1, 3, 3), atol=2e-4)

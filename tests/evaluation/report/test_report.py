@@ -16,7 +16,12 @@ from rich.console import Console
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
-from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
+from bp2_rl.evaluation.benchmarks.run_tables import (
+    run_pictures,
+    run_results,
+    run_rows,
+    run_tables,
+)
 from bp2_rl.evaluation.report import folder, page, terminal
 from bp2_rl.simulation import film as video
 from bp2_rl.simulation.metrics import RunMetrics, measure
@@ -30,7 +35,11 @@ def evaluation_of(run, benchmark="topspeed", **changes):
         "benchmark": benchmark,
         "subject": run.name,
         "backend": run.backend,
-        "conditions": {"schedule": "ramp & <hold>", "policy": "a policy", "weights_sha256": "0" * 64},
+        "conditions": {
+            "schedule": "ramp & <hold>",
+            "policy": "a policy",
+            "weights_sha256": "0" * 64,
+        },
         "verdict": "It ran.",
         "good": True,
         "rows": run_rows(metrics),
@@ -55,7 +64,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
-        self.sources += [value for name, value in attrs if name in ("src", "srcset", "poster", "href")]
+        self.sources += [
+            value
+            for name, value in attrs
+            if name in ("src", "srcset", "poster", "href")
+        ]
         if tag not in ("meta", "img", "input", "source"):
             self.open.append(tag)
 
@@ -72,12 +85,21 @@ def test_report_folder_explains_itself(busy_run, tmp_path):
     data = json.loads((tmp_path / "metrics.json").read_text())
     assert data["benchmark"] == "topspeed"
     assert from_json(RunMetrics, data["metrics"]) == evaluation.metrics
-    assert data["results"] == {"topspeed": {"schedule": "ramp & <hold>"} | evaluation.results}
-    np.testing.assert_array_equal(Trajectory.load(tmp_path / "trajectory.npz").qpos, busy_run.qpos)
+    assert data["results"] == {
+        "topspeed": {"schedule": "ramp & <hold>"} | evaluation.results
+    }
+    np.testing.assert_array_equal(
+        Trajectory.load(tmp_path / "trajectory.npz").qpos, busy_run.qpos
+    )
 
 
 def test_page_holds_all_that_it_shows(busy_run, tmp_path):
-    folder.write_report(evaluation_of(busy_run), tmp_path, video=False, command="python eval.py --speed '<5>'")
+    folder.write_report(
+        evaluation_of(busy_run),
+        tmp_path,
+        video=False,
+        command="python eval.py --speed '<5>'",
+    )
     text = (tmp_path / "index.html").read_text()
     shown = Page(text)
     wide, narrow, link = sorted(shown.sources)
@@ -128,20 +150,30 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path):
 
 def test_a_report_of_another_benchmark_is_left_alone(busy_run, tmp_path):
     folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
-    with pytest.raises(UserError, match="holds a report of topspeed: name another folder for sprint"):
+    with pytest.raises(
+        UserError, match="holds a report of topspeed: name another folder for sprint"
+    ):
         folder.open_folder(tmp_path, "sprint")
 
 
 def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
     evaluation = evaluation_of(busy_run, trajectory=None, tables=())
     assert folder.write_report(evaluation, tmp_path) is None
-    assert {path.name for path in tmp_path.iterdir()} == {"metrics.json", "speed.png", "index.html"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "metrics.json",
+        "speed.png",
+        "index.html",
+    }
 
 
 def test_a_page_shows_rows_tables_and_the_mood(busy_run):
     table = Table("Splits", ("Mark", "Time"), [("10 m", "1.23")])
     evaluation = evaluation_of(
-        busy_run, rows=(Row("Lead", "0.6 s", "at <5 m"),), tiles=("Lead",), tables=(table,), good=False
+        busy_run,
+        rows=(Row("Lead", "0.6 s", "at <5 m"),),
+        tiles=("Lead",),
+        tables=(table,),
+        good=False,
     )
     text = page.page(evaluation, has_video=False)
     Page(text)
@@ -152,7 +184,10 @@ def test_a_page_shows_rows_tables_and_the_mood(busy_run):
 
 
 def test_the_overview_leads_to_every_page(busy_run, tmp_path):
-    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    evaluations = [
+        evaluation_of(busy_run, name, verdict=f"{name} done.")
+        for name in ("topspeed", "sprint")
+    ]
     folder.write_overview(evaluations, tmp_path)
     text = (tmp_path / "index.html").read_text()
     assert Page(text).sources == ["topspeed/index.html", "sprint/index.html"]
@@ -160,12 +195,17 @@ def test_the_overview_leads_to_every_page(busy_run, tmp_path):
     found = folder.read_report(tmp_path)
     assert found.benchmark == "all"
     assert found.conditions == {"policy": "a policy", "weights_sha256": "0" * 64}
-    assert found.results == {each.benchmark: folder.card_results(each) for each in evaluations}
+    assert found.results == {
+        each.benchmark: folder.card_results(each) for each in evaluations
+    }
 
 
 def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
     printed = io.StringIO()
-    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    evaluations = [
+        evaluation_of(busy_run, name, verdict=f"{name} done.")
+        for name in ("topspeed", "sprint")
+    ]
     terminal.print_overview(evaluations, Console(file=printed, width=80))
     assert [line.split() for line in printed.getvalue().splitlines()[1:]] == [
         ["topspeed", "topspeed", "done."],
@@ -187,7 +227,14 @@ def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_
 
 
 def test_a_card_says_four_digits():
-    assert rounded({"a": 1.23456, "b": [0.000123456, None], "c": 123456, "d": {"e": 12345.6, "f": "x"}}) == {
+    assert rounded(
+        {
+            "a": 1.23456,
+            "b": [0.000123456, None],
+            "c": 123456,
+            "d": {"e": 12345.6, "f": "x"},
+        }
+    ) == {
         "a": 1.235,
         "b": [0.0001235, None],
         "c": 123456,
@@ -195,7 +242,7 @@ def test_a_card_says_four_digits():
     }
 
 
-# --- The film ----------------------------------------------------------------------------------------------------
+# --- The film -------------------------------------------------------------------------
 
 
 def test_film_shows_the_seconds_around_the_best_one(make_run):
@@ -204,22 +251,31 @@ def test_film_shows_the_seconds_around_the_best_one(make_run):
     qvel[9000:10000, 0] = 7.0
     times = video.frame_samples(make_run(duration=20.0, qvel=qvel)) * 1e-3
     assert times[0] == pytest.approx(9.5 - video.Shot.length / 2, abs=1e-3)
-    assert times[-1] == pytest.approx(9.5 + video.Shot.length / 2, abs=1.1 / video.Shot.frame_rate)
+    assert times[-1] == pytest.approx(
+        9.5 + video.Shot.length / 2, abs=1.1 / video.Shot.frame_rate
+    )
     np.testing.assert_allclose(np.diff(times), 1 / video.Shot.frame_rate, atol=1.1e-3)
 
 
 @pytest.mark.parametrize("duration", [0.5, 3.0, 4.5])
 def test_film_of_a_short_run_shows_as_much_as_there_is(make_run, duration):
     samples = video.frame_samples(make_run(duration=duration))
-    assert len(samples) == pytest.approx(min(duration, video.Shot.length) * video.Shot.frame_rate, abs=1)
+    assert len(samples) == pytest.approx(
+        min(duration, video.Shot.length) * video.Shot.frame_rate, abs=1
+    )
     assert samples[0] >= 0
     assert samples[-1] < 1000 * duration
 
 
 def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
-    reason = folder.write_report(evaluation_of(busy_run), tmp_path, gl_library="none-such")
+    reason = folder.write_report(
+        evaluation_of(busy_run), tmp_path, gl_library="none-such"
+    )
     assert reason is not None
-    assert re.fullmatch(r"no video: no GL library works here \(none-such: .*\); unset MUJOCO_GL, or .*", reason)
+    assert re.fullmatch(
+        r"no video: no GL library works here \(none-such: .*\); unset MUJOCO_GL, or .*",
+        reason,
+    )
     assert "Traceback" not in reason
     assert not list(tmp_path.glob("*.mp4"))
     assert "<video" not in (tmp_path / "index.html").read_text()
@@ -235,34 +291,65 @@ def test_film_is_a_film(make_run, tmp_path):
         video.make_video(path, tmp_path / "run.mp4", shot=shot)
     except video.NoVideo as reason:
         pytest.skip(str(reason))
-    decode = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "run.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
-    pixels = np.frombuffer(subprocess.run(decode, capture_output=True, check=True).stdout, np.uint8)
+    decode = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-i",
+        tmp_path / "run.mp4",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-",
+    ]
+    pixels = np.frombuffer(
+        subprocess.run(decode, capture_output=True, check=True).stdout, np.uint8
+    )
     frames = pixels.reshape(-1, shot.height, shot.width, 3)
     assert len(frames) == 6
     assert all(np.std(frame) > 10 for frame in frames)
-    ground = frames[:, -shot.height // 8 :, shot.width // 2 :].astype(float).mean(axis=(1, 2))
-    assert np.all(ground[:, 0] > 1.5 * ground[:, 2])  # the track is red, from the first frame on
-    assert np.max(frames[:, shot.height // 2 :].min(axis=-1)) > 180  # and has white lines
+    ground = (
+        frames[:, -shot.height // 8 :, shot.width // 2 :]
+        .astype(float)
+        .mean(axis=(1, 2))
+    )
+    # the track is red, from the first frame on
+    assert np.all(ground[:, 0] > 1.5 * ground[:, 2])
+    # and has white lines
+    assert np.max(frames[:, shot.height // 2 :].min(axis=-1)) > 180
     content = (tmp_path / "run.mp4").read_bytes()
-    assert content.index(b"moov") < content.index(b"mdat")  # a browser can begin before it has all
+    # a browser can begin before it has all
+    assert content.index(b"moov") < content.index(b"mdat")
     with Image.open(tmp_path / "run.jpg") as still:
-        far = np.abs(np.asarray(still.convert("RGB")).astype(float) - frames).mean(axis=(1, 2, 3))
+        far = np.abs(np.asarray(still.convert("RGB")).astype(float) - frames).mean(
+            axis=(1, 2, 3)
+        )
     assert np.argmin(far) == 3
     assert far[3] < 4.0  # of 255: the film and its still are compressed
-    assert {entry.name for entry in tmp_path.iterdir()} == {"trajectory.npz", "run.mp4", "run.jpg"}
+    assert {entry.name for entry in tmp_path.iterdir()} == {
+        "trajectory.npz",
+        "run.mp4",
+        "run.jpg",
+    }
 
 
 def test_film_to_the_end_shows_how_it_ended(make_run):
-    samples = video.frame_samples(make_run(duration=9.0, fell_at=9.0), video.Shot(length=3.0, to_the_end=True))
+    samples = video.frame_samples(
+        make_run(duration=9.0, fell_at=9.0), video.Shot(length=3.0, to_the_end=True)
+    )
     assert samples[0] == pytest.approx(6000, abs=1)
     assert samples[-1] == pytest.approx(9000, abs=1100 / video.Shot.frame_rate)
 
 
-def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(busy_run, tmp_path, monkeypatch):
+def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(
+    busy_run, tmp_path, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr(video.importlib.util, "find_spec", lambda name: None)
     reason = folder.write_report(evaluation_of(busy_run), tmp_path)
-    assert reason == "no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video"
+    assert (
+        reason
+        == "no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video"
+    )
     assert (tmp_path / "index.html").is_file()
 
 
@@ -276,7 +363,9 @@ def test_a_run_that_blew_up_leaves_its_report(busy_run, tmp_path):
 
 def test_names_are_printed_as_they_are(busy_run):
     printed = io.StringIO()
-    run = evaluation_of(dataclasses.replace(busy_run, name="[/foo]bar"), verdict="[bold]done.")
+    run = evaluation_of(
+        dataclasses.replace(busy_run, name="[/foo]bar"), verdict="[bold]done."
+    )
     terminal.print_table(run, Console(file=printed, width=80))
     terminal.print_overview([run], Console(file=printed, width=80))
     assert "[/foo]bar" in printed.getvalue()

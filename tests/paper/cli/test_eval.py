@@ -20,11 +20,17 @@ def test_help_says_what_the_flags_do_here(capsys):
         f"beside the one measured; by default {endurance.ROBOTS}. Of stability: with noise; by default {FULL.robots}."
         in said
     )
-    assert f"by default {efficiency.HOLD:g} in efficiency and {mechanism.HOLD:g} in mechanism" in said
+    assert (
+        f"by default {efficiency.HOLD:g} in efficiency and {mechanism.HOLD:g} in mechanism"
+        in said
+    )
     assert f"in endurance {endurance.LONGEST:g} at most" in said
 
 
 @pytest.mark.parametrize("flag", ["--backend", "--sensor-noise"])
 def test_what_no_deep_benchmark_takes_is_unknown(flag, capsys):
     assert main([flag, "mjx"]) == 2
-    assert capsys.readouterr().err == f"error: unknown option {flag} (see bp2 paper eval --help)\n"
+    assert (
+        capsys.readouterr().err
+        == f"error: unknown option {flag} (see bp2 paper eval --help)\n"
+    )

@@ -38,7 +38,10 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
     assert main(["race", "--out", str(tmp_path)]) == 0
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
     paper = load_config(FigureReport, tmp_path / "metrics.json").results["paper"]
-    assert f"T = {paper['time_constant']:.2f} s" in shown or f"{paper['time_constant']:.2f}" in shown
+    assert (
+        f"T = {paper['time_constant']:.2f} s" in shown
+        or f"{paper['time_constant']:.2f}" in shown
+    )
     assert f"{paper['constant_times']['trained sprinter']:.2f}" in shown
     assert f"{paper['deficit']:.2f} s behind" in shown
 
@@ -57,7 +60,9 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
         (["scaling", "--speed", "3"], "--speed"),
     ],
 )
-def test_a_mistake_is_one_line_and_leaves_nothing(words, says, tmp_path, capsys, monkeypatch):
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    words, says, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     bad = tmp_path / "bad.csv"
     bad.write_text("beast,weight\ncheetah,50\n")

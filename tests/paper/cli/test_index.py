@@ -37,11 +37,18 @@ GROUPS = {
 
 
 class Page(html.parser.HTMLParser):
-    """What the page shows: numbers by their place, ids, links, and what it would load."""
+    """What the page shows: numbers by their place, ids, links, and what it would
+    load."""
 
     def __init__(self, text):
         super().__init__()
-        self.numbers, self.ids, self.links, self.loads, self._at = {}, set(), [], [], None
+        self.numbers, self.ids, self.links, self.loads, self._at = (
+            {},
+            set(),
+            [],
+            [],
+            None,
+        )
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
@@ -50,7 +57,11 @@ class Page(html.parser.HTMLParser):
             self._at = told["data-at"], json.loads(told["value"] or "")
         self.ids |= {told["id"]} if "id" in told else set()
         self.links += [told["href"]] if tag == "a" else []
-        self.loads += [told[name] for name in ("src", "href", "srcset") if name in told and tag != "a"]
+        self.loads += [
+            told[name]
+            for name in ("src", "href", "srcset")
+            if name in told and tag != "a"
+        ]
 
     def handle_data(self, data):
         if self._at:
@@ -72,9 +83,13 @@ def made(tmp_path_factory):
 def test_the_page_holds_the_numbers_of_the_files_and_loads_nothing(made):
     page = Page((made / "index.html").read_text())
     report = json.loads((made / "torque" / "metrics.json").read_text())
-    peak = next(one for one in report["results"]["lengths"] if one["length"] == 1.0)["peak"][0]
+    peak = next(one for one in report["results"]["lengths"] if one["length"] == 1.0)[
+        "peak"
+    ][0]
     assert page.numbers == {PEAK: (peak, f"{peak:.3f}")}
-    assert load_config(IndexReport, made / "metrics.json").numbers == {"fig-1": {PEAK: peak}}
+    assert load_config(IndexReport, made / "metrics.json").numbers == {
+        "fig-1": {PEAK: peak}
+    }
     assert {item.id for item in GROUPS["Figures"]} <= page.ids
     assert page.links == ["#torque-torque-png"]
     assert page.links[0][1:] in page.ids
@@ -91,22 +106,32 @@ def test_a_log_names_the_folder_where_its_command_left_its_report(made):
 def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
     report = load_config(IndexReport, made / "metrics.json")
     assert report.verdicts == {
-        "fig-1": "same", "fig-2": "not run", "fig-3": "not run", "fig-4": "not run", "fig-5": "needs hardware",
-    }  # fmt: skip
+        "fig-1": "same",
+        "fig-2": "not run",
+        "fig-3": "not run",
+        "fig-4": "not run",
+        "fig-5": "needs hardware",
+    }
     assert report.missing["bad"].startswith("failed: error: ")
     assert report.missing["after"] == "left out, as bad failed"
     assert "--benchmark takes all, " in report.missing["later"]
     assert "or topspeed; got later" in report.missing["later"]
-    assert "<code>bp2 eval --benchmark later</code>" in (made / "index.html").read_text()
+    assert (
+        "<code>bp2 eval --benchmark later</code>" in (made / "index.html").read_text()
+    )
     assert set(report.commands) == set(report.seconds) == {"torque"}
 
 
-def test_what_was_made_is_taken_as_it_is_until_its_numbers_are_touched(made, capsys, monkeypatch):
+def test_what_was_made_is_taken_as_it_is_until_its_numbers_are_touched(
+    made, capsys, monkeypatch
+):
     before = (made / "torque" / "key.json").stat().st_mtime_ns
     asked = []
     run = all_figures.subprocess.run
     monkeypatch.setattr(
-        all_figures.subprocess, "run", lambda words, **rest: asked.append(words[3:]) or run(words, **rest)
+        all_figures.subprocess,
+        "run",
+        lambda words, **rest: asked.append(words[3:]) or run(words, **rest),
     )
     assert figures.main(["--all", "--out", str(made)]) == 0
     assert "torque         as it was" in capsys.readouterr().out
@@ -114,7 +139,8 @@ def test_what_was_made_is_taken_as_it_is_until_its_numbers_are_touched(made, cap
     (made / "torque" / "metrics.json").write_text("{}")
     assert figures.main(["--all", "--out", str(made)]) == 0
     assert "results" in (made / "torque" / "metrics.json").read_text()
-    assert [words[:3] for words in asked].count(["paper", "figures", "torque"]) == 3  # the bad one each time, ours once
+    # the bad one each time, ours once
+    assert [words[:3] for words in asked].count(["paper", "figures", "torque"]) == 3
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,16 @@ QUICK = {
     "sections": ["--mass-ratio", "2", "--periods", "6"],
     "torque": [],
     "map": ["--mass-ratio", "1"],
-    "trapping": ["--amplitude", "1.4", "--thresholds", "1.5", "--periods", "4", "--points", "5"],
+    "trapping": [
+        "--amplitude",
+        "1.4",
+        "--thresholds",
+        "1.5",
+        "--periods",
+        "4",
+        "--points",
+        "5",
+    ],
     "gaits": ["--mass-ratio", "8.8"],
 }
 """Every command, with flags that let it end in a moment."""
@@ -30,26 +39,58 @@ def test_the_commands_are_listed(capsys):
     ("argv", "message"),
     [
         (["swing"], "no command 'swing': did you mean scaling?"),
-        (["exchange", "--mass-ratio", "0"], "--mass-ratio must be from 0.05 to 10000, got 0"),
-        (["exchange", "--mass-ratio", "nan"], "--mass-ratio must be from 0.05 to 10000, got nan"),
+        (
+            ["exchange", "--mass-ratio", "0"],
+            "--mass-ratio must be from 0.05 to 10000, got 0",
+        ),
+        (
+            ["exchange", "--mass-ratio", "nan"],
+            "--mass-ratio must be from 0.05 to 10000, got nan",
+        ),
         (["exchange", "--mass-ratio"], "--mass-ratio"),
         (["exchange", "--mass-ratio", "1", "1"], "--mass-ratio: 1 1 has a value twice"),
-        (["exchange", "--mass-ratio", *"1234567"], "--mass-ratio takes 1 to 6 values, got 7"),
-        (["exchange", "--amplitude", "4"], "--amplitude must be from 0.001 to 3.1, got 4"),
-        (["exchange", "--periods", "1e9"], "--periods must be from 2 to 1000, got 1e+09"),
-        (["sections", "--instant", "never"], "--instant takes beam or pendulum; got never"),
+        (
+            ["exchange", "--mass-ratio", *"1234567"],
+            "--mass-ratio takes 1 to 6 values, got 7",
+        ),
+        (
+            ["exchange", "--amplitude", "4"],
+            "--amplitude must be from 0.001 to 3.1, got 4",
+        ),
+        (
+            ["exchange", "--periods", "1e9"],
+            "--periods must be from 2 to 1000, got 1e+09",
+        ),
+        (
+            ["sections", "--instant", "never"],
+            "--instant takes beam or pendulum; got never",
+        ),
         (["torque", "--phase", "7"], "--phase must be from -6.28319 to 6.28319, got 7"),
         (["torque", "--length", "-1"], "--length must be from 0.001 to 1000, got -1"),
-        (["torque", "--frequency", "0.49848657"], "is a pendulum's own frequency at a length of 1 m"),
-        (["map", "--frequency", "inf"], "--frequency must be from 0.01 to 1000, got inf"),
-        (["trapping", "--amplitude", "0.1"], "--amplitude must be from 0.3 to 1.5, got 0.1"),
-        (["trapping", "--thresholds", "2"], "--thresholds must be from 0.3 to 1.5, got 2"),
+        (
+            ["torque", "--frequency", "0.49848657"],
+            "is a pendulum's own frequency at a length of 1 m",
+        ),
+        (
+            ["map", "--frequency", "inf"],
+            "--frequency must be from 0.01 to 1000, got inf",
+        ),
+        (
+            ["trapping", "--amplitude", "0.1"],
+            "--amplitude must be from 0.3 to 1.5, got 0.1",
+        ),
+        (
+            ["trapping", "--thresholds", "2"],
+            "--thresholds must be from 0.3 to 1.5, got 2",
+        ),
         (["trapping", "--points", "1"], "--points must be from 5 to 200, got 1"),
         (["gaits", "--mass-ratio", *"1234"], "--mass-ratio takes 1 to 3 values, got 4"),
         (["gaits", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
     ],
 )
-def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, monkeypatch):
+def test_a_mistake_is_one_line_and_status_2(
+    argv, message, capsys, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     assert figures.main(argv) == 2
     error = capsys.readouterr().err
@@ -67,7 +108,9 @@ def test_help_and_mistakes_wait_for_no_import(what):
         f"assert main(['paper', 'figures', '{what}', '--fly']) == 2; "
         "assert not {'casadi', 'mujoco', 'jax', 'scipy', 'matplotlib'} & set(sys.modules), sys.modules.keys()"
     )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.startswith("error: ")
 
@@ -106,7 +149,8 @@ def test_numbers_and_curves_agree(reports):
     shown = metrics(reports, "torque")["results"]["lengths"][0]
     with np.load(reports / "torque/torque.npz") as arrays:
         ratio = np.abs(arrays["free"]).max(axis=0) / np.abs(arrays["fixed"]).max(axis=0)
-        np.testing.assert_allclose(ratio, shown["peak"], rtol=1e-3)  # the peak is between two samples
+        # the peak is between two samples
+        np.testing.assert_allclose(ratio, shown["peak"], rtol=1e-3)
     assert metrics(reports, "torque")["results"]["lengths"][-1]["length"] == "inf"
     gaits = {row["gait"]: row for row in metrics(reports, "gaits")["results"]["gaits"]}
     assert gaits["trot"]["peak"] == pytest.approx(1.0, abs=1e-12)
@@ -124,7 +168,10 @@ def test_a_report_is_written_again_but_over_no_other(reports, capsys, tmp_path):
     assert figures.main(again) == 0
     assert figures.main(again) == 0
     assert figures.main(["gaits", "--out", str(tmp_path)]) == 2
-    assert "holds a report of torque: name another folder for gaits" in capsys.readouterr().err
+    assert (
+        "holds a report of torque: name another folder for gaits"
+        in capsys.readouterr().err
+    )
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/notes").touch()
     assert figures.main(["torque", "--out", str(tmp_path / "mine")]) == 2

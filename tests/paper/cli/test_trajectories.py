@@ -12,7 +12,16 @@ from bp2_rl.paper.cli import trajectories
 def test_the_commands_are_listed(capsys):
     assert main(["paper", "trajectories", "--help"]) == 0
     out = capsys.readouterr().out
-    for name in ("sweep", "limits", "schemes", "codesign", "objective", "figures", "gaits", "limbs"):
+    for name in (
+        "sweep",
+        "limits",
+        "schemes",
+        "codesign",
+        "objective",
+        "figures",
+        "gaits",
+        "limbs",
+    ):
         assert f"  {name}" in out
     assert trajectories.main([]) == 2
 
@@ -21,19 +30,31 @@ def test_the_commands_are_listed(capsys):
     ("argv", "message"),
     [
         (["leap"], "no command 'leap'; bp2 paper trajectories has: sweep"),
-        (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest (5.0) up to --fastest (4.0)"),
+        (
+            ["sweep", "--slowest", "5", "--fastest", "4"],
+            "a sweep goes from --slowest (5.0) up to --fastest (4.0)",
+        ),
         (["sweep", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["sweep", "--workers", "0"], "workers must be from 1 to 256, got 0"),
         (["sweep", "--step", "nan"], "step must be positive and at most 100, got nan"),
         (["sweep", "--step", "1e-9"], "makes more than 1000 speeds"),
         (["sweep", "--fastest", "inf"], "fastest must be from 0.01 to 100, got inf"),
         (["limits", "--losses"], "this robot has none; choose --robot built"),
-        (["limits", "--robot", "bilt"], "there is no robot 'bilt': did you mean built? choose one of ideal, built"),
+        (
+            ["limits", "--robot", "bilt"],
+            "there is no robot 'bilt': did you mean built? choose one of ideal, built",
+        ),
         (["limits", "--workers", "-1"], "workers must be from 1 to 256, got -1"),
         (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
         (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
-        (["codesign", "--bounds.gear-ratio", "5", "inf"], "bounds.gear_ratio must be two numbers"),
-        (["objective", "--body-weights", "0"], "body_weights must be from 0.1 to 100, got 0"),
+        (
+            ["codesign", "--bounds.gear-ratio", "5", "inf"],
+            "bounds.gear_ratio must be two numbers",
+        ),
+        (
+            ["objective", "--body-weights", "0"],
+            "body_weights must be from 0.1 to 100, got 0",
+        ),
         (["objective", "--speeds", "nan"], "speeds must be from 0.01 to 100, got nan"),
         (["objective", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["schemes", "--meshes", "-1"], "meshes must be from 2 to 500, got -1"),
@@ -43,7 +64,9 @@ def test_the_commands_are_listed(capsys):
         (["figures", "nowhere.npz"], "nowhere.npz cannot be read"),
     ],
 )
-def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, monkeypatch):
+def test_a_mistake_is_one_line_and_status_2(
+    argv, message, capsys, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     assert trajectories.main(argv) == 2
     error = capsys.readouterr().err
@@ -54,12 +77,17 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
 
 
 @pytest.mark.parametrize("words", [["sweep"], ["codesign"]], ids=" ".join)
-def test_the_second_of_two_on_one_folder_is_refused(words, capsys, tmp_path, monkeypatch):
+def test_the_second_of_two_on_one_folder_is_refused(
+    words, capsys, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     with lock_folder(tmp_path, "busy"):
         assert trajectories.main([*words, "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert f"error: another process works in {tmp_path}: wait for it, or choose another --out" in error
+    assert (
+        f"error: another process works in {tmp_path}: wait for it, or choose another --out"
+        in error
+    )
     assert not list(tmp_path.glob("*.json"))
 
 
@@ -71,7 +99,9 @@ def test_help_and_mistakes_wait_for_no_import(what):
         f"assert main(['paper', 'trajectories', '{what}', '--fly']) == 2; "
         "assert not {'casadi', 'mujoco', 'jax', 'scipy', 'matplotlib'} & set(sys.modules), sys.modules.keys()"
     )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.startswith("error: ")
 

@@ -16,16 +16,21 @@ from bp2_rl.robot.hardware import IDEAL
 
 
 def test_the_running_cost_is_the_papers():
-    # One motor of eight at half its torque and a quarter of its speed, one foot with a body weight and a half.
+    # One motor of eight at half its torque and a quarter of its speed, one foot with a
+    # body weight and a half.
     torque, qd, force = np.zeros((1, 8)), np.zeros((1, 8)), np.zeros((1, 8))
     torque[0, 3], qd[0, 3], force[0, 5] = 60.0, -0.25 * 21.4, 1.5 * 353.0
-    assert running_cost(torque, qd, force, IDEAL, CostWeights()) == pytest.approx(0.125**2 + 0.5**2 + 1.5**2)
+    assert running_cost(torque, qd, force, IDEAL, CostWeights()) == pytest.approx(
+        0.125**2 + 0.5**2 + 1.5**2
+    )
     assert pytest.approx(353.0, abs=0.5) == TOTAL_MASS * 9.81
 
 
 def test_a_runs_gait_is_that_of_its_strides(busy_run):
     gait = describe_run(busy_run)
-    assert gait.speed == pytest.approx(float(np.mean(busy_run.ground_velocity[-1000:, 0])), rel=0.05)
+    assert gait.speed == pytest.approx(
+        float(np.mean(busy_run.ground_velocity[-1000:, 0])), rel=0.05
+    )
     assert 0.0 < gait.duty < 1.0
     assert gait.rms_torque <= gait.peak_torque <= np.max(np.abs(busy_run.torque))
 
@@ -40,7 +45,8 @@ def test_speeds_are_weighed_and_drawn(monkeypatch):
     assert ten.prices["peak torque"] <= 1e-6 < numbers.greatest.prices["peak torque"]
     assert numbers.greatest.speed > 13.2
     assert {"peak torque", "joint speed"} <= numbers.greatest.touched.keys()
-    # R without smoothness, over time, beside the objective, which has it and counts segments alike.
+    # R without smoothness, over time, beside the objective, which has it and counts
+    # segments alike.
     assert ten.gait.running_cost == pytest.approx(ten.cost, rel=0.5)
     assert list(drawn.pictures) == ["binding"]
 
@@ -52,11 +58,17 @@ def test_no_greatest_speed_loses_nothing(monkeypatch):
         return find_shadow_prices(start, changes)
 
     monkeypatch.setattr(numbers_module, "find_shadow_prices", search)
-    monkeypatch.setattr(numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]})
+    monkeypatch.setattr(
+        numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]}
+    )
     drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
     _, prices = drawn.tables
     assert prices.head[-1] == "greatest, not found"
-    assert {line[0]: line[-1] for line in prices.lines} == {"friction": "", "speed": "", "cost": ""}
+    assert {line[0]: line[-1] for line in prices.lines} == {
+        "friction": "",
+        "speed": "",
+        "cost": "",
+    }
     assert "10.0 m/s or more" in drawn.comparisons[0].ours
 
 

@@ -1,4 +1,5 @@
-"""What the paper's numbers pin down: the decomposition of maps whose answer is known, and the rows' closed forms."""
+"""What the paper's numbers pin down: the decomposition of maps whose answer is known,
+and the rows' closed forms."""
 
 import dataclasses
 
@@ -35,13 +36,16 @@ SIZE = len(PRINTED), len(ASSUMED)
 
 
 def test_a_known_map_is_taken_apart():
-    # Two rows see one direction each, (3, 4)/5 with weight 10 and the next assumption with 2; the others see nothing.
+    # Two rows see one direction each, (3, 4)/5 with weight 10 and the next assumption
+    # with 2; the others see nothing.
     J = np.zeros(SIZE)
     J[1, :2], J[4, 2] = (6.0, 8.0), -2.0
     first, second, *rest = decompose_jacobian(J)
     names = [one.name for one in ASSUMED]
     assert (first.singular, second.singular) == pytest.approx((10.0, 2.0))
-    assert [first.assumptions[name] for name in names[:3]] == pytest.approx([0.6, 0.8, 0.0])
+    assert [first.assumptions[name] for name in names[:3]] == pytest.approx(
+        [0.6, 0.8, 0.0]
+    )
     assert abs(first.seen_in[PRINTED[1].name]) == pytest.approx(1.0)
     assert second.assumptions[names[2]] == pytest.approx(1.0)
     assert second.seen_in[PRINTED[4].name] == pytest.approx(-1.0)
@@ -50,7 +54,8 @@ def test_a_known_map_is_taken_apart():
 
 
 def test_what_is_left_of_a_range_is_bayes_rule():
-    # One row on one assumption: 1 / sqrt(1 + s^2). Two assumptions that only their sum is seen of: 1 - s^2/(1 + 2 s^2).
+    # One row on one assumption: 1 / sqrt(1 + s^2). Two assumptions that only their sum
+    # is seen of: 1 - s^2/(1 + 2 s^2).
     J = np.zeros(SIZE)
     J[0, 0], J[2, 3], J[2, 4] = 3.0, 2.0, 2.0
     left = left_of_range(J)
@@ -63,7 +68,9 @@ def test_slopes_are_scaled_by_half_a_range_and_the_rows_uncertainty():
     one = next(one for one in ASSUMED if one.name == "rotor inertia")
     row = RowNumbers("C_z", "m g", "Fig. 4 A", 1.19, 1.2, 0.05, {one.name: -0.1}, 0.0)
     # From a half to twice: half the range is a factor of two.
-    assert jacobian((row,))[0, ASSUMED.index(one)] == pytest.approx(-0.1 * np.log(2.0) / 0.05)
+    assert jacobian((row,))[0, ASSUMED.index(one)] == pytest.approx(
+        -0.1 * np.log(2.0) / 0.05
+    )
     assert all(one.low <= one.value <= one.high for one in ASSUMED)
     assert len({one.name for one in ASSUMED}) == len(ASSUMED)
 
@@ -71,63 +78,104 @@ def test_slopes_are_scaled_by_half_a_range_and_the_rows_uncertainty():
 def test_a_motor_without_ways_out_and_growth_heats_at_its_power():
     heat = dataclasses.replace(MotorHeat(), copper_growth=0.0, magnet_loss=0.0)
     closed = Network.from_spec(heat, 1e6)
-    assert heating_rate(closed, 173.0) == pytest.approx(173.0 / closed.winding_capacity, rel=1e-5)  # 86 s of 1e8 s
+    # 86 s of 1e8 s
+    assert heating_rate(closed, 173.0) == pytest.approx(
+        173.0 / closed.winding_capacity, rel=1e-5
+    )
     # With growth alone (e^(a r t) - 1) / a over the time.
     growing = Network.from_spec(dataclasses.replace(heat, copper_growth=3.9e-3), 1e6)
     r = 135.0 / growing.winding_capacity
-    assert heating_rate(growing, 135.0) == pytest.approx(np.expm1(3.9e-3 * r * 86.0) / 3.9e-3 / 86.0, rel=1e-5)
+    assert heating_rate(growing, 135.0) == pytest.approx(
+        np.expm1(3.9e-3 * r * 86.0) / 3.9e-3 / 86.0, rel=1e-5
+    )
     assert {one.heat for one in HEAT} <= set(vars(closed))
 
 
 def test_the_sprint_is_that_of_two_straight_lines():
-    assert sprint(10.74, 2.38) == pytest.approx(11.57, abs=0.005)  # docs/notes/paper.md, "The race"
+    # docs/notes/paper.md, "The race"
+    assert sprint(10.74, 2.38) == pytest.approx(11.57, abs=0.005)
 
 
 def test_a_hips_turn_and_heat_are_read_off_the_motion():
     problem = Problem(speed=10.0, intervals=6)
     guess = cold_guess(problem)
-    solution = Solution(problem=problem, motion=guess, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    solution = Solution(
+        problem=problem,
+        motion=guess,
+        cost=0.0,
+        violation=0.0,
+        iterations=0,
+        seconds=0.0,
+    )
     cycle = whole_cycle(solution)
     phase = 2.0 * np.pi * cycle.time / cycle.period
-    # A hip that swings as a cosine of the phase less 0.7, on half a cycle and its mirror image: speed falls through
-    # zero a quarter later than 0.7, and a torque of 30 Nm throughout is 30^2 x 21.4 / 383.3 W.
+    # A hip that swings as a cosine of the phase less 0.7, on half a cycle and its
+    # mirror image: speed falls through zero a quarter later than 0.7, and a torque of
+    # 30 Nm throughout is 30^2 x 21.4 / 383.3 W.
     leg = problem.stride.legs.index(cycle.hind_leg)
     other = problem.stride.legs.index(problem.stride.then[leg])
     half = len(guess.v)
     for who, part in ((leg, phase[:half]), (other, phase[half:])):
         guess.v[..., 3 + 3 * who] = np.cos(part - 0.7)
         guess.tau[..., 2 * who] = 30.0
-    assert reversal(solution) == pytest.approx((0.7 + 0.5 * np.pi) / (2.0 * np.pi), abs=2e-3)
+    assert reversal(solution) == pytest.approx(
+        (0.7 + 0.5 * np.pi) / (2.0 * np.pi), abs=2e-3
+    )
     assert hip_heat(solution) == pytest.approx(900.0 * 21.4 / 383.3, rel=1e-4)
 
 
 def test_a_row_that_follows_another_is_said_to():
     slopes = {one.name: 0.1 * i for i, one in enumerate(MECHANICAL)}
     rows = tuple(
-        RowNumbers(one.name, one.unit, one.where, one.value, one.value, 0.05, slopes if one.name == OUTDOORS else (
-            {name: -0.6 * slope for name, slope in slopes.items()} if one.name == SPRINT else {}
-        ), 0.0)
+        RowNumbers(
+            one.name,
+            one.unit,
+            one.where,
+            one.value,
+            one.value,
+            0.05,
+            slopes
+            if one.name == OUTDOORS
+            else (
+                {name: -0.6 * slope for name, slope in slopes.items()}
+                if one.name == SPRINT
+                else {}
+            ),
+            0.0,
+        )
         for one in PRINTED
-    )  # fmt: skip
+    )
     J = jacobian(rows)
-    numbers = IdentifiabilityNumbers(rows, decompose_jacobian(J), 1, 1, len(ASSUMED), {}, 0.24, 24.0)
+    numbers = IdentifiabilityNumbers(
+        rows, decompose_jacobian(J), 1, 1, len(ASSUMED), {}, 0.24, 24.0
+    )
     assert np.linalg.matrix_rank(J) == 1
     (said,) = (said for said in compare(numbers) if "12.2 s" in said.paper)
     assert "-0.60 times" in said.ours
 
 
 def test_trajectories_and_greatest_speeds_make_the_rows(monkeypatch):
-    # Greatest speeds by their multipliers are the business of tests/paper/trajectories/test_shadow_prices.py.
-    greatest = [("belt", 17.0, {"drag area": 0.0}), ("outdoors", 16.0, {"drag area": -0.06})]
+    # Greatest speeds by their multipliers are the business of
+    # tests/paper/trajectories/test_shadow_prices.py.
+    greatest = [
+        ("belt", 17.0, {"drag area": 0.0}),
+        ("outdoors", 16.0, {"drag area": -0.06}),
+    ]
     monkeypatch.setattr(numbers_module, "_greatest", lambda cruise: greatest)
-    monkeypatch.setattr(numbers_module, "MECHANICAL", [one for one in MECHANICAL if one.name == "rotor inertia"])
+    monkeypatch.setattr(
+        numbers_module,
+        "MECHANICAL",
+        [one for one in MECHANICAL if one.name == "rotor inertia"],
+    )
     numbers = measure(IdentifiabilitySettings(intervals=4))
     rows = {row.name: row for row in numbers.rows}
     assert rows["greatest power"].ours == pytest.approx(1764.0)
     assert rows["C_z"].ours == pytest.approx(1.2, abs=0.2)
     assert rows["main torque"].slopes.keys() == {"rotor inertia"}
-    assert rows["heating"].slopes["winding's capacity"] == pytest.approx(-1.0, abs=0.1)  # nearly adiabatic
-    # t = d/v + v/(2a) of the paper's speed and acceleration, and -0.61 of the speed's own slope.
+    # nearly adiabatic
+    assert rows["heating"].slopes["winding's capacity"] == pytest.approx(-1.0, abs=0.1)
+    # t = d/v + v/(2a) of the paper's speed and acceleration, and -0.61 of the speed's
+    # own slope.
     assert rows["100 m"].ours == pytest.approx(11.57, abs=0.005)
     assert rows["100 m"].slopes["drag area"] == pytest.approx(0.61 * 0.06, rel=0.01)
     assert numbers.left["friction"] == pytest.approx(1.0)

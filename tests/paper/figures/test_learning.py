@@ -19,18 +19,29 @@ def run_in(folder, *verdicts):
     lines = [{"step": 1000, "wall_time": 1795383500.0, "reward": 1.0}]
     lines += [
         {
-            "step": step, "wall_time": 1795383470.0 + seconds, "judged/speed": speed, "judged/falls": falls,
-            "judged/launches": 3.0, "judged/mean": speed, "judged/fell_told": 0.0, "judged/fell_after": 0.0,
+            "step": step,
+            "wall_time": 1795383470.0 + seconds,
+            "judged/speed": speed,
+            "judged/falls": falls,
+            "judged/launches": 3.0,
+            "judged/mean": speed,
+            "judged/fell_told": 0.0,
+            "judged/fell_after": 0.0,
         }
         for step, seconds, speed, falls in verdicts
-    ]  # fmt: skip
-    (folder / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines) + "torn off {")
+    ]
+    (folder / "metrics.jsonl").write_text(
+        "".join(json.dumps(line) + "\n" for line in lines) + "torn off {"
+    )
     return folder
 
 
 def test_the_first_that_reaches_ten_metres_a_second_is_told_beside_the_best(tmp_path):
     first = run_in(
-        tmp_path / "a", (2_000_000, 90.0, 0.0, 3.0), (5_000_000, 300.0, 12.5, 0.0), (4_000_000, 240.0, 11.0, 1.0)
+        tmp_path / "a",
+        (2_000_000, 90.0, 0.0, 3.0),
+        (5_000_000, 300.0, 12.5, 0.0),
+        (4_000_000, 240.0, 11.0, 1.0),
     )
     slow = run_in(tmp_path / "b", (2_000_000, 90.0, 9.0, 0.0))
     drawn = learning(LearningSettings((first, slow)))
@@ -39,7 +50,11 @@ def test_the_first_that_reaches_ten_metres_a_second_is_told_beside_the_best(tmp_
         ("a", "4.0 M", "240", "11.0", "12.5", "5.0 M"),
         ("b", "-", "-", "-", "9.0", "2.0 M"),
     ]
-    assert [one.steps for one in drawn.results.curves[0].judged] == [2_000_000, 4_000_000, 5_000_000]
+    assert [one.steps for one in drawn.results.curves[0].judged] == [
+        2_000_000,
+        4_000_000,
+        5_000_000,
+    ]
     assert list(drawn.pictures) == ["learning"]
 
 
@@ -47,7 +62,10 @@ def test_a_training_begins_with_its_settings_before_it_compiles_and_logs(tmp_pat
     run = run_in(tmp_path / "a", (2_000_000, 90.0, 9.0, 0.0))
     copied = read_curve(run)
     os.utime(run / "config.json", (1795383440.0, 1795383440.0))
-    assert [curve.judged[0].seconds for curve in (copied, read_curve(run))] == [90.0, 120.0]
+    assert [curve.judged[0].seconds for curve in (copied, read_curve(run))] == [
+        90.0,
+        120.0,
+    ]
 
 
 @pytest.mark.parametrize(

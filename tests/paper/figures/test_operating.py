@@ -24,7 +24,9 @@ def report(tmp_path):
     def report(name, run):
         folder = tmp_path / name
         folder.mkdir()
-        save_config(folder / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {}))
+        save_config(
+            folder / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {})
+        )
         run.save(folder / TRAJECTORY)
         return folder
 
@@ -33,7 +35,8 @@ def report(tmp_path):
 
 @pytest.fixture
 def known(make_run):
-    """Hind hips: 100 Nm at w = 10 sin; fore knees: at their limit of 120 Nm, at 22 rad/s against it for a tenth."""
+    """Hind hips: 100 Nm at w = 10 sin; fore knees: at their limit of 120 Nm, at 22
+    rad/s against it for a tenth."""
     run = make_run(duration=6.0)
     speed, torque = np.zeros((len(run), 12)), np.zeros((len(run), 12))
     speed[:, HIND_HIPS] = 10.0 * np.sin(2 * np.pi * 4.0 * run.time)[:, None]
@@ -52,10 +55,12 @@ def test_motors_are_those_of_their_names():
 
 
 def test_points_are_measured_in_all_quadrants(known):
-    """Root mean squares of a sine; shares of time by construction, of the hold of whole cycles."""
+    """Root mean squares of a sine; shares of time by construction, of the hold of whole
+    cycles."""
     found = {kind.name: kind for kind in measure(known).kinds}
     hip, knee = found["hind hip"], found["fore knee"]
-    assert (hip.driving, hip.braking) == pytest.approx((1000.0, 1000.0), rel=1e-3)  # a sample may miss the peak
+    # a sample may miss the peak
+    assert (hip.driving, hip.braking) == pytest.approx((1000.0, 1000.0), rel=1e-3)
     assert (hip.torque, hip.speed) == pytest.approx((100.0, 10.0 / np.sqrt(2.0)))
     assert hip.on_envelope == 0.0
     assert hip.brakes == pytest.approx(0.5, abs=0.01)
@@ -71,18 +76,27 @@ def test_the_papers_statement_on_envelopes_is_decided_by_the_shares(known):
     assert first.verdict == "differs"  # hind hips are never there
     torque = known.torque.copy()
     torque[::20, HIND_HIPS] = 120.0
-    first, *_ = compare(dataclasses.replace(numbers, runs=(measure(dataclasses.replace(known, torque=torque)),)))
+    first, *_ = compare(
+        dataclasses.replace(
+            numbers, runs=(measure(dataclasses.replace(known, torque=torque)),)
+        )
+    )
     assert first.verdict == "same"
 
 
 def test_runs_of_one_robot_are_drawn(known, make_run, report):
-    slow, fast = report("slow", known), report("fast", make_run(duration=6.0, speed=6.0))
+    slow, fast = (
+        report("slow", known),
+        report("fast", make_run(duration=6.0, speed=6.0)),
+    )
     drawn = operating(OperatingSettings((slow, fast)))
     assert list(drawn.pictures) == ["operating"]
     assert [run.speed for run in drawn.results.runs] == pytest.approx([5.0, 6.0])
     assert drawn.results.peak == pytest.approx(1764.0)
     assert from_json(OperatingNumbers, to_json(drawn.results)) == drawn.results
-    assert all(len(line) == len(table.head) for table in drawn.tables for line in table.lines)
+    assert all(
+        len(line) == len(table.head) for table in drawn.tables for line in table.lines
+    )
     other = report("other", make_run(duration=6.0, hardware=BUILT))
     with pytest.raises(UserError, match="of different robots"):
         operating(OperatingSettings((slow, other)))

@@ -11,7 +11,14 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config, to_json
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.figures.scaling import scaling, scaling_figure
-from bp2_rl.paper.figures.scaling_numbers import ScalingNumbers, compare, count, find, measure, shipped
+from bp2_rl.paper.figures.scaling_numbers import (
+    ScalingNumbers,
+    compare,
+    count,
+    find,
+    measure,
+    shipped,
+)
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PublishedRobot
 
@@ -25,10 +32,18 @@ def numbers() -> ScalingNumbers:
 def leave_report(make_run, tmp_path):
     """A topspeed report of a run whose best second is known."""
 
-    def leave(speed=15.26, robot="ideal: no losses", benchmark="topspeed", name="report", **more):
+    def leave(
+        speed=15.26,
+        robot="ideal: no losses",
+        benchmark="topspeed",
+        name="report",
+        **more,
+    ):
         folder = tmp_path / name
         folder.mkdir()
-        report = Report(benchmark, {"robot": robot, **more}, {benchmark: {"best_speed": speed}})
+        report = Report(
+            benchmark, {"robot": robot, **more}, {benchmark: {"best_speed": speed}}
+        )
         save_config(folder / "metrics.json", report)
         make_run(duration=0.1, mass=35.8).save(folder / TRAJECTORY)
         return folder
@@ -38,29 +53,47 @@ def leave_report(make_run, tmp_path):
 
 def test_robots_have_the_shares_of_the_law_that_the_specification_has(numbers):
     for name, share in {
-        "BP2": 0.65, "WildCat": 0.51, "KAIST Hound": 0.38, "MIT Cheetah II": 0.39, "BlackPanther": 0.39,
-        "DeepRobotics Lite3": 0.37, "Unitree Go1": 0.37,
-    }.items():  # fmt: skip
+        "BP2": 0.65,
+        "WildCat": 0.51,
+        "KAIST Hound": 0.38,
+        "MIT Cheetah II": 0.39,
+        "BlackPanther": 0.39,
+        "DeepRobotics Lite3": 0.37,
+        "Unitree Go1": 0.37,
+    }.items():
         assert find(numbers.robots, name).share == pytest.approx(share, abs=0.005), name
     assert numbers.treadmill.share == pytest.approx(0.80, abs=0.005)
 
 
 def test_the_papers_band_holds_ten_of_26(numbers):
     spread = numbers.spread
-    assert (len(spread.below), len(spread.within), len(spread.above), spread.number) == (9, 10, 7, 26)
+    assert (
+        len(spread.below),
+        len(spread.within),
+        len(spread.above),
+        spread.number,
+    ) == (9, 10, 7, 26)
     assert spread.unknown == ("WildCat",)
     assert set(spread.above) == {
-        "KAIST Raibo2", "Unitree Go2", "ANYmal", "DeepRobotics Lynx M20", "DeepRobotics Lite3", "DeepRobotics X30",
+        "KAIST Raibo2",
+        "Unitree Go2",
+        "ANYmal",
+        "DeepRobotics Lynx M20",
+        "DeepRobotics Lite3",
+        "DeepRobotics X30",
         "Unitree Go1",
-    }  # fmt: skip
-    # The 13th and 14th of 26 are BlackPanther, 10 x 9.8 x 5 / (18 x 42), and Spot, 32.5 x 9.8 x 5.2 / (98 x 25.56).
+    }
+    # The 13th and 14th of 26 are BlackPanther, 10 x 9.8 x 5 / (18 x 42), and Spot, 32.5
+    # x 9.8 x 5.2 / (98 x 25.56).
     assert spread.median == pytest.approx(0.5 * (490.0 / 756.0 + 1656.2 / 2504.88))
     assert (len(spread.legged_within), spread.legged) == (8, 23)
 
 
 def test_the_ends_of_the_band_are_in_it():
     def robot(demand):
-        return PublishedRobot(f"{demand}", 1.0, 9.8, 1.0, demand, wheels=False, source="made up")
+        return PublishedRobot(
+            f"{demand}", 1.0, 9.8, 1.0, demand, wheels=False, source="made up"
+        )
 
     spread = count([robot(demand) for demand in (0.59, 0.6, 0.7, 0.8, 0.81)])
     assert (spread.below, spread.above) == (("0.59",), ("0.81",))
@@ -77,9 +110,15 @@ def test_the_policy_that_ships_is_in_the_figure_as_its_card_has_it(numbers):
 
 
 def test_reports_take_its_place(leave_report):
-    folders = leave_report(), leave_report(robot="built: with losses", speed=13.49, name="other")
+    folders = (
+        leave_report(),
+        leave_report(robot="built: with losses", speed=13.49, name="other"),
+    )
     ideal, built = measure(ScalingSettings(runs=folders)).simulated
-    assert (ideal.name, built.name) == ("simulated, ideal robot", "simulated, built robot")
+    assert (ideal.name, built.name) == (
+        "simulated, ideal robot",
+        "simulated, built robot",
+    )
     assert ideal.share == pytest.approx(0.92, abs=0.005)
     assert ideal.demand == pytest.approx(2.087, abs=5e-4)
 
@@ -90,7 +129,10 @@ def test_a_policy_on_another_robot_than_its_own_is_said_to_be_one(leave_report):
         leave_report(**{"trained on": "ideal: no losses"}, name="other"),
     )
     names = [robot.name for robot in measure(ScalingSettings(runs=folders)).simulated]
-    assert names == ["simulated, built policy on the ideal robot", "simulated, ideal robot"]
+    assert names == [
+        "simulated, built policy on the ideal robot",
+        "simulated, ideal robot",
+    ]
 
 
 def test_runs_of_one_robot_are_told_apart_by_their_folders(leave_report):
@@ -100,7 +142,11 @@ def test_runs_of_one_robot_are_told_apart_by_their_folders(leave_report):
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"), [({"benchmark": "sprint"}, "--benchmark topspeed"), ({"speed": None}, "no whole second")]
+    ("changes", "says"),
+    [
+        ({"benchmark": "sprint"}, "--benchmark topspeed"),
+        ({"speed": None}, "no whole second"),
+    ],
 )
 def test_a_report_of_something_else_is_refused(leave_report, changes, says):
     with pytest.raises(UserError, match=says):
@@ -109,7 +155,11 @@ def test_a_report_of_something_else_is_refused(leave_report, changes, says):
 
 def test_every_statement_that_differs_says_why(numbers):
     said = {comparison.paper: comparison for comparison in compare(numbers)}
-    assert all(comparison.because for comparison in said.values() if comparison.verdict != "same")
+    assert all(
+        comparison.because
+        for comparison in said.values()
+        if comparison.verdict != "same"
+    )
     band = said["the ratio is typically between 0.6 and 0.8"]
     assert band.verdict == "differs"
     assert "10 of the 26" in band.ours
@@ -117,9 +167,14 @@ def test_every_statement_that_differs_says_why(numbers):
 
 def test_a_users_mammals_are_weighed_against_the_law(tmp_path):
     path = tmp_path / "mammals.csv"
-    path.write_text("species,mass [kg],top speed [km/h]\nlawful,36,59.748\nslow,36,29.874\n")
+    path.write_text(
+        "species,mass [kg],top speed [km/h]\nlawful,36,59.748\nslow,36,29.874\n"
+    )
     numbers = measure(ScalingSettings(mammals=path))
-    assert [species.share for species in numbers.mammals] == pytest.approx([1.0, 0.5], abs=1e-4)  # 5 digits above
+    # 5 digits above
+    assert [species.share for species in numbers.mammals] == pytest.approx(
+        [1.0, 0.5], abs=1e-4
+    )
     assert compare(numbers)[-1].verdict == "differs"  # the law is above the middle half
 
 
@@ -129,30 +184,47 @@ def test_the_picture_shows_the_numbers_of_the_file(numbers):
     robots = [*data["robots"], data["treadmill"], *data["simulated"]]
     assert points(law) >= {(robot["mass"], robot["top_speed"]) for robot in robots}
     known = [robot for robot in robots if robot["demand"] is not None]
-    assert {y for _, y in points(motors)} >= {robot["mass"] * 9.8 * robot["top_speed"] for robot in known}
-    assert {x for x, _ in points(ratio)} >= {robot["demand_as_printed"] for robot in known}
+    assert {y for _, y in points(motors)} >= {
+        robot["mass"] * 9.8 * robot["top_speed"] for robot in known
+    }
+    assert {x for x, _ in points(ratio)} >= {
+        robot["demand_as_printed"] for robot in known
+    }
 
 
 def points(axes: Axes) -> set[tuple[float, float]]:
     """What is drawn as single marks."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
-    return {(float(x), float(y)) for ((x, y),) in (line for line in lines if len(line) == 1)}
+    return {
+        (float(x), float(y)) for ((x, y),) in (line for line in lines if len(line) == 1)
+    }
 
 
 @pytest.mark.parametrize("more", [(), (15.26, 14.0, 12.0)])
 def test_no_robots_name_covers_another(numbers, more):
     extra = tuple(
-        dataclasses.replace(numbers.treadmill, name=f"simulated {speed:g}", top_speed=speed) for speed in more
+        dataclasses.replace(
+            numbers.treadmill, name=f"simulated {speed:g}", top_speed=speed
+        )
+        for speed in more
     )
-    figure = scaling_figure(dataclasses.replace(numbers, simulated=(*numbers.simulated, *extra)))
+    figure = scaling_figure(
+        dataclasses.replace(numbers, simulated=(*numbers.simulated, *extra))
+    )
     renderer = FigureCanvasAgg(figure).get_renderer()
     for axes in figure.axes[:2]:
-        names = [text for text in axes.texts if isinstance(text, Annotation) and text.get_path_effects()]
+        names = [
+            text
+            for text in axes.texts
+            if isinstance(text, Annotation) and text.get_path_effects()
+        ]
         assert len(names) > 15
         boxes = [text.get_window_extent(renderer) for text in names]
         touching = [
             (one.get_text(), other.get_text())
-            for (one, a), (other, b) in itertools.combinations(zip(names, boxes, strict=True), 2)
+            for (one, a), (other, b) in itertools.combinations(
+                zip(names, boxes, strict=True), 2
+            )
             if a.overlaps(b)
         ]
         assert not touching
@@ -163,8 +235,16 @@ def test_no_robots_name_covers_another(numbers, more):
 def test_no_line_strikes_a_name_beside_the_law(numbers):
     law = scaling_figure(numbers).axes[0]
     renderer = FigureCanvasAgg(law.get_figure(root=True)).get_renderer()
-    names = [text for text in law.texts if isinstance(text, Annotation) and text.get_path_effects()]
-    for line in (each for each in law.get_lines() if len(np.asarray(each.get_xydata())) > 1):
+    names = [
+        text
+        for text in law.texts
+        if isinstance(text, Annotation) and text.get_path_effects()
+    ]
+    for line in (
+        each for each in law.get_lines() if len(np.asarray(each.get_xydata())) > 1
+    ):
         path = line.get_transform().transform_path(line.get_path())
         for name in names:
-            assert not path.intersects_bbox(name.get_window_extent(renderer), filled=False), name.get_text()
+            assert not path.intersects_bbox(
+                name.get_window_extent(renderer), filled=False
+            ), name.get_text()

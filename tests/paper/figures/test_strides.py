@@ -14,9 +14,15 @@ from bp2_rl.paper.figures.strides import measure, strides
 def test_the_cycles_are_whole_and_end_within_the_best_second(make_run):
     run = make_run(duration=8.0)
     part = cycles(run)
-    landed = np.flatnonzero((run.foot_force[1:, 2, 2] > 0.0) & (run.foot_force[:-1, 2, 2] == 0.0)) + 1
+    landed = (
+        np.flatnonzero(
+            (run.foot_force[1:, 2, 2] > 0.0) & (run.foot_force[:-1, 2, 2] == 0.0)
+        )
+        + 1
+    )
     period = np.diff(landed).mean()
-    assert len(part) == pytest.approx(CYCLES * period, abs=3)  # contact begins above a few N
+    # contact begins above a few N
+    assert len(part) == pytest.approx(CYCLES * period, abs=3)
     numbers = measure("a run", part)
     assert numbers.frequency == pytest.approx(1.0 / (period * run.dt), rel=0.02)
     assert numbers.speed == pytest.approx(5.0, abs=0.1)
@@ -24,18 +30,23 @@ def test_the_cycles_are_whole_and_end_within_the_best_second(make_run):
 
 
 def test_a_run_without_three_cycles_is_refused(make_run):
-    with pytest.raises(UserError, match=r"whole strides, 3 are drawn: name a longer one"):
+    with pytest.raises(
+        UserError, match=r"whole strides, 3 are drawn: name a longer one"
+    ):
         cycles(make_run(duration=6.0).between(3.0, 3.3))
 
 
 def test_one_report_is_drawn_and_no_other_number_of_them(make_run, tmp_path):
-    save_config(tmp_path / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {}))
+    save_config(
+        tmp_path / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {})
+    )
     make_run(duration=6.0).save(tmp_path / TRAJECTORY)
     drawn = strides(StridesSettings((tmp_path,)))
     assert list(drawn.pictures) == ["strides"]
     assert drawn.results.name == "simulated, ideal robot"
     for runs in ((), (tmp_path, tmp_path)):
         with pytest.raises(
-            UserError, match=r"--runs takes one report that python eval\.py --benchmark topspeed leaves"
+            UserError,
+            match=r"--runs takes one report that python eval\.py --benchmark topspeed leaves",
         ):
             strides(StridesSettings(runs))

@@ -19,12 +19,19 @@ from bp2_rl.simulation.schedule import Ramp
 @pytest.fixture(scope="module")
 def trot():
     """Towards 2 m/s without a policy, until it falls."""
-    return run_one(no_action, Ramp(2.0, acceleration=4.0, hold=0.5), EnvConfig(), hardware=BUILT)
+    return run_one(
+        no_action, Ramp(2.0, acceleration=4.0, hold=0.5), EnvConfig(), hardware=BUILT
+    )
 
 
 def test_what_a_run_wears_is_of_its_steady_part(trot):
     found = measure("trot", 4.0, trot, weak_fell_at=1.5)
-    assert (found.policy, found.landing_reward, found.fell_at, found.weak_fell_at) == ("trot", 4.0, trot.fell_at, 1.5)
+    assert (found.policy, found.landing_reward, found.fell_at, found.weak_fell_at) == (
+        "trot",
+        4.0,
+        trot.fell_at,
+        1.5,
+    )
     assert found.overspeed == 0.0
     heaviest = np.max(trot.foot_force[..., 2]) / (35.8 * 9.81)
     assert 0.3 < found.plate_force < heaviest
@@ -40,7 +47,9 @@ def test_weak_brakes_are_the_drives_line():
 
 
 def test_circles_are_filled_where_weak_brakes_do_and_missing_where_the_robot_fell(trot):
-    stands = dataclasses.replace(measure("a", 4.0, trot, weak_fell_at=None), fell_at=None)
+    stands = dataclasses.replace(
+        measure("a", 4.0, trot, weak_fell_at=None), fell_at=None
+    )
     falls = dataclasses.replace(stands, policy="b", weak_fell_at=2.0)
     lost = dataclasses.replace(stands, policy="c", landing_reward=0.0, fell_at=1.0)
     none, four = wear_figure((stands, falls, lost)).axes[0].collections

@@ -11,17 +11,32 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
 from bp2_rl.paper.cli import figures, trajectories
 from bp2_rl.paper.cli.eval import DeepBenchmarkName
-from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places, read_items
+from bp2_rl.paper.index.item import (
+    Check,
+    Item,
+    ReportNumber,
+    fill,
+    look_up,
+    places,
+    read_items,
+)
 from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
 
 SKELETON = Path(__file__).with_name("paper_items.tex")
-"""The paper without its words: where its figures, tables, equations and movies are, and what panels they have."""
+"""The paper without its words: where its figures, tables, equations and movies are, and
+what panels they have."""
 ITEMS = [item for group in read_items().values() for item in group]
 BY_NAME = {source.name: source for source in SOURCES}
-REPORTS = {"one": {"runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}], "said": "wind", "none": None}}
+REPORTS = {
+    "one": {
+        "runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}],
+        "said": "wind",
+        "none": None,
+    }
+}
 
 
-# --- The rows ------------------------------------------------------------------------------------------------
+# --- The rows -------------------------------------------------------------------------
 
 
 def test_no_item_of_the_paper_is_without_a_row():
@@ -38,14 +53,26 @@ def test_the_parse_of_the_paper_finds_panels_ranges_and_what_has_no_number():
     \begin{equation}b\end{equation} \begin{table}\caption{x}\end{table} \begin{table}\end{table} Movies S1 and S3
     """
     assert paper_items(tex) == [
-        "fig-1-a", "fig-1-b", "fig-1-c", "fig-1-d", "fig-1-inset", "fig-2", "eq-1", "eq-s1", "table-s1",
-        "table-s1-symbols", "movie-s1", "movie-s2", "movie-s3",
-    ]  # fmt: skip
+        "fig-1-a",
+        "fig-1-b",
+        "fig-1-c",
+        "fig-1-d",
+        "fig-1-inset",
+        "fig-2",
+        "eq-1",
+        "eq-s1",
+        "table-s1",
+        "table-s1-symbols",
+        "movie-s1",
+        "movie-s2",
+        "movie-s3",
+    ]
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.id)
 def test_a_row_says_how_it_is_known(item):
-    """A number decides, or the row says why none can; every number comes from a command that there is."""
+    """A number decides, or the row says why none can; every number comes from a command
+    that there is."""
     assert bool(item.checks) != bool(item.stated)
     assert item.because or item.stated != "differs"
     assert item.because or item.stated != "needs hardware"
@@ -54,26 +81,44 @@ def test_a_row_says_how_it_is_known(item):
         assert at.partition(":")[0] in BY_NAME
     assert item.source in ("", *BY_NAME)
     # All braces are places of numbers, and none of them is left as it is.
-    assert not re.search(r"[{}]", re.sub(r"\{\w+:[^|{}]+\|[^{}]*\}", "", f"{item.ours} {item.because}"))
+    assert not re.search(
+        r"[{}]", re.sub(r"\{\w+:[^|{}]+\|[^{}]*\}", "", f"{item.ours} {item.because}")
+    )
 
 
-# --- Verdicts ------------------------------------------------------------------------------------------------
+# --- Verdicts -------------------------------------------------------------------------
 
 
 def row(**rest):
-    return fill(Item("Fig. 9", "a run", "one", **rest), REPORTS, {"two": "this version has no bp2 two"})
+    return fill(
+        Item("Fig. 9", "a run", "one", **rest),
+        REPORTS,
+        {"two": "this version has no bp2 two"},
+    )
 
 
 SHARE = "one:runs/name=a.b/share"
 
 
 def test_all_checks_decide_and_their_numbers_are_the_files():
-    found = row(ours="a share of {" + SHARE + "|.0%}, {one:none|.2f} and {one:said|}", checks=(Check(SHARE, 0.4, 0.6),))
+    found = row(
+        ours="a share of {" + SHARE + "|.0%}, {one:none|.2f} and {one:said|}",
+        checks=(Check(SHARE, 0.4, 0.6),),
+    )
     assert found.verdict == "same"
     assert [part if isinstance(part, str) else part.text for part in found.ours] == [
-        "a share of ", "50%", ", ", "-", " and ", "wind",
-    ]  # fmt: skip
-    assert [part.value for part in found.ours if isinstance(part, ReportNumber)] == [0.5, None, "wind"]
+        "a share of ",
+        "50%",
+        ", ",
+        "-",
+        " and ",
+        "wind",
+    ]
+    assert [part.value for part in found.ours if isinstance(part, ReportNumber)] == [
+        0.5,
+        None,
+        "wind",
+    ]
     assert row(checks=(Check(SHARE, 0.4), Check(SHARE, most=0.45))).verdict == "differs"
     assert row(checks=(Check("one:said", words="rain"),)).verdict == "differs"
     assert row(checks=(Check("one:none", most=3.0),)).verdict == "differs"
@@ -82,17 +127,27 @@ def test_all_checks_decide_and_their_numbers_are_the_files():
 
 def test_what_was_not_run_says_why():
     found = row(ours="{two:share|.2f}", stated="same")
-    assert (found.verdict, found.ours, found.because) == ("not run", (), ("two: this version has no bp2 two",))
+    assert (found.verdict, found.ours, found.because) == (
+        "not run",
+        (),
+        ("two: this version has no bp2 two",),
+    )
 
 
 def test_an_entry_is_found_by_place_by_number_and_by_name():
-    assert look_up(REPORTS, "one:runs/0/share") == look_up(REPORTS, "one:runs/speed=10/share") == 0.5
+    assert (
+        look_up(REPORTS, "one:runs/0/share")
+        == look_up(REPORTS, "one:runs/speed=10/share")
+        == 0.5
+    )
     for path in ("runs/1", "runs/name=c", "said/x", "gone"):
-        with pytest.raises(UserError, match=f"the report of one has no {path}: remove its folder"):
+        with pytest.raises(
+            UserError, match=f"the report of one has no {path}: remove its folder"
+        ):
             look_up(REPORTS, f"one:{path}")
 
 
-# --- What a report is made of ----------------------------------------------------------------------------------
+# --- What a report is made of ---------------------------------------------------------
 
 
 @pytest.fixture
@@ -110,30 +165,42 @@ def keys(choice, version="1"):
     return found
 
 
-def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(policy, tmp_path):
+def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(
+    policy, tmp_path
+):
     before = keys(Choice(policy))
     moved = policy.rename(tmp_path / "elsewhere")
     assert keys(Choice(moved)) == before
     assert not set(keys(Choice(moved), version="2").values()) & set(before.values())
     (moved / "card.json").write_text('{"seed": 1}')
-    of_policy = {name for name, key in keys(Choice(moved)).items() if key != before[name]}
-    runs = {source.name for source in SOURCES if source.benchmark}
-    assert of_policy == runs | {"scaling", "race", "strides", "operating", "binding"}  # which draw runs
-    quick = keys(Choice(moved, quick=True))
-    assert {name for name, key in keys(Choice(moved)).items() if key != quick[name]} == {
-        source.name for source in SOURCES if source.quick
+    of_policy = {
+        name for name, key in keys(Choice(moved)).items() if key != before[name]
     }
+    runs = {source.name for source in SOURCES if source.benchmark}
+    # which draw runs
+    assert of_policy == runs | {"scaling", "race", "strides", "operating", "binding"}
+    quick = keys(Choice(moved, quick=True))
+    assert {
+        name for name, key in keys(Choice(moved)).items() if key != quick[name]
+    } == {source.name for source in SOURCES if source.quick}
 
 
 def test_commands_are_told_what_is_chosen(policy, tmp_path):
     choice = Choice(policy, quick=True, film=False)
     assert arguments(BY_NAME["endurance"], choice, tmp_path) == [
-        "paper", "eval", str(policy), "--benchmark", "endurance", "--quick",
-    ]  # fmt: skip
+        "paper",
+        "eval",
+        str(policy),
+        "--benchmark",
+        "endurance",
+        "--quick",
+    ]
     assert arguments(BY_NAME["topspeed"], choice, tmp_path)[-1] == "--no-video"
     assert arguments(BY_NAME["race"], choice, tmp_path)[3:] == [
-        "--runs", f"{tmp_path}/sprint", f"{tmp_path}/sprint_ideal",
-    ]  # fmt: skip
+        "--runs",
+        f"{tmp_path}/sprint",
+        f"{tmp_path}/sprint_ideal",
+    ]
     assert BY_NAME["endurance"].command == "bp2 paper eval --benchmark endurance"
     assert BY_NAME["exchange"].command == "bp2 paper figures exchange"
 
@@ -146,4 +213,6 @@ def test_this_version_has_every_command(source):
     else:
         paper, group, name = source.words
         assert paper == "paper"
-        assert name in {"figures": figures, "trajectories": trajectories}[group].COMMANDS
+        assert (
+            name in {"figures": figures, "trajectories": trajectories}[group].COMMANDS
+        )

@@ -1,4 +1,5 @@
-"""Multipliers that are known: of a matrix, of a driven oscillator, and of a hopper on a spring."""
+"""Multipliers that are known: of a matrix, of a driven oscillator, and of a hopper on a
+spring."""
 
 import numpy as np
 import pytest
@@ -25,7 +26,9 @@ def linear() -> np.ndarray:
 def test_differences_and_fit_find_the_multipliers_of_a_linear_map():
     matrix, at = linear(), np.arange(5.0)
     found = returns.differences(lambda states: states @ matrix.T + 1.0, at, 1e-3)
-    np.testing.assert_allclose(np.sort_complex(returns.multipliers(found)), np.sort_complex(KNOWN), atol=1e-10)
+    np.testing.assert_allclose(
+        np.sort_complex(returns.multipliers(found)), np.sort_complex(KNOWN), atol=1e-10
+    )
     before = at + RNG.standard_normal((40, 5))
     fitted = returns.fit(before, before @ matrix.T + 1.0)
     np.testing.assert_allclose(fitted.matrix, matrix, atol=1e-10)
@@ -36,7 +39,8 @@ def test_differences_and_fit_find_the_multipliers_of_a_linear_map():
 
 
 def test_the_interval_holds_the_truth_as_often_as_it_says():
-    """Noisy strides of the linear map itself: 40 experiments, of which 95 % are 38, and 4 deviations less 32."""
+    """Noisy strides of the linear map itself: 40 experiments, of which 95 % are 38, and
+    4 deviations less 32."""
     matrix, holds, wide = linear(), 0, []
     rng = np.random.default_rng(1)
     for experiment in range(40):
@@ -45,7 +49,9 @@ def test_the_interval_holds_the_truth_as_often_as_it_says():
             states[k + 1] = matrix @ states[k] + rng.standard_normal(5)
         before, after = states[:-1], states[1:]
         radius = returns.fit(before, after).radius
-        low, high = returns.interval(radius, returns.bootstrap(before, after, 60, experiment))
+        low, high = returns.interval(
+            radius, returns.bootstrap(before, after, 60, experiment)
+        )
         holds += low <= 0.8 <= high
         wide.append(high - low)
     assert holds >= 32
@@ -53,7 +59,8 @@ def test_the_interval_holds_the_truth_as_often_as_it_says():
 
 
 def test_a_driven_oscillator_has_the_multipliers_of_its_exponential():
-    """x'' + 2 d x' + w^2 x = cos(2 pi t), strobed by the drive: exp(A), whose determinant is exp(-2 d)."""
+    """x'' + 2 d x' + w^2 x = cos(2 pi t), strobed by the drive: exp(A), whose
+    determinant is exp(-2 d)."""
     d, w = 0.3, 2.0
     a = np.array([[0.0, 1.0], [-(w**2), -2.0 * d]])
 
@@ -62,7 +69,9 @@ def test_a_driven_oscillator_has_the_multipliers_of_its_exponential():
             x = y.reshape(-1, 2)
             return (x @ a.T + np.array([0.0, 1.0]) * np.cos(2.0 * np.pi * t)).ravel()
 
-        ends = solve_ivp(rate, (0.0, 1.0), states.ravel(), rtol=1e-11, atol=1e-12).y[:, -1]
+        ends = solve_ivp(rate, (0.0, 1.0), states.ravel(), rtol=1e-11, atol=1e-12).y[
+            :, -1
+        ]
         return ends.reshape(-1, 2)
 
     found = returns.differences(strobe, np.array([0.2, -0.1]), 1e-2)
@@ -74,13 +83,15 @@ def test_a_driven_oscillator_has_the_multipliers_of_its_exponential():
 class Hopper:
     """A mass hops on a spring, from apex to apex; speed v goes along.
 
-    Landing leaves a share r of the energy of falling, and a share rho of the speed (and kappa of what the apex is too
-    high). Where the spring is shortest, by d, its rest length jumps by b: with H the apex over the landing height,
+    Landing leaves a share r of the energy of falling, and a share rho of the speed (and
+    kappa of what the apex is too high). Where the spring is shortest, by d, its rest
+    length jumps by b: with H the apex over the landing height,
 
         d = (m g + sqrt((m g)^2 + 2 k m g r H)) / k,      m g H' = r m g H + k b d + k b^2 / 2
         v' = rho v + kappa (H - H0)
 
-    so that the multipliers are dH'/dH = r (1 + k b / sqrt((m g)^2 + 2 k m g r H)) and rho.
+    so that the multipliers are dH'/dH = r (1 + k b / sqrt((m g)^2 + 2 k m g r H)) and
+    rho.
     """
 
     m, k, g, r, b, rho, kappa, length = 36.0, 12e3, 9.81, 0.7, 0.02, 0.6, 0.9, 0.5
@@ -92,14 +103,18 @@ class Hopper:
         for _ in range(200):
             h = 0.5 * (low + high)
             gain = self.k * self.b * self.compression(h) + 0.5 * self.k * self.b**2
-            low, high = (h, high) if gain > (1.0 - self.r) * self.m * self.g * h else (low, h)
+            low, high = (
+                (h, high) if gain > (1.0 - self.r) * self.m * self.g * h else (low, h)
+            )
         return low
 
     def compression(self, h: float) -> float:
         return (self.m * self.g + self.root(h)) / self.k
 
     def root(self, h: float) -> float:
-        return np.sqrt((self.m * self.g) ** 2 + 2.0 * self.k * self.m * self.g * self.r * h)
+        return np.sqrt(
+            (self.m * self.g) ** 2 + 2.0 * self.k * self.m * self.g * self.r * h
+        )
 
     def multipliers(self) -> list[float]:
         return [self.r * (1.0 + self.k * self.b / self.root(self.height)), self.rho]
@@ -111,8 +126,14 @@ class Hopper:
         """Simulated: falls, and pushes off the ground in two halves of stance."""
         speed = -np.sqrt(self.r * 2.0 * self.g * h)
         bottom = self.stance(self.length, speed, self.length, lambda _, y: y[1])
-        lift = self.stance(bottom[0], 0.0, self.length + self.b, lambda _, y: y[0] - self.length - self.b)
-        # In flight the leg takes back what it was lengthened by; the apex counts from the landing height.
+        lift = self.stance(
+            bottom[0],
+            0.0,
+            self.length + self.b,
+            lambda _, y: y[0] - self.length - self.b,
+        )
+        # In flight the leg takes back what it was lengthened by; the apex counts from
+        # the landing height.
         apex = lift[0] + lift[1] ** 2 / (2.0 * self.g) - self.length
         return apex, self.rho * v + self.kappa * (h - self.height)
 
@@ -122,20 +143,29 @@ class Hopper:
         def rate(_, y):
             return [y[1], self.k * (rest - y[0]) / self.m - self.g]
 
-        return solve_ivp(rate, (0.0, 2.0), [z, speed], events=event, rtol=1e-10, atol=1e-12).y_events[0][0]
+        return solve_ivp(
+            rate, (0.0, 2.0), [z, speed], events=event, rtol=1e-10, atol=1e-12
+        ).y_events[0][0]
 
 
 def test_a_hopper_on_a_spring_has_the_multipliers_of_its_energy():
     hopper = Hopper()
     at = np.array([hopper.height, 0.0])
-    np.testing.assert_allclose(hopper.hop(at[None])[0], at, atol=1e-8)  # it hops on and on
+    # it hops on and on
+    np.testing.assert_allclose(hopper.hop(at[None])[0], at, atol=1e-8)
     found = returns.differences(hopper.hop, at, 1e-4)
-    np.testing.assert_allclose(np.abs(returns.multipliers(found)), sorted(hopper.multipliers())[::-1], atol=1e-6)
+    np.testing.assert_allclose(
+        np.abs(returns.multipliers(found)),
+        sorted(hopper.multipliers())[::-1],
+        atol=1e-6,
+    )
     off = 1e-3 * np.random.default_rng(2).standard_normal((20, 2))
     fitted = returns.fit(off, hopper.hop(at + off) - at)
     # The map bends: deviations of 1e-3 m see 1e-3 / .1 m of it.
     np.testing.assert_allclose(
-        np.abs(returns.multipliers(fitted.matrix)), sorted(hopper.multipliers())[::-1], atol=0.01
+        np.abs(returns.multipliers(fitted.matrix)),
+        sorted(hopper.multipliers())[::-1],
+        atol=0.01,
     )
     assert 0.7 < fitted.radius < 1.0
 
@@ -148,7 +178,9 @@ def test_the_plateau_lies_between_rounding_and_curvature():
         return rounded @ matrix.T + 10.0 * rounded**3
 
     widths = np.array([1e-8, 1e-7, 1e-5, 1e-4, 1e-3, 1e-1, 1.0])
-    change = np.median(returns.plateau(bent, np.zeros(5), RNG.standard_normal((6, 5)), widths), axis=1)
+    change = np.median(
+        returns.plateau(bent, np.zeros(5), RNG.standard_normal((6, 5)), widths), axis=1
+    )
     assert np.isnan(change[-1])
     assert change[0] > 1e-3  # rounding
     assert np.all(change[2:4] < 1e-4)

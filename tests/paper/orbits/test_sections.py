@@ -17,11 +17,14 @@ from bp2_rl.paper.orbits.sections import (
 
 def test_the_bound_is_that_of_the_chi_square_distribution():
     assert pytest.approx(stats.chi2.ppf(0.95, df=3), rel=1e-12) == CHI_SQUARE_95
-    assert pytest.approx(stats.chi2.cdf(CHI_SQUARE_95, df=5) / 0.95, rel=1e-12) == TRIMMED
+    assert (
+        pytest.approx(stats.chi2.cdf(CHI_SQUARE_95, df=5) / 0.95, rel=1e-12) == TRIMMED
+    )
 
 
 def test_the_drift_of_a_line_is_two_thirds_of_it():
-    """Points 0 to 299 along one axis: thirds' means 49.5 and 249.5; scatter sqrt((n^2 - 1) / 12)."""
+    """Points 0 to 299 along one axis: thirds' means 49.5 and 249.5; scatter sqrt((n^2 -
+    1) / 12)."""
     points = np.zeros((300, 3))
     points[:, 1] = np.arange(300)
     found = centroid_drift(points)
@@ -34,9 +37,13 @@ def test_the_drift_of_a_line_is_two_thirds_of_it():
 def test_independent_points_drift_by_the_floor_however_small_their_scatter(count):
     rng = np.random.default_rng(0)
     for scatter in (1e-6, 1.0):
-        drifts = [centroid_drift(scatter * rng.standard_normal((count, 3))) for _ in range(400)]
+        drifts = [
+            centroid_drift(scatter * rng.standard_normal((count, 3)))
+            for _ in range(400)
+        ]
         squares = np.mean([drift.over_scatter**2 for drift in drifts])
-        # 400 draws of a chi-square of three: 4 % in the mean square, 2 % in its root; 4 of these.
+        # 400 draws of a chi-square of three: 4 % in the mean square, 2 % in its root; 4
+        # of these.
         assert math.sqrt(squares) == pytest.approx(drifts[0].floor, rel=0.08)
     assert drifts[0].floor == pytest.approx(math.sqrt(6.0 / count))
 
@@ -60,7 +67,8 @@ def test_points_far_off_are_counted_and_pull_neither_mean_nor_bound():
     points = rng.standard_normal((1000, 3))
     points[:100] += 30.0
     assert inliers(points).share == pytest.approx(0.9 * 0.95, abs=0.03)
-    uniform = rng.uniform(-1.0, 1.0, (1000, 3))  # has no tails: all but its corners are inliers
+    # has no tails: all but its corners are inliers
+    uniform = rng.uniform(-1.0, 1.0, (1000, 3))
     assert inliers(uniform).share > 0.97
 
 
@@ -72,7 +80,9 @@ def test_distances_are_those_of_scipy_and_directions_without_motion_do_not_count
 
     inverse = np.linalg.inv(covariance)
     expected = [one(point, points[0], inverse) ** 2 for point in points]
-    np.testing.assert_allclose(mahalanobis(points, points[0], covariance), expected, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        mahalanobis(points, points[0], covariance), expected, rtol=1e-8, atol=1e-12
+    )
     flat = points * np.array([1.0, 1.0, 0.0])
     assert np.all(np.isfinite(mahalanobis(flat, flat[0], np.cov(flat.T))))
 
@@ -80,6 +90,12 @@ def test_distances_are_those_of_scipy_and_directions_without_motion_do_not_count
 def test_a_clock_strikes_between_samples():
     clock = 0.3 + 0.07 * np.arange(100)
     at = whole_cycles(clock)
-    np.testing.assert_allclose(np.interp(at, np.arange(100), clock), np.arange(1, 8), atol=1e-12)
+    np.testing.assert_allclose(
+        np.interp(at, np.arange(100), clock), np.arange(1, 8), atol=1e-12
+    )
     wave = np.stack([clock, 2.0 * clock], axis=-1)
-    np.testing.assert_allclose(sample(wave, at), np.stack([np.arange(1, 8), 2 * np.arange(1, 8)], -1), atol=1e-12)
+    np.testing.assert_allclose(
+        sample(wave, at),
+        np.stack([np.arange(1, 8), 2 * np.arange(1, 8)], -1),
+        atol=1e-12,
+    )

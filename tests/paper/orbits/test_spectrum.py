@@ -11,8 +11,15 @@ def clock_of(cycles=20.3, samples=6000, start=0.4):
 def test_a_signals_variance_is_shared_among_its_harmonics():
     clock = clock_of()
     turn = 2.0 * np.pi * clock
-    found = spectrum(3.0 + 2.0 * np.sin(2 * turn) + 1.0 * np.cos(turn) + 0.5 * np.cos(3 * turn + 1.0), clock)
-    # Variances 2, 1/2 and 1/8. Interpolation between 300 samples a cycle takes 1e-3 off the third harmonic at most.
+    found = spectrum(
+        3.0
+        + 2.0 * np.sin(2 * turn)
+        + 1.0 * np.cos(turn)
+        + 0.5 * np.cos(3 * turn + 1.0),
+        clock,
+    )
+    # Variances 2, 1/2 and 1/8. Interpolation between 300 samples a cycle takes 1e-3 off
+    # the third harmonic at most.
     total = 2.0 + 0.5 + 0.125
     assert found.peak == pytest.approx(2.0)
     assert found.even == pytest.approx(2.0 / total, abs=1e-3)
@@ -41,7 +48,8 @@ def test_a_clock_that_hurries_does_not_smear_the_lines():
 def test_noise_is_as_strong_everywhere():
     clock = clock_of(cycles=200.5, samples=200 * 256)
     found = spectrum(np.random.default_rng(0).standard_normal(len(clock)), clock)
-    assert found.between > 0.98  # of 200 lines from one harmonic to the next one is on a harmonic
+    # of 200 lines from one harmonic to the next one is on a harmonic
+    assert found.between > 0.98
 
 
 def test_without_a_whole_cycle_there_is_none():

@@ -16,7 +16,8 @@ def test_jitter_is_the_deviation_from_the_clock_and_not_from_the_last_event():
 
 
 def test_sampling_alone_makes_the_floor():
-    """1 ms in a stride of .28 s: a CV of .0015; root mean square over strides that end anywhere within a sample."""
+    """1 ms in a stride of .28 s: a CV of .0015; root mean square over strides that end
+    anywhere within a sample."""
     squares = []
     for period in 0.283 + 1e-3 * (np.arange(50) + 0.5) / 50:
         times = np.ceil((period * np.arange(2000)) / 1e-3) * 1e-3

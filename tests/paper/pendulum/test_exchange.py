@@ -1,4 +1,5 @@
-"""Who has the energy, against closed forms and against the specification's own script."""
+"""Who has the energy, against closed forms and against the specification's own
+script."""
 
 import numpy as np
 import pytest
@@ -8,12 +9,17 @@ from bp2_rl.paper.pendulum.exchange import exchanges
 
 
 def test_long_averages_of_small_swings_are_the_closed_form():
-    # The fast mode is twice or three times as fast as the slow one, so that whole periods average exactly.
+    # The fast mode is twice or three times as fast as the slow one, so that whole
+    # periods average exactly.
     ratios = (2.0 / 3.0, 0.25)
-    assert [exact.in_phase_frequency(ratio) for ratio in ratios] == pytest.approx([2.0, 3.0])
+    assert [exact.in_phase_frequency(ratio) for ratio in ratios] == pytest.approx(
+        [2.0, 3.0]
+    )
     for ratio, run in zip(ratios, exchanges(1e-3, ratios, periods=10.0), strict=True):
         pendulum, beam = exact.shares(ratio)
-        shares = np.array([*run.sharing.mean, run.sharing.mean_beam]) / run.sharing.energy
+        shares = (
+            np.array([*run.sharing.mean, run.sharing.mean_beam]) / run.sharing.energy
+        )
         # What the closed form leaves out is of the order of A^2.
         np.testing.assert_allclose(shares, [pendulum, pendulum, beam], atol=1e-6)
         assert 2.0 * pendulum + beam == pytest.approx(1.0, rel=1e-14)
@@ -40,9 +46,11 @@ def test_from_sixty_degrees_the_means_are_those_of_another_program():
 def test_means_run_from_the_release_and_add_up():
     (run,) = exchanges(1.0, [2.0], periods=8.0)
     total = run.means.pendulums.sum(axis=-1) + run.means.beam
-    np.testing.assert_allclose(total, run.sharing.energy, atol=1e-9)  # the mean of what is kept
+    # the mean of what is kept
+    np.testing.assert_allclose(total, run.sharing.energy, atol=1e-9)
     middle = len(run.time) // 2
-    crude = run.energies.pendulums[: middle + 1].mean(axis=0)  # both ends count whole: off by a sample in 400
+    # both ends count whole: off by a sample in 400
+    crude = run.energies.pendulums[: middle + 1].mean(axis=0)
     np.testing.assert_allclose(run.means.pendulums[middle], crude, atol=2e-3)
 
 

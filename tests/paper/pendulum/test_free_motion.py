@@ -20,10 +20,13 @@ def over(periods: float, samples: int) -> np.ndarray:
 
 
 def period(motion: SwingMotion) -> np.ndarray:
-    """Of each system: mean over as many whole periods as there are, of its last pendulum's passages to the left."""
+    """Of each system: mean over as many whole periods as there are, of its last
+    pendulum's passages to the left."""
     periods = []
     for system in range(len(motion.mass_ratio)):
-        angle = CubicHermiteSpline(motion.time, motion.theta[:, system, -1], motion.rate[:, system, -1])
+        angle = CubicHermiteSpline(
+            motion.time, motion.theta[:, system, -1], motion.rate[:, system, -1]
+        )
         passages = angle.roots(extrapolate=False)
         passages = passages[angle(passages, 1) < 0.0]
         periods.append((passages[-1] - passages[0]) / (len(passages) - 1))
@@ -37,73 +40,109 @@ def small_swing(amplitude: float, time: np.ndarray, mass_ratio: float) -> np.nda
 
 
 def antiphase_period(amplitude: float) -> float:
-    """Return the period, in 1 / w0, of two pendulums in antiphase at any amplitude: the beam rests."""
+    """Return the period, in 1 / w0, of two pendulums in antiphase at any amplitude: the
+    beam rests."""
     return 4.0 * float(ellipk(math.sin(amplitude / 2.0) ** 2))
 
 
 def in_phase_period(amplitude: float, mass_ratio: float, pendulums: int = 2) -> float:
-    """Return the period, in 1 / w0, of pendulums that swing as one at any amplitude, by quadrature.
+    """Return the period, in 1 / w0, of pendulums that swing as one at any amplitude, by
+    quadrature.
 
-    Energy and momentum leave th'^2 = 2 (cos th - cos A) / (1 - n cos^2 th / (R + n)); with sin(th/2) = k sin(psi) and
-    k = sin(A/2) the time over a quarter is an integral of a smooth function.
+    Energy and momentum leave th'^2 = 2 (cos th - cos A) / (1 - n cos^2 th / (R + n));
+    with sin(th/2) = k sin(psi) and k = sin(A/2) the time over a quarter is an integral
+    of a smooth function.
     """
     k = math.sin(amplitude / 2.0)
 
     def slowness(psi: float) -> float:
         half = (k * math.sin(psi)) ** 2  # sin^2(th / 2)
-        return math.sqrt((1.0 - pendulums * (1.0 - 2.0 * half) ** 2 / (mass_ratio + pendulums)) / (1.0 - half))
+        return math.sqrt(
+            (1.0 - pendulums * (1.0 - 2.0 * half) ** 2 / (mass_ratio + pendulums))
+            / (1.0 - half)
+        )
 
     return 4.0 * quad(slowness, 0.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
 
 
 def test_energy_and_momentum_are_kept_for_forty_periods():
-    released = np.array([(np.pi / 3.0, 0.0), (np.pi / 3.0, 0.0), (1.0, -0.4), (2.0, 1.5), (2.0, 1.5)])
+    released = np.array(
+        [(np.pi / 3.0, 0.0), (np.pi / 3.0, 0.0), (1.0, -0.4), (2.0, 1.5), (2.0, 1.5)]
+    )
     motion = swing(released, np.array([1.0, 50.0, 5.0, 1.0, 5.0]), over(40.0, 20))
     energies = motion.energies
     kept = energies.pendulums.sum(axis=-1) + energies.beam
     np.testing.assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), atol=1e-9)
-    momentum = beam.momentum(motion.theta, motion.rate, motion.beam_rate, motion.mass_ratio)
+    momentum = beam.momentum(
+        motion.theta, motion.rate, motion.beam_rate, motion.mass_ratio
+    )
     np.testing.assert_allclose(momentum, 0.0, atol=1e-9)
     # So the centre of mass stays where it was.
-    place = (motion.mass_ratio + 2.0) * motion.beam_position + np.sin(motion.theta).sum(axis=-1)
+    place = (motion.mass_ratio + 2.0) * motion.beam_position + np.sin(motion.theta).sum(
+        axis=-1
+    )
     np.testing.assert_allclose(place, np.broadcast_to(place[0], place.shape), atol=1e-9)
 
 
 def test_in_antiphase_the_beam_rests_and_the_period_is_a_pendulums():
     amplitude = np.array([0.1, 1.0, 2.5, 1.0])
-    motion = swing(amplitude[:, None] * (-1.0, 1.0), np.array([1.0, 1.0, 1.0, 50.0]), over(8.0, 500), EXACT)
+    motion = swing(
+        amplitude[:, None] * (-1.0, 1.0),
+        np.array([1.0, 1.0, 1.0, 50.0]),
+        over(8.0, 500),
+        EXACT,
+    )
     np.testing.assert_allclose(motion.beam_position, 0.0, atol=1e-12)
     # Cubics between samples are right to 1e-9, and the mean is over six periods.
-    np.testing.assert_allclose(period(motion), [antiphase_period(one) for one in amplitude], atol=1e-9)
+    np.testing.assert_allclose(
+        period(motion), [antiphase_period(one) for one in amplitude], atol=1e-9
+    )
 
 
 def test_in_phase_the_period_is_that_of_the_quadrature():
-    amplitude, mass_ratio = np.array([0.1, 1.0, 2.5, 1.0]), np.array([1.0, 1.0, 5.0, 50.0])
-    motion = swing(np.repeat(amplitude[:, None], 2, axis=1), mass_ratio, over(8.0, 2000), EXACT)
-    expected = [in_phase_period(*one) for one in zip(amplitude, mass_ratio, strict=True)]
+    amplitude, mass_ratio = (
+        np.array([0.1, 1.0, 2.5, 1.0]),
+        np.array([1.0, 1.0, 5.0, 50.0]),
+    )
+    motion = swing(
+        np.repeat(amplitude[:, None], 2, axis=1), mass_ratio, over(8.0, 2000), EXACT
+    )
+    expected = [
+        in_phase_period(*one) for one in zip(amplitude, mass_ratio, strict=True)
+    ]
     np.testing.assert_allclose(period(motion), expected, atol=1e-9)
 
 
 def test_four_in_phase_keep_the_period_of_their_quadrature():
     motion = swing(np.full((1, 4), 0.8), np.array([8.8]), over(8.0, 2000), EXACT)
-    np.testing.assert_allclose(period(motion), in_phase_period(0.8, 8.8, pendulums=4), atol=1e-9)
+    np.testing.assert_allclose(
+        period(motion), in_phase_period(0.8, 8.8, pendulums=4), atol=1e-9
+    )
 
 
 def test_small_swings_are_the_two_modes():
-    small = 3e-5  # what the closed form leaves out is of the order of A^2 a radian: 2e-7 over 40 periods
+    # what the closed form leaves out is of the order of A^2 a radian: 2e-7 over 40
+    # periods
+    small = 3e-5
     ratios = np.array([0.5, 1.0, 10.0])
     motion = swing(np.tile((small, 0.0), (3, 1)), ratios, over(40.0, 20), EXACT)
-    expected = np.stack([small_swing(small, motion.time, ratio) for ratio in ratios], axis=1)
+    expected = np.stack(
+        [small_swing(small, motion.time, ratio) for ratio in ratios], axis=1
+    )
     np.testing.assert_allclose(motion.theta / small, expected / small, atol=1e-6)
 
 
 def test_limits_of_the_closed_forms():
     assert antiphase_period(1e-4) == pytest.approx(NATURAL_PERIOD, rel=1e-9)
     # The amplitude's square is left out.
-    assert in_phase_period(1e-4, 1.0) * exact.in_phase_frequency(1.0) == pytest.approx(NATURAL_PERIOD, rel=1e-7)
+    assert in_phase_period(1e-4, 1.0) * exact.in_phase_frequency(1.0) == pytest.approx(
+        NATURAL_PERIOD, rel=1e-7
+    )
     assert in_phase_period(1.2, 1e12) == pytest.approx(antiphase_period(1.2), rel=1e-11)
     # Huygens' beat: the modes are a whole turn apart.
-    assert (exact.in_phase_frequency(3.0) - 1.0) * exact.beat_period(3.0) == pytest.approx(1.0, rel=1e-14)
+    assert (exact.in_phase_frequency(3.0) - 1.0) * exact.beat_period(
+        3.0
+    ) == pytest.approx(1.0, rel=1e-14)
 
 
 def test_a_beam_too_heavy_to_move_leaves_pendulums_alone():

@@ -16,11 +16,18 @@ def beams() -> list[Section]:
 def test_when_the_beam_turns_it_has_no_speed_and_no_energy(beams):
     for section in beams:
         cos = np.cos(section.theta)
-        # No momentum, and none of it the beam's; a cubic between samples is right to 1e-6.
+        # No momentum, and none of it the beam's; a cubic between samples is right to
+        # 1e-6.
         np.testing.assert_allclose(np.sum(cos * section.rate, axis=-1), 0.0, atol=1e-6)
-        np.testing.assert_allclose(np.sum(section.rate**2 / 2.0 + 1.0 - cos, axis=-1), 1.0 - np.cos(A), atol=1e-6)
+        np.testing.assert_allclose(
+            np.sum(section.rate**2 / 2.0 + 1.0 - cos, axis=-1),
+            1.0 - np.cos(A),
+            atol=1e-6,
+        )
         # It turns from left to right: what hangs pulls it to the right.
-        assert np.all(np.sum(np.sin(section.theta) * (section.rate**2 + cos), axis=-1) > 0.0)
+        assert np.all(
+            np.sum(np.sin(section.theta) * (section.rate**2 + cos), axis=-1) > 0.0
+        )
 
 
 def test_when_pendulum_1_passes_the_vertical_it_is_vertical():

@@ -1,4 +1,5 @@
-"""Self-trapping, against the specification's own script and the law for small swings."""
+"""Self-trapping, against the specification's own script and the law for small
+swings."""
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ def test_from_sixty_degrees_a_beam_of_20_exchanges_and_one_of_22_traps():
     assert sweep.greatest[2] < 0.5
     # Where they exchange, each has the same in the long run, whatever the mass ratio.
     assert sweep.mean[0] == pytest.approx(sweep.mean[0][::-1], abs=0.02)
-    totals = [sum(mean) + beam for mean, beam in zip(sweep.mean, sweep.mean_beam, strict=True)]
-    assert totals == pytest.approx([1.0, 1.0, 1.0], abs=1e-4)  # the energy is kept to 1e-8 a step
+    totals = [
+        sum(mean) + beam for mean, beam in zip(sweep.mean, sweep.mean_beam, strict=True)
+    ]
+    # the energy is kept to 1e-8 a step
+    assert totals == pytest.approx([1.0, 1.0, 1.0], abs=1e-4)
 
 
 def test_the_threshold_is_between_what_exchanges_and_what_traps_and_below_the_law():

@@ -1,4 +1,5 @@
-"""Robots from tables of published numbers, and BP2 on other legs, against C MuJoCo and closed forms."""
+"""Robots from tables of published numbers, and BP2 on other legs, against C MuJoCo and
+closed forms."""
 
 import dataclasses
 import math
@@ -10,7 +11,12 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.paper.robots import read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
-from bp2_rl.paper.scaling.variants import bp2_variants, leg_share, on_legs_of, rigid_shanks
+from bp2_rl.paper.scaling.variants import (
+    bp2_variants,
+    leg_share,
+    on_legs_of,
+    rigid_shanks,
+)
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.model import load_spec
 
@@ -19,16 +25,23 @@ LEGS = {legs.robot: legs for legs in read_legs()}
 
 
 def inertia(hardware: HardwareSpec) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre of mass and inertia about it of a robot that hangs with straight legs, in C MuJoCo."""
+    """Mass, centre of mass and inertia about it of a robot that hangs with straight
+    legs, in C MuJoCo."""
     model = load_spec(hardware).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = np.eye(1, model.nq, 3)[0]
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    mass, center, total = float(model.body_mass.sum()), np.array(data.subtree_com[1]), np.zeros((3, 3))
+    mass, center, total = (
+        float(model.body_mass.sum()),
+        np.array(data.subtree_com[1]),
+        np.zeros((3, 3)),
+    )
     for body in range(1, model.nbody):
         turn, away = data.ximat[body].reshape(3, 3), data.xipos[body] - center
-        steiner = model.body_mass[body] * (away @ away * np.eye(3) - np.outer(away, away))
+        steiner = model.body_mass[body] * (
+            away @ away * np.eye(3) - np.outer(away, away)
+        )
         total += turn @ np.diag(model.body_inertia[body]) @ turn.T + steiner
     return mass, center, total
 
@@ -38,8 +51,12 @@ def test_a_tabled_robot_weighs_what_is_published(name):
     robot = rigid_robot(LEGS[name], MASSES[name])
     assert robot.mass == pytest.approx(MASSES[name], rel=1e-9)
     assert not robot.anatomy.sprung
-    assert robot.anatomy.legs[1].reach()[1] <= LEGS[name].thigh + LEGS[name].shank + LEGS[name].foot_radius
-    assert 0.1 < leg_share(robot.anatomy) < 0.4  # every robot's: Aliengo's heavy motors are in its abduction
+    assert (
+        robot.anatomy.legs[1].reach()[1]
+        <= LEGS[name].thigh + LEGS[name].shank + LEGS[name].foot_radius
+    )
+    # every robot's: Aliengo's heavy motors are in its abduction
+    assert 0.1 < leg_share(robot.anatomy) < 0.4
 
 
 def test_a_foot_is_a_point_at_the_shanks_end():
@@ -48,8 +65,13 @@ def test_a_foot_is_a_point_at_the_shanks_end():
     assert legs.shank_com is not None
     assert legs.shank_inertia is not None
     shank = rigid_robot(legs, 13.7).anatomy.legs[0].shank
-    mass, com = legs.shank_mass + 0.5, (legs.shank_mass * legs.shank_com + 0.5 * legs.shank) / (legs.shank_mass + 0.5)
-    about_knee = legs.shank_inertia + legs.shank_mass * legs.shank_com**2 + 0.5 * legs.shank**2
+    mass, com = (
+        legs.shank_mass + 0.5,
+        (legs.shank_mass * legs.shank_com + 0.5 * legs.shank) / (legs.shank_mass + 0.5),
+    )
+    about_knee = (
+        legs.shank_inertia + legs.shank_mass * legs.shank_com**2 + 0.5 * legs.shank**2
+    )
     assert (shank.mass, -shank.com[2]) == pytest.approx((mass, com))
     assert shank.inertia[1] + mass * com**2 == pytest.approx(about_knee)
 
@@ -67,7 +89,9 @@ def test_welding_the_toes_moves_no_mass():
 
 def test_on_ones_own_legs_one_stays_as_one_is():
     rigid = rigid_shanks(BUILT)
-    for one, other in zip(inertia(rigid), inertia(on_legs_of(rigid.anatomy, rigid)), strict=True):
+    for one, other in zip(
+        inertia(rigid), inertia(on_legs_of(rigid.anatomy, rigid)), strict=True
+    ):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-12)
 
 
@@ -81,4 +105,7 @@ def test_other_legs_are_scaled_to_bp2s_mass():
     other = variants["rigid, legs of x"].anatomy
     assert other.leg_length == pytest.approx(scale * go2.anatomy.leg_length)
     assert leg_share(other) == pytest.approx(leg_share(go2.anatomy))
-    assert math.isclose(leg_share(variants["thighs x 2"].anatomy), leg_share(BUILT.anatomy) + 4.0 * 2.2 / 35.8)
+    assert math.isclose(
+        leg_share(variants["thighs x 2"].anatomy),
+        leg_share(BUILT.anatomy) + 4.0 * 2.2 / 35.8,
+    )

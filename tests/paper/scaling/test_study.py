@@ -34,9 +34,13 @@ SLOWER = 0.8  # times the speed of A1's motors
 def found() -> dict[str, SpeedLimit]:
     """A1's limit, and that with slower motors, on a mesh that is solved in moments."""
     robot = find_robots()[A1]
-    corner, no_load = (times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed))
+    corner, no_load = (
+        times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed)
+    )
     slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
-    *_, limits = simulate(LimitSearch({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1)
+    *_, limits = simulate(
+        LimitSearch({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1
+    )
     return {name: limit for name, limit in limits.robots.items() if limit}
 
 
@@ -46,14 +50,16 @@ def a1(found) -> SpeedLimit:
 
 
 def test_slower_motors_lower_the_limit(found, a1):
-    # To first order by the price of joint speed, some 0.5; speed would go with the motors' if nothing else bound.
+    # To first order by the price of joint speed, some 0.5; speed would go with the
+    # motors' if nothing else bound.
     first_order = a1.speed * SLOWER ** a1.gains["joint speed"]
     assert found["slow"].speed == pytest.approx(first_order, rel=0.1)
     assert SLOWER * a1.speed < found["slow"].speed < 0.96 * a1.speed
 
 
 def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
-    """In stance the foot rests, so the hip passes it no faster than all joints at their no-load speed allow."""
+    """In stance the foot rests, so the hip passes it no faster than all joints at their
+    no-load speed allow."""
     robot = find_robots()[A1]
     length, speed = 2.0 * robot.anatomy.leg_length, 21.0  # rad/s, of hip and knee
     assert a1.speed < length * speed + 0.5 * length * speed
@@ -63,10 +69,17 @@ def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
 def test_a_speed_above_its_limit_is_said_first(a1):
     limits = SpeedLimits("by hand", Rules(4), {A1: a1}, {})
     fine = compare_limits(limits, read_robots(), ())
-    assert refutations(fine) == ["no speed of 1 robots, published or learned, is above the optimiser's limit"]
-    above = [dataclasses.replace(r, top_speed=9.0) if r.robot == A1 else r for r in read_robots()]
+    assert refutations(fine) == [
+        "no speed of 1 robots, published or learned, is above the optimiser's limit"
+    ]
+    above = [
+        dataclasses.replace(r, top_speed=9.0) if r.robot == A1 else r
+        for r in read_robots()
+    ]
     lines = refutations(compare_limits(limits, above, ()))
-    assert lines == [f"{A1} runs 9.00 m/s (published), and its limit is {a1.speed:.2f} m/s: the model is wrong"]
+    assert lines == [
+        f"{A1} runs 9.00 m/s (published), and its limit is {a1.speed:.2f} m/s: the model is wrong"
+    ]
 
 
 def test_what_ships_is_of_the_robots_that_there_are():
@@ -74,13 +87,20 @@ def test_what_ships_is_of_the_robots_that_there_are():
     assert limits.robots.keys() == find_robots().keys()
     assert limits.variants.keys() == find_variants().keys()
     study = compare_limits(limits, read_robots(), read_learned())
-    assert {robot.robot for robot in study.robots if robot.learned} >= {"BP2", "Unitree Go1", "Unitree B2"}
+    assert {robot.robot for robot in study.robots if robot.learned} >= {
+        "BP2",
+        "Unitree Go1",
+        "Unitree B2",
+    }
     assert "WildCat" in study.left_out
     assert not {"BP2", "Unitree Go2-W"} & set(study.left_out)
 
 
 def test_words_choose_robots():
-    assert set(choose_robots(("go1", "mini_cheetah"))[0]) == {"Unitree Go1", "MIT Mini Cheetah"}
+    assert set(choose_robots(("go1", "mini_cheetah"))[0]) == {
+        "Unitree Go1",
+        "MIT Mini Cheetah",
+    }
     assert choose_robots(("bp2",)) == ({}, find_variants())
 
 
@@ -93,7 +113,8 @@ def test_the_command_prints_refutations_first(tmp_path, capsys):
 
 
 def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatch):
-    """What a first search left in its folder is kept, and the rest is found; another search is refused."""
+    """What a first search left in its folder is kept, and the rest is found; another
+    search is refused."""
     asked: list[tuple[str, str]] = []
     interrupts = iter([True, False])
 
@@ -109,7 +130,10 @@ def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatc
     assert scaling.main(words) == INTERRUPTED
     assert scaling.main(words) == OK
     assert asked == [("robots", "Unitree Go1"), ("robots", A1), ("robots", A1)]
-    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS).robots == {"Unitree Go1": a1, A1: a1}
+    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS).robots == {
+        "Unitree Go1": a1,
+        A1: a1,
+    }
     assert scaling.main([*words, "--intervals", "5"]) == WRONG_INPUT
 
 

@@ -15,17 +15,32 @@ from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
-from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chain, solve_chains
+from bp2_rl.paper.trajectories.codesign.chain import (
+    Chain,
+    read_solution,
+    solve_chain,
+    solve_chains,
+)
 from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
 from bp2_rl.paper.trajectories.codesign.scan import Scan, scan_chains, scan_design
-from bp2_rl.paper.trajectories.codesign.search import DesignRow, find_designs, start_chain
+from bp2_rl.paper.trajectories.codesign.search import (
+    DesignRow,
+    find_designs,
+    start_chain,
+)
 from bp2_rl.paper.trajectories.codesign.sensitivity import variations
-from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings, DesignBounds
+from bp2_rl.paper.trajectories.codesign.settings import (
+    PARAMETERS,
+    CodesignSettings,
+    DesignBounds,
+)
 from bp2_rl.paper.trajectories.codesign.study import Codesign, print_study, remarks
 from bp2_rl.robot.actuator import Actuator, torque_limits
 
 # Half the points of Hermite-Simpson.
-PROBLEM = dataclasses.replace(CodesignSettings().problem, scheme="trapezoid", intervals=6)
+PROBLEM = dataclasses.replace(
+    CodesignSettings().problem, scheme="trapezoid", intervals=6
+)
 SETTINGS = CodesignSettings(problem=PROBLEM, starts=1, starts_elsewhere=0, grid=3)
 
 
@@ -42,10 +57,12 @@ def design(folder):
 
 def test_a_free_design_is_cheaper_than_bp2_and_within_its_bounds(design):
     fixed = solve(PROBLEM, resample(design.problem, design.motion, PROBLEM))
-    assert design.cost < 0.99 * fixed.cost  # 1 %: far beyond what IPOPT leaves open, far less than what is gained
+    # 1 %: far beyond what IPOPT leaves open, far less than what is gained
+    assert design.cost < 0.99 * fixed.cost
     for name, (low, high) in SETTINGS.bounds.of(PARAMETERS).items():
         value = design.problem.hardware.parameter(name)
-        assert low * (1 - 1e-7) <= value <= high * (1 + 1e-7)  # IPOPT widens every bound by 1e-8
+        # IPOPT widens every bound by 1e-8
+        assert low * (1 - 1e-7) <= value <= high * (1 + 1e-7)
 
 
 def test_the_found_design_costs_the_same_when_it_is_given(design):
@@ -64,29 +81,51 @@ def test_the_motor_stays_the_same_behind_every_gear():
         speed = shares * hardware.joint_no_load_speed
         low, high = torque_limits(Actuator.from_hardware(hardware), speed)
         powers.append((low * speed, high * speed))
-        assert hardware.reflected_inertia == pytest.approx(PROBLEM.hardware.parameter("rotor_inertia") * gear**2)
-    np.testing.assert_allclose(powers[0], powers[1], rtol=1e-9, atol=1e-9)  # round-off of W
+        assert hardware.reflected_inertia == pytest.approx(
+            PROBLEM.hardware.parameter("rotor_inertia") * gear**2
+        )
+    # round-off of W
+    np.testing.assert_allclose(powers[0], powers[1], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(powers[2], powers[1], rtol=1e-9, atol=1e-9)
 
 
 def test_the_found_motion_stays_within_the_motor_behind_the_found_gear(design):
     """The program's own envelope, held against the actuator of the simulator."""
-    hardware, motors = design.problem.hardware, motor_coordinates(design.problem.stride.legs)
+    hardware, motors = (
+        design.problem.hardware,
+        motor_coordinates(design.problem.stride.legs),
+    )
     qd, tau = design.motion.v[..., motors], design.motion.tau
     low, high = torque_limits(Actuator.from_hardware(hardware), qd)
-    slack = 1e-4  # Nm: constr_viol_tol of 1e-8 times the torque scale of 100 Nm, with room
+    # Nm: constr_viol_tol of 1e-8 times the torque scale of 100 Nm, with room
+    slack = 1e-4
     assert np.all(tau <= high + slack)
     assert np.all(tau >= low - slack)
-    assert np.max(np.abs(qd)) <= design.problem.speed_margin * hardware.joint_no_load_speed + 1e-4
+    assert (
+        np.max(np.abs(qd))
+        <= design.problem.speed_margin * hardware.joint_no_load_speed + 1e-4
+    )
 
 
 @pytest.mark.parametrize(
     ("bounds", "says"),
     [
-        ({"gear_ratio": (9.0, 8.0)}, "bounds.gear_ratio must be two numbers with 0 < low < high, got 9 and 8"),
-        ({"spring_stiffness": (-1.0, 8e3)}, "bounds.spring_stiffness must be two numbers with 0 < low < high"),
-        ({"leg_length": (0.3, float("inf"))}, "bounds.leg_length must be two numbers with 0 < low < high"),
-        ({"leg_length": (0.2, 0.4)}, "bounds.leg_length begins too low: .* must exceed shank"),
+        (
+            {"gear_ratio": (9.0, 8.0)},
+            "bounds.gear_ratio must be two numbers with 0 < low < high, got 9 and 8",
+        ),
+        (
+            {"spring_stiffness": (-1.0, 8e3)},
+            "bounds.spring_stiffness must be two numbers with 0 < low < high",
+        ),
+        (
+            {"leg_length": (0.3, float("inf"))},
+            "bounds.leg_length must be two numbers with 0 < low < high",
+        ),
+        (
+            {"leg_length": (0.2, 0.4)},
+            "bounds.leg_length begins too low: .* must exceed shank",
+        ),
     ],
 )
 def test_bounds_without_a_design_are_refused(bounds, says):
@@ -105,8 +144,12 @@ def test_settings_are_the_same_after_json():
     assert from_json(CodesignSettings, to_json(SETTINGS)) == SETTINGS
 
 
-def test_a_scan_keeps_the_cheaper_direction_and_resumed_solves_nothing_again(tmp_path, monkeypatch):
-    settings = dataclasses.replace(SETTINGS, scanned=DesignBounds(spring_stiffness=(5000.0, 7000.0)))
+def test_a_scan_keeps_the_cheaper_direction_and_resumed_solves_nothing_again(
+    tmp_path, monkeypatch
+):
+    settings = dataclasses.replace(
+        SETTINGS, scanned=DesignBounds(spring_stiffness=(5000.0, 7000.0))
+    )
     costs = iter((3.0, 1.0, 2.0, 1.0, 2.0, 1.5))  # upwards, then downwards
 
     def fake(problem, guess, options):
@@ -117,14 +160,16 @@ def test_a_scan_keeps_the_cheaper_direction_and_resumed_solves_nothing_again(tmp
     scan = scan_design(settings, "spring_stiffness", "BP2", tmp_path)
     assert scan.values == pytest.approx((5000.0, 6000.0, 7000.0))
     assert [row.cost for row in scan.rows] == [1.5, 1.0, 1.0]
-    assert [row.spread for row in scan.rows] == [1.0, 1.0, 1.0]  # the dearer direction cost twice as much
+    # the dearer direction cost twice as much
+    assert [row.spread for row in scan.rows] == [1.0, 1.0, 1.0]
     assert all(row.at_bounds == () for row in scan.rows)  # nothing was free
     monkeypatch.setattr(collocation, "solve", None)  # calling it would fail
     assert scan_design(settings, "spring_stiffness", "BP2", tmp_path) == scan
 
 
 def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
-    """Two of three values were solved when it stopped: only the third is solved, from the second's trajectory."""
+    """Two of three values were solved when it stopped: only the third is solved, from
+    the second's trajectory."""
     chain = scan_chains(SETTINGS, "leg_length", "BP2")[0]
     calls = []
 
@@ -158,7 +203,8 @@ def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
     monkeypatch.setattr(collocation, "solve", fake)
     assert solve_chain(up, tmp_path) is not None
     assert read_solution(up.parts[1], tmp_path) is None
-    assert starts[2] == made_up.motion.durations[0]  # the third began where the first had ended
+    # the third began where the first had ended
+    assert starts[2] == made_up.motion.durations[0]
     solve_chain(up.parts[1], tmp_path)
     assert len(starts) == 3
 
@@ -167,7 +213,10 @@ def test_variations_change_one_setting_each():
     mine = _flatten(to_json(SETTINGS))
     cases = variations(SETTINGS)
     for case, changed in cases.items():
-        assert sum(mine[key] != value for key, value in _flatten(to_json(changed)).items()) == 1, case
+        assert (
+            sum(mine[key] != value for key, value in _flatten(to_json(changed)).items())
+            == 1
+        ), case
     assert len(cases) >= 15
 
 
@@ -181,16 +230,30 @@ def test_starts_differ_in_design_and_guess():
 
 def test_a_scan_says_where_its_minimum_is():
     costs = (1.3, 1.0, 1.01, 1.2)
-    rows = tuple(_row(cost, leg_length=length) for cost, length in zip(costs, (0.3, 0.33, 0.36, 0.4), strict=True))
+    rows = tuple(
+        _row(cost, leg_length=length)
+        for cost, length in zip(costs, (0.3, 0.33, 0.36, 0.4), strict=True)
+    )
     scan = Scan("leg_length", "free", rows)
-    assert (scan.best.leg_length, scan.interior, scan.flat) == (0.33, True, (0.33, 0.36))
+    assert (scan.best.leg_length, scan.interior, scan.flat) == (
+        0.33,
+        True,
+        (0.33, 0.36),
+    )
     assert not dataclasses.replace(scan, rows=rows[1:]).interior
 
 
 def test_remarks_keep_apart_what_a_bound_holds():
-    rows = (_row(1.0, gear_ratio=9.0), _row(1.0, gear_ratio=14.0, at_bounds=("gear_ratio",)), _row(1.0, gear_ratio=8.0))
+    rows = (
+        _row(1.0, gear_ratio=9.0),
+        _row(1.0, gear_ratio=14.0, at_bounds=("gear_ratio",)),
+        _row(1.0, gear_ratio=8.0),
+    )
     lines = remarks(Codesign(SETTINGS, rows[:1], rows, ()))
-    assert lines[0] == "gear_ratio: inside its bounds at 8 to 9 1 in 2 of 3 settings, at a bound in 1"
+    assert (
+        lines[0]
+        == "gear_ratio: inside its bounds at 8 to 9 1 in 2 of 3 settings, at a bound in 1"
+    )
 
 
 def test_a_study_is_kept_and_drawn(tmp_path):
@@ -202,7 +265,11 @@ def test_a_study_is_kept_and_drawn(tmp_path):
     assert "14.00*" in text.getvalue()
     figure = codesign_figure(study)
     labels = [axes.get_xlabel() or axes.get_ylabel() for axes in figure.axes]
-    assert {label.split(" [")[0] for label in labels if label} >= {"Leg length", "Cost", "Period"}
+    assert {label.split(" [")[0] for label in labels if label} >= {
+        "Leg length",
+        "Cost",
+        "Period",
+    }
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).size[0] >= 1200  # pixels: legible on a page
@@ -211,12 +278,22 @@ def test_a_study_is_kept_and_drawn(tmp_path):
 def _made_up(problem: Problem):
     """A solution that satisfies nothing, with durations of its own."""
     guess = cold_guess(problem, seed=7)
-    return Solution(problem=problem, motion=guess, cost=1.0, violation=0.0, iterations=1, seconds=0.1)
+    return Solution(
+        problem=problem,
+        motion=guess,
+        cost=1.0,
+        violation=0.0,
+        iterations=1,
+        seconds=0.1,
+    )
 
 
 def _row(cost: float, **figures) -> DesignRow:
     return dataclasses.replace(
-        DesignRow("", 8.5, 0.35, 6e3, cost, 0.32, 0.18, 80.0, 15.0, 0.7, (), 0.01, 2, 2), **figures
+        DesignRow(
+            "", 8.5, 0.35, 6e3, cost, 0.32, 0.18, 80.0, 15.0, 0.7, (), 0.01, 2, 2
+        ),
+        **figures,
     )
 
 
@@ -238,5 +315,9 @@ def _made_up_study() -> Codesign:
 def _flatten(tree: dict, path: str = "") -> dict:
     flat = {}
     for key, value in tree.items():
-        flat |= _flatten(value, f"{path}.{key}") if isinstance(value, dict) else {f"{path}.{key}": value}
+        flat |= (
+            _flatten(value, f"{path}.{key}")
+            if isinstance(value, dict)
+            else {f"{path}.{key}": value}
+        )
     return flat

@@ -1,4 +1,5 @@
-"""Coupled inertial torques by source: they add up, and they are what an independent model of the robot says."""
+"""Coupled inertial torques by source: they add up, and they are what an independent
+model of the robot says."""
 
 import dataclasses
 
@@ -27,7 +28,13 @@ from bp2_rl.paper.trajectories.coupling_account import (
     remarks,
     tabulate,
 )
-from bp2_rl.paper.trajectories.decomposition import BALANCE, TERMS, Decomposition, coupling_opposes, decompose
+from bp2_rl.paper.trajectories.decomposition import (
+    BALANCE,
+    TERMS,
+    Decomposition,
+    coupling_opposes,
+    decompose,
+)
 
 LEGS = ("FR", "FL", "RR", "RL")
 BOTH = ("centrifugal", "Coriolis")
@@ -49,12 +56,19 @@ def account(trot) -> CouplingAccount:
 
 
 def planar_states(sources: Sources):
-    """MuJoCo's terms with velocities, accelerations, motor torques and forces at some of the cycle's points."""
+    """MuJoCo's terms with velocities, accelerations, motor torques and forces at some
+    of the cycle's points."""
     cycle = sources.decomposition.cycle
     planar = PlanarModel.of(cycle.problem)
     q, v, a, tau, force = (
         x.reshape(-1, x.shape[-1])
-        for x in (cycle.motion.q, cycle.motion.v, cycle.motion.a, cycle.motion.tau, cycle.motion.force)
+        for x in (
+            cycle.motion.q,
+            cycle.motion.v,
+            cycle.motion.a,
+            cycle.motion.tau,
+            cycle.motion.force,
+        )
     )
     for k in range(0, len(q), 7):
         yield k, planar.terms(q[k], v[k]), a[k], tau[k], force[k]
@@ -63,20 +77,26 @@ def planar_states(sources: Sources):
 def test_no_entry_of_the_mass_matrix_joins_two_legs(sources):
     for _, terms, *_ in planar_states(sources):
         legs = terms.mass[3:, 3:].reshape(4, 3, 4, 3)
-        assert not any(np.any(legs[i, :, j]) for i in range(4) for j in range(4) if i != j)
+        assert not any(
+            np.any(legs[i, :, j]) for i in range(4) for j in range(4) if i != j
+        )
 
 
 def test_the_sources_add_up(sources):
     assert sources.within.shape == (len(WITHIN), 4 * 13, 8)
     assert sources.through.shape == (len(THROUGH), 4 * 13, 8)
-    assert sources.closure < 1e-6  # what the paper's evidence is held to; the solver leaves some 1e-11
+    # what the paper's evidence is held to; the solver leaves some 1e-11
+    assert sources.closure < 1e-6
     coupled = sources.decomposition.forces[1][:, motor_coordinates(LEGS)]
-    np.testing.assert_allclose(np.sum(sources.within, axis=0), coupled, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        np.sum(sources.within, axis=0), coupled, rtol=0, atol=1e-10
+    )
 
 
 def test_what_a_leg_does_to_another_is_mujocos_schur_complement(sources):
-    """A trunk without any force on it, and one leg's joints accelerated as in the trot: MuJoCo's mass matrix says how
-    the trunk recoils, and what that takes at each joint."""
+    """A trunk without any force on it, and one leg's joints accelerated as in the trot:
+    MuJoCo's mass matrix says how the trunk recoils, and what that takes at each
+    joint."""
     partners = {"FR": "RL", "FL": "RR", "RR": "FL", "RL": "FR"}
     joints = motor_coordinates(LEGS)
     for k, terms, a, *_ in planar_states(sources):
@@ -84,7 +104,10 @@ def test_what_a_leg_does_to_another_is_mujocos_schur_complement(sources):
             for kind, movers in (
                 ("own leg", [leg]),
                 ("same pair", [partners[leg]]),
-                ("other pair", [other for other in LEGS if other not in (leg, partners[leg])]),
+                (
+                    "other pair",
+                    [other for other in LEGS if other not in (leg, partners[leg])],
+                ),
             ):
                 moved = np.zeros(15)
                 for mover in movers:
@@ -110,16 +133,21 @@ def test_ground_gravity_and_velocities_are_mujocos(sources):
             ("gravity", -take @ weight[:3]),
             ("velocities", -take @ (terms.bias - weight)[:3]),
         ):
-            np.testing.assert_allclose(sources.through[THROUGH.index(name), k], expected, rtol=0, atol=1e-8)
+            np.testing.assert_allclose(
+                sources.through[THROUGH.index(name), k], expected, rtol=0, atol=1e-8
+            )
 
 
 def test_the_torque_on_a_still_trunk_is_mujocos_inverse_dynamics(sources):
-    """C MuJoCo's inverse dynamics of the same joints' motion with the trunk's acceleration set to zero."""
+    """C MuJoCo's inverse dynamics of the same joints' motion with the trunk's
+    acceleration set to zero."""
     joints = motor_coordinates(LEGS)
     for k, terms, a, tau, force in planar_states(sources):
         held = a.copy()
         held[:3] = 0.0
-        needed = terms.mass @ held + terms.bias - terms.passive - terms.jacobian.T @ force
+        needed = (
+            terms.mass @ held + terms.bias - terms.passive - terms.jacobian.T @ force
+        )
         # The solver's own tolerance on the equations of motion is 1e-8 of 100 Nm.
         np.testing.assert_allclose(sources.fixed[k], needed[joints], rtol=0, atol=1e-5)
         np.testing.assert_allclose(sources.active[k], tau, rtol=0, atol=1e-12)
@@ -136,12 +164,15 @@ def test_shares_by_source_add_up_to_what_is_covered(sources, account):
 
 
 def test_coupling_is_within_a_leg_and_not_between_legs(account):
-    """At 10 m/s knee and spring cover .40 and .39 in the library's trot, other legs less than .01 each; coarse optima
-    differ from it by some hundredths."""
+    """At 10 m/s knee and spring cover .40 and .39 in the library's trot, other legs
+    less than .01 each; coarse optima differ from it by some hundredths."""
     assert min(account.within["other joint"], account.within["spring"]) > 0.3
-    assert max(abs(account.through[name]) for name in ("same pair", "other pair")) < 0.05
+    assert (
+        max(abs(account.through[name]) for name in ("same pair", "other pair")) < 0.05
+    )
     for torque in account.torques.values():
-        assert abs(torque.fixed_rms / torque.rms - 1.0) < 0.05  # 2 % in the library's trot
+        # 2 % in the library's trot
+        assert abs(torque.fixed_rms / torque.rms - 1.0) < 0.05
 
 
 def test_terms_balance_in_angles_of_links_too(trot, links):
@@ -150,20 +181,28 @@ def test_terms_balance_in_angles_of_links_too(trot, links):
     assert links.coordinates[3:6] == ("FR thigh", "FR lower-leg", "FR spring")
 
 
-def test_powers_and_the_trunks_translation_are_the_same_in_both_coordinates(trot, links):
+def test_powers_and_the_trunks_translation_are_the_same_in_both_coordinates(
+    trot, links
+):
     joints = decompose(trot)
     v = joints.cycle.motion.v.reshape(-1, 15)
     rates = np.linalg.solve(joints_of_links(LEGS), v.T).T
     for term in ("active", "gravity", "passive", "ground reaction"):
         i = TERMS.index(term)
-        powers = [np.sum(forces[i] * speed, axis=1) for forces, speed in ((joints.forces, v), (links.forces, rates))]
+        powers = [
+            np.sum(forces[i] * speed, axis=1)
+            for forces, speed in ((joints.forces, v), (links.forces, rates))
+        ]
         np.testing.assert_allclose(powers[1], powers[0], rtol=1e-10, atol=1e-8)
     velocity = [sum(part.along(term, "z") for term in BOTH) for part in (joints, links)]
     np.testing.assert_allclose(velocity[1], velocity[0], rtol=0, atol=1e-9)
 
 
-def test_main_torque_in_angles_of_links_is_mujocos_with_the_other_links_held(trot, links):
-    """A thigh that turns alone keeps the lower leg's and the trunk's angles: as its hip turns, its knee turns back."""
+def test_main_torque_in_angles_of_links_is_mujocos_with_the_other_links_held(
+    trot, links
+):
+    """A thigh that turns alone keeps the lower leg's and the trunk's angles: as its hip
+    turns, its knee turns back."""
     cycle = links.cycle
     planar = PlanarModel.of(cycle.problem)
     q, a = (x.reshape(-1, 15) for x in (cycle.motion.q, cycle.motion.a))
@@ -172,30 +211,49 @@ def test_main_torque_in_angles_of_links_is_mujocos_with_the_other_links_held(tro
     for k in range(0, len(q), 9):
         inertia = alone @ planar.terms(q[k], 0.0 * q[k]).mass @ alone
         expected = inertia * (a[k, 2] + a[k, 3])  # the thigh's angle is pitch plus hip
-        assert links.along("main inertial", "FR thigh")[k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        assert links.along("main inertial", "FR thigh")[k] == pytest.approx(
+            expected, rel=1e-9, abs=1e-9
+        )
 
 
-def test_a_chain_of_links_in_their_own_angles_has_coriolis_forces_of_its_springs_alone(trot, links):
-    """Bodies on rotating links: a_centre has terms in the square of each angle's rate, and mixed ones with a spring's
-    rate only. So what is left of C with springs at rest is centrifugal."""
+def test_a_chain_of_links_in_their_own_angles_has_coriolis_forces_of_its_springs_alone(
+    trot, links
+):
+    """Bodies on rotating links: a_centre has terms in the square of each angle's rate,
+    and mixed ones with a spring's rate only. So what is left of C with springs at rest
+    is centrifugal."""
     cycle = links.cycle
     frozen = cycle.motion.v.copy()
     frozen[..., [5, 8, 11, 14]] = 0.0
     solved = trot.motion
     half = len(solved.v)
-    still = dataclasses.replace(trot, motion=dataclasses.replace(solved, v=frozen[:half]))
+    still = dataclasses.replace(
+        trot, motion=dataclasses.replace(solved, v=frozen[:half])
+    )
     terms = decompose_links(still)
-    assert np.max(np.abs(terms.forces[TERMS.index("Coriolis")])) < 1e-9 * np.max(np.abs(terms.forces))
+    assert np.max(np.abs(terms.forces[TERMS.index("Coriolis")])) < 1e-9 * np.max(
+        np.abs(terms.forces)
+    )
 
 
 def test_harmonics_are_those_of_a_wave_known_in_closed_form(trot):
     fine = trot.problem.on_mesh(40)
-    cycle = whole_cycle(dataclasses.replace(trot, problem=fine, motion=resample(trot.problem, trot.motion, fine)))
+    cycle = whole_cycle(
+        dataclasses.replace(
+            trot, problem=fine, motion=resample(trot.problem, trot.motion, fine)
+        )
+    )
     angle = 2.0 * np.pi * cycle.time.ravel() / cycle.period
-    low, high = 3.0 + 5.0 * np.cos(angle - 0.3) + 2.0 * np.sin(3.0 * angle), 4.0 * np.cos(7.0 * angle)
-    # Simpson's rule on steps of at most 1/260 of the cycle: (11 x 2 pi / 260)^4 / 180 = 3e-5 of the amplitudes.
+    low, high = (
+        3.0 + 5.0 * np.cos(angle - 0.3) + 2.0 * np.sin(3.0 * angle),
+        4.0 * np.cos(7.0 * angle),
+    )
+    # Simpson's rule on steps of at most 1/260 of the cycle: (11 x 2 pi / 260)^4 / 180 =
+    # 3e-5 of the amplitudes.
     np.testing.assert_allclose(keep_harmonics(cycle, low + high, 4), low, atol=1e-3)
-    assert variance_above(cycle, low + high, 4) == pytest.approx(16.0 / (25.0 + 4.0 + 16.0), abs=1e-3)
+    assert variance_above(cycle, low + high, 4) == pytest.approx(
+        16.0 / (25.0 + 4.0 + 16.0), abs=1e-3
+    )
     assert variance_above(cycle, low, 4) == pytest.approx(0.0, abs=1e-3)
 
 
@@ -204,7 +262,8 @@ def test_low_passed_terms_balance(account, sources):
     kept = keep_harmonics(terms.cycle, np.moveaxis(terms.forces, 1, -1), 4)
     assert np.max(np.abs(np.einsum("t,tik->ik", BALANCE, kept))) < 1e-6
     largest = [cut.largest["hind"] for cut in account.cutoffs]
-    assert largest == sorted(largest)  # the more harmonics, the higher the peak: the toe's ringing
+    # the more harmonics, the higher the peak: the toe's ringing
+    assert largest == sorted(largest)
 
 
 def test_left_and_right_are_mirror_images(sources):
@@ -217,10 +276,17 @@ def test_left_and_right_are_mirror_images(sources):
 
 def test_rotors_that_turn_with_their_links_are_in_the_split(trot):
     """What they add to M_i,t a_t is r I_m times the acceleration of the pitch."""
-    coupled = dataclasses.replace(trot, problem=dataclasses.replace(trot.problem, rotor_coupling=True))
-    added = split_sources(coupled).within[WITHIN.index("trunk pitch")] - split_sources(trot).within[4]
+    coupled = dataclasses.replace(
+        trot, problem=dataclasses.replace(trot.problem, rotor_coupling=True)
+    )
+    added = (
+        split_sources(coupled).within[WITHIN.index("trunk pitch")]
+        - split_sources(trot).within[4]
+    )
     pitch = split_sources(trot).decomposition.cycle.motion.a.reshape(-1, 15)[:, 2]
-    np.testing.assert_allclose(added, 2e-4 * 8.5 * pitch[:, None] * np.ones(8), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        added, 2e-4 * 8.5 * pitch[:, None] * np.ones(8), rtol=0, atol=1e-9
+    )
 
 
 def test_the_account_is_said_in_words_and_in_a_row_for_each_speed(trot, account):
@@ -229,7 +295,10 @@ def test_the_account_is_said_in_words_and_in_a_row_for_each_speed(trot, account)
     assert [each.speed for each in accounts] == [10.0, 12.0]
     assert tabulate(accounts).row_count == 2
     lines = remarks(account)
-    assert any(f"u peaks at {account.torques['hind hip'].peak:.1f} Nm" in line for line in lines)
+    assert any(
+        f"u peaks at {account.torques['hind hip'].peak:.1f} Nm" in line
+        for line in lines
+    )
     assert any("C_z / (m g) peaks with" in line for line in lines)
 
 
@@ -238,7 +307,16 @@ def test_half_a_robot_has_no_leg_of_the_same_pair():
     guess = cold_guess(problem)
     swinging = dataclasses.replace(guess, a=np.full_like(guess.a, 30.0))
     sources = split_sources(
-        Solution(problem=problem, motion=swinging, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+        Solution(
+            problem=problem,
+            motion=swinging,
+            cost=0.0,
+            violation=0.0,
+            iterations=0,
+            seconds=0.0,
+        )
     )
     assert not np.any(sources.through[THROUGH.index("same pair")])
-    assert np.all(sources.through[THROUGH.index("other pair"), :, sources.motors("hip")])
+    assert np.all(
+        sources.through[THROUGH.index("other pair"), :, sources.motors("hip")]
+    )

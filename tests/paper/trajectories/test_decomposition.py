@@ -1,4 +1,5 @@
-"""The terms of the equations of motion along a cycle: they balance, and they mean what their names say."""
+"""The terms of the equations of motion along a cycle: they balance, and they mean what
+their names say."""
 
 import dataclasses
 
@@ -40,11 +41,19 @@ def terms(trot) -> Decomposition:
 
 
 def pretended(problem: Problem, motion: Motion) -> Solution:
-    return Solution(problem=problem, motion=motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    return Solution(
+        problem=problem,
+        motion=motion,
+        cost=0.0,
+        violation=0.0,
+        iterations=0,
+        seconds=0.0,
+    )
 
 
 def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:
-    """What a robot with straight legs does whose q, v and a are held at the given values, and zero elsewhere."""
+    """What a robot with straight legs does whose q, v and a are held at the given
+    values, and zero elsewhere."""
     problem = Problem(gait=gait, intervals=2)
     guess = cold_guess(problem)
     held = {name: np.zeros_like(guess.q) for name in "qva"}
@@ -52,19 +61,26 @@ def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:
         for coordinate, value in entries.items():
             held[name][..., coordinate] = value
     nothing = np.zeros_like(guess.tau)
-    motion = dataclasses.replace(guess, **held, tau=nothing, force=nothing, impulse=nothing[:, 0])
+    motion = dataclasses.replace(
+        guess, **held, tau=nothing, force=nothing, impulse=nothing[:, 0]
+    )
     return decompose(pretended(problem, motion))
 
 
 def at_other_speed(solution: Solution, speed: float) -> Solution:
-    return dataclasses.replace(solution, problem=dataclasses.replace(solution.problem, speed=speed))
+    return dataclasses.replace(
+        solution, problem=dataclasses.replace(solution.problem, speed=speed)
+    )
 
 
 def along(part: Decomposition, coordinate: str, **waves: np.ndarray) -> Decomposition:
-    """The decomposition with other main and coupled inertial torques of one coordinate."""
+    """The decomposition with other main and coupled inertial torques of one
+    coordinate."""
     forces = part.forces.copy()
     for term, values in waves.items():
-        forces[TERMS.index(f"{term} inertial"), :, part.coordinates.index(coordinate)] = values
+        forces[
+            TERMS.index(f"{term} inertial"), :, part.coordinates.index(coordinate)
+        ] = values
     return dataclasses.replace(part, forces=forces)
 
 
@@ -82,7 +98,10 @@ def test_every_force_and_joint_has_its_place(terms):
     assert np.all(np.diff(terms.time) >= -1e-12)
     motors = [name.endswith(("hip", "knee")) for name in terms.coordinates]
     springs = [name.endswith("spring") for name in terms.coordinates]
-    acting = {term: np.any(terms.forces[TERMS.index(term)], axis=0) for term in ("active", "passive")}
+    acting = {
+        term: np.any(terms.forces[TERMS.index(term)], axis=0)
+        for term in ("active", "passive")
+    }
     np.testing.assert_array_equal(acting["active"], motors)
     np.testing.assert_array_equal(acting["passive"], springs)
 
@@ -95,11 +114,14 @@ def test_gravity_pulls_with_the_weight(terms):
 def test_the_ground_bears_the_weight_on_average(terms):
     average = average_force(terms)[:, terms.coordinates.index("z")]
     assert average[TERMS.index("gravity")] == pytest.approx(WEIGHT, rel=1e-12)
-    # The momentum of a periodic motion. On six intervals the quadrature's error is 1e-3 to 4e-3, for one optimum or
-    # another (on 32 it is 2e-5); impulses are 0.17 to 0.19.
+    # The momentum of a periodic motion. On six intervals the quadrature's error is 1e-3
+    # to 4e-3, for one optimum or another (on 32 it is 2e-5); impulses are 0.17 to 0.19.
     assert average[TERMS.index("ground reaction")] == pytest.approx(WEIGHT, rel=1e-2)
-    impulse = np.sum(terms.impulses[TERMS.index("ground reaction"), :, terms.coordinates.index("z")])
-    assert impulse / terms.cycle.period > 0.1 * WEIGHT  # without the impulses it would not
+    impulse = np.sum(
+        terms.impulses[TERMS.index("ground reaction"), :, terms.coordinates.index("z")]
+    )
+    # without the impulses it would not
+    assert impulse / terms.cycle.period > 0.1 * WEIGHT
 
 
 def test_shares_add_up_to_one(terms):
@@ -121,29 +143,45 @@ def test_a_lengthening_leg_that_turns_feels_coriolis_force():
     rate, slide = 7.0, 3.0
     part = posed(v={FR_HIP: rate, FR_HIP + 2: -slide})
     # The toe's 2 m w s, backwards where the hip swings back and the leg grows longer.
-    np.testing.assert_allclose(part.along("Coriolis", "x"), -2.0 * 0.5 * rate * slide, rtol=1e-12)
+    np.testing.assert_allclose(
+        part.along("Coriolis", "x"), -2.0 * 0.5 * rate * slide, rtol=1e-12
+    )
 
 
 def test_a_straight_legs_inertia_is_a_pendulums():
     acceleration = 40.0
-    part = posed(q={FR_HIP: np.pi / 2.0}, a={FR_HIP: acceleration})  # the foot points backwards and goes up
+    # the foot points backwards and goes up
+    part = posed(q={FR_HIP: np.pi / 2.0}, a={FR_HIP: acceleration})
     inertia = sum(inertia + mass * distance**2 for mass, inertia, distance in LINKS)
     main = (inertia + IDEAL.reflected_inertia) * acceleration
     first = slice(len(part.time) // 2)  # then it is FL's turn
-    np.testing.assert_allclose(part.along("main inertial", "FR hip")[first], main, rtol=1e-12)
+    np.testing.assert_allclose(
+        part.along("main inertial", "FR hip")[first], main, rtol=1e-12
+    )
     lift = sum(mass * distance for mass, _, distance in LINKS)
-    np.testing.assert_allclose(part.along("coupled inertial", "z"), lift * acceleration, rtol=1e-12)
-    np.testing.assert_allclose(part.along("gravity", "FR hip")[first], lift * conventions.GRAVITY, rtol=1e-12)
-    np.testing.assert_allclose(part.along("coupled inertial", "FL hip"), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        part.along("coupled inertial", "z"), lift * acceleration, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        part.along("gravity", "FR hip")[first], lift * conventions.GRAVITY, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        part.along("coupled inertial", "FL hip"), 0.0, atol=1e-12
+    )
 
 
 def test_a_jump_in_velocity_takes_an_impulse():
     problem = Problem(intervals=2)
     guess = cold_guess(problem)
     v = np.zeros_like(guess.v)
-    v[0, :, 1] = 0.5  # up in stance, still in flight: it takes off and is stopped once in each half
-    jumps = decompose(pretended(problem, dataclasses.replace(guess, v=v))).impulses[TERMS.index("main inertial"), :, 1]
-    np.testing.assert_allclose(jumps, 35.8 * 0.5 * np.array([1.0, -1.0, 1.0, -1.0]), rtol=1e-12)
+    # up in stance, still in flight: it takes off and is stopped once in each half
+    v[0, :, 1] = 0.5
+    jumps = decompose(pretended(problem, dataclasses.replace(guess, v=v))).impulses[
+        TERMS.index("main inertial"), :, 1
+    ]
+    np.testing.assert_allclose(
+        jumps, 35.8 * 0.5 * np.array([1.0, -1.0, 1.0, -1.0]), rtol=1e-12
+    )
 
 
 def test_coupling_is_judged_at_the_peaks_of_the_main_torque(terms):
@@ -151,14 +189,20 @@ def test_coupling_is_judged_at_the_peaks_of_the_main_torque(terms):
     ripple = 0.05 * np.cos(20.0 * np.pi * terms.time / terms.cycle.period)
     part = terms
     for leg in terms.legs:
-        part = along(part, f"{leg} hip", main=100.0 * (wave + ripple), coupled=-60.0 * (wave + ripple))
+        part = along(
+            part,
+            f"{leg} hip",
+            main=100.0 * (wave + ripple),
+            coupled=-60.0 * (wave + ripple),
+        )
     coupling = coupling_opposes(part)
     assert len(coupling.main) == 2 * len(terms.legs)  # the ripple's peaks do not count
     assert coupling.opposing == 1.0
     assert coupling.covered == pytest.approx(0.6, rel=1e-12)
     worse = coupling_opposes(along(part, "FR hip", coupled=30.0 * (wave + ripple)))
     assert worse.opposing == 0.75
-    assert np.isnan(coupling_opposes(posed()).opposing)  # what stands still has no peaks
+    # what stands still has no peaks
+    assert np.isnan(coupling_opposes(posed()).opposing)
     assert worse.covered == pytest.approx((6 * 0.6 - 2 * 0.3) / 8, rel=1e-12)
 
 
@@ -172,7 +216,8 @@ def test_at_ten_metres_a_second_coupling_opposes_and_lifts_as_in_the_paper(trot,
 def test_trends_are_by_speed_and_of_the_mean_leg(trot, terms):
     trends = find_trends([at_other_speed(trot, 12.0), trot])
     np.testing.assert_array_equal(trends.speeds, [10.0, 12.0])
-    np.testing.assert_array_equal(trends.average[0], trends.average[1])  # one motion under two names
+    # one motion under two names
+    np.testing.assert_array_equal(trends.average[0], trends.average[1])
     average = average_force(terms)
     hips = [terms.coordinates.index(f"{leg} hip") for leg in conventions.LEGS]
     hip = trends.average[0, :, KINDS.index("hip")]
@@ -192,7 +237,9 @@ def test_turning_points_are_where_values_turn():
 def test_solutions_that_cannot_be_compared_are_refused(trot):
     other = at_other_speed(trot, 12.0)
     heavier = dataclasses.replace(other, problem=other.problem.on(mass_scale=1.1))
-    paper = dataclasses.replace(other, problem=dataclasses.replace(other.problem, gait="two-leg"))
+    paper = dataclasses.replace(
+        other, problem=dataclasses.replace(other.problem, gait="two-leg")
+    )
     for solutions, message in (
         ([], "no solutions"),
         ([trot, trot], "two solutions have the speed 10 m/s"),

@@ -1,4 +1,5 @@
-"""The pictures of trajectories: they draw without a warning, say what they show, and show what was solved."""
+"""The pictures of trajectories: they draw without a warning, say what they show, and
+show what was solved."""
 
 import dataclasses
 import io
@@ -26,16 +27,36 @@ from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.coordinates import decompose_links
 from bp2_rl.paper.trajectories.coupling import split_sources
 from bp2_rl.paper.trajectories.coupling_account import account_family
-from bp2_rl.paper.trajectories.decomposition import TERMS, Decomposition, Trends, decompose, find_trends
-from bp2_rl.paper.trajectories.figures.coupling import coordinates_figure, coupling_figure
-from bp2_rl.paper.trajectories.figures.decomposition import TERM_COLORS, decomposition_figure
+from bp2_rl.paper.trajectories.decomposition import (
+    TERMS,
+    Decomposition,
+    Trends,
+    decompose,
+    find_trends,
+)
+from bp2_rl.paper.trajectories.figures.coupling import (
+    coordinates_figure,
+    coupling_figure,
+)
+from bp2_rl.paper.trajectories.figures.decomposition import (
+    TERM_COLORS,
+    decomposition_figure,
+)
 from bp2_rl.paper.trajectories.figures.family import family_figure
 
-PANELS = {"decomposition": 12, "trajectory": 9, "family": 8, "coupling": 9, "coordinates": 4}
+PANELS = {
+    "decomposition": 12,
+    "trajectory": 9,
+    "family": 8,
+    "coupling": 9,
+    "coordinates": 4,
+}
 
 
 def at_speed(solution: Solution, speed: float) -> Solution:
-    return dataclasses.replace(solution, problem=dataclasses.replace(solution.problem, speed=speed))
+    return dataclasses.replace(
+        solution, problem=dataclasses.replace(solution.problem, speed=speed)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,11 +87,19 @@ def figures(trot, terms, trends, family) -> dict[str, Figure]:
 
 
 def panel(figure: Figure, letter: str) -> Axes:
-    return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(f"{letter} "))
+    return next(
+        axes
+        for axes in figure.axes
+        if axes.get_title(loc="left").startswith(f"{letter} ")
+    )
 
 
 def curves(axes: Axes, color: str) -> list[np.ndarray]:
-    return [np.asarray(line.get_ydata()) for line in axes.lines if to_rgba(line.get_color()) == to_rgba(color)]
+    return [
+        np.asarray(line.get_ydata())
+        for line in axes.lines
+        if to_rgba(line.get_color()) == to_rgba(color)
+    ]
 
 
 def pixels(figure: Figure) -> np.ndarray:
@@ -83,7 +112,9 @@ def pixels(figure: Figure) -> np.ndarray:
 def test_every_panel_has_its_letter_and_a_page_can_hold_them(name, figures):
     figure = figures[name]
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert [title.split()[0] for title in titles] == list("ABCDEFGHIJKL"[: PANELS[name]])
+    assert [title.split()[0] for title in titles] == list(
+        "ABCDEFGHIJKL"[: PANELS[name]]
+    )
     assert all(len(title.split()) > 1 for title in titles)
     height, width, _ = pixels(figure).shape
     assert 1200 <= width < height <= 1700
@@ -94,15 +125,31 @@ def test_no_title_label_or_legend_covers_another(name, figures):
     figure = figures[name]
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    texts = [axes.title for axes in figure.axes] + [axes._left_title for axes in figure.axes]
-    texts += [label for axes in figure.axes if axes.axison for label in (axes.xaxis.label, axes.yaxis.label)]
+    texts = [axes.title for axes in figure.axes] + [
+        axes._left_title for axes in figure.axes
+    ]
+    texts += [
+        label
+        for axes in figure.axes
+        if axes.axison
+        for label in (axes.xaxis.label, axes.yaxis.label)
+    ]
     texts += [text for axes in figure.axes for text in axes.texts]
-    boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts if text.get_text()]
-    boxes += [legend.get_window_extent(canvas.get_renderer()) for legend in figure.legends]
+    boxes = [
+        text.get_window_extent(canvas.get_renderer())
+        for text in texts
+        if text.get_text()
+    ]
+    boxes += [
+        legend.get_window_extent(canvas.get_renderer()) for legend in figure.legends
+    ]
     assert len(boxes) > PANELS[name]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     width, height = canvas.get_width_height()
-    assert all(box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height for box in boxes)
+    assert all(
+        box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
+        for box in boxes
+    )
 
 
 def test_drawing_leaves_matplotlib_as_it_was(family):
@@ -113,12 +160,22 @@ def test_drawing_leaves_matplotlib_as_it_was(family):
 
 @pytest.mark.parametrize(
     ("name", "letter"),
-    [*(("decomposition", letter) for letter in "ABC"), *(("coordinates", letter) for letter in "ABCD")],
+    [
+        *(("decomposition", letter) for letter in "ABC"),
+        *(("coordinates", letter) for letter in "ABCD"),
+    ],
 )
 def test_what_stands_above_the_line_balances_what_hangs_below(name, letter, figures):
-    areas = [area for area in panel(figures[name], letter).collections if isinstance(area, PolyCollection)]
-    heights = np.concatenate([np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()])
-    # The terms balance at the mesh points to 1e-6, and so do their straight lines in between.
+    areas = [
+        area
+        for area in panel(figures[name], letter).collections
+        if isinstance(area, PolyCollection)
+    ]
+    heights = np.concatenate(
+        [np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()]
+    )
+    # The terms balance at the mesh points to 1e-6, and so do their straight lines in
+    # between.
     assert np.max(heights) == pytest.approx(-np.min(heights), abs=1e-5)
     assert np.max(heights) > 50.0
 
@@ -126,17 +183,28 @@ def test_what_stands_above_the_line_balances_what_hangs_below(name, letter, figu
 def test_the_coupled_torque_by_source_balances_as_well(figures):
     axes = panel(figures["coupling"], "A")
     areas = [area for area in axes.collections if isinstance(area, PolyCollection)]
-    heights = np.concatenate([np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()])
+    heights = np.concatenate(
+        [np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()]
+    )
     assert np.max(heights) == pytest.approx(-np.min(heights), abs=1e-5)  # as above
 
 
 def test_bars_by_source_end_where_all_that_is_coupled_stands(figures, family):
     axes = panel(figures["coupling"], "E")
-    (dots,) = (np.asarray(line.get_ydata()) for line in axes.lines if line.get_marker() == "o")
-    np.testing.assert_allclose(dots, [account.covered for account in account_family(family)], rtol=1e-12)
+    (dots,) = (
+        np.asarray(line.get_ydata()) for line in axes.lines if line.get_marker() == "o"
+    )
+    np.testing.assert_allclose(
+        dots, [account.covered for account in account_family(family)], rtol=1e-12
+    )
     bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
     ends = [
-        sum(bar.get_height() for bar in bars if abs(bar.get_x() + bar.get_width() / 2 - x) < 1e-9) for x in (8, 10, 12)
+        sum(
+            bar.get_height()
+            for bar in bars
+            if abs(bar.get_x() + bar.get_width() / 2 - x) < 1e-9
+        )
+        for x in (8, 10, 12)
     ]
     np.testing.assert_allclose(ends, dots, rtol=1e-9)
 
@@ -167,12 +235,17 @@ def test_the_centre_of_mass_runs_at_the_commanded_speed(figures, trot):
 
 def test_left_is_blue_and_right_is_red(figures, trot):
     axes = panel(figures["trajectory"], "G")
-    left, right = (np.nanmax(np.concatenate(curves(axes, color))) for color in (LEFT, RIGHT))
+    left, right = (
+        np.nanmax(np.concatenate(curves(axes, color))) for color in (LEFT, RIGHT)
+    )
     assert left == pytest.approx(right, rel=1e-9)  # mirror images
     first = trot.motion.force[0]
     assert np.max(first[:, 3]) > 0.0  # FL, with RR
     half = np.size(axes.lines[0].get_ydata()) // 2
-    drawn = {color: [np.any(np.isfinite(curve[:half])) for curve in curves(axes, color)] for color in (LEFT, RIGHT)}
+    drawn = {
+        color: [np.any(np.isfinite(curve[:half])) for curve in curves(axes, color)]
+        for color in (LEFT, RIGHT)
+    }
     assert drawn == {LEFT: [True, False], RIGHT: [False, True]}
 
 
@@ -182,13 +255,18 @@ def test_torque_stays_between_its_dashed_limits(letter, joint, figures, trot):
     low, high = sorted(limits, key=np.mean)
     torque = curves(panel(figures["trajectory"], letter), LEFT)[-1]  # RL, drawn last
     assert np.all(low <= high)
-    # The solver holds them at the mesh points; what the polynomials on six intervals do in between is not much.
+    # The solver holds them at the mesh points; what the polynomials on six intervals do
+    # in between is not much.
     assert np.mean((torque < low - 1.0) | (torque > high + 1.0)) < 0.1
     assert np.max(high) == pytest.approx(120.0)
 
 
 def test_a_family_shows_its_members_by_speed(figures, trot):
-    for letter, value in (("A", 1e3 * trot.period), ("B", trot.duty), ("F", cost_of_transport(at_speed(trot, 8.0)))):
+    for letter, value in (
+        ("A", 1e3 * trot.period),
+        ("B", trot.duty),
+        ("F", cost_of_transport(at_speed(trot, 8.0))),
+    ):
         line = panel(figures["family"], letter).lines[0]
         np.testing.assert_array_equal(np.asarray(line.get_xdata()), [8.0, 10.0, 12.0])
         assert np.asarray(line.get_ydata())[0] == pytest.approx(value, rel=1e-12)
@@ -196,9 +274,18 @@ def test_a_family_shows_its_members_by_speed(figures, trot):
 
 def test_half_a_robot_on_two_legs_is_drawn_too():
     problem = Problem(gait="two-leg", intervals=4)
-    guess = Solution(problem=problem, motion=cold_guess(problem), cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    guess = Solution(
+        problem=problem,
+        motion=cold_guess(problem),
+        cost=0.0,
+        violation=0.0,
+        iterations=0,
+        seconds=0.0,
+    )
     assert pixels(trajectory_figure(guess)).size > 0
-    figure = decomposition_figure(decompose(guess), find_trends([guess, at_speed(guess, 8.0)]))
+    figure = decomposition_figure(
+        decompose(guess), find_trends([guess, at_speed(guess, 8.0)])
+    )
     assert "H" in panel(figure, "B").get_title(loc="left")
     assert pixels(figure).size > 0
 
@@ -208,4 +295,6 @@ def test_a_family_that_is_none_is_refused(trot):
         family_figure([])
     other = at_speed(trot, 12.0)
     with pytest.raises(UserError, match="differ in hardware"):
-        family_figure([trot, dataclasses.replace(other, problem=other.problem.on(mass_scale=1.1))])
+        family_figure(
+            [trot, dataclasses.replace(other, problem=other.problem.on(mass_scale=1.1))]
+        )

@@ -18,7 +18,8 @@ def test_a_pronk_lands_and_lifts_on_all_legs_at_once():
     assert stride.touchdowns(0) == stride.liftoffs(0) == ("F", "H")
     assert stride.touchdowns(1) == stride.liftoffs(1) == ()
     assert stride.cycles == 1.0
-    # Nobody stands in the flight, and everybody in the stance: the other half of the robot does the same.
+    # Nobody stands in the flight, and everybody in the stance: the other half of the
+    # robot does the same.
     assert [len(feet) for feet in stride.standing] == [2, 0]
 
 
@@ -40,12 +41,16 @@ def test_a_foot_takes_over_as_another_leaves(gait, landing, lifting):
 
 def test_a_half_bound_is_a_trajectory():
     """Of the whole robot, judged by the other model; each foot's stance counts."""
-    solution = collocation.solve(Problem(gait="half-bound", speed=6.0, intervals=4, pitch_limit=0.6))
+    solution = collocation.solve(
+        Problem(gait="half-bound", speed=6.0, intervals=4, pitch_limit=0.6)
+    )
     judged = verify(solution)
     limits = {"dynamics_residual": 1e-3, "impact_residual": 1e-5, "position_jump": 1e-6}
     assert all(judged[name] <= limit for name, limit in limits.items()), judged
     hind, _, left, right, _ = solution.motion.durations
-    assert solution.duty == pytest.approx((2 * hind + left + right) / 4 / solution.period, rel=1e-12)
+    assert solution.duty == pytest.approx(
+        (2 * hind + left + right) / 4 / solution.period, rel=1e-12
+    )
 
 
 def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
@@ -64,8 +69,9 @@ def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     assert (top.speed or 0.0) > 6.0
     assert np.max(np.abs(six.pitch or ())) <= 0.6
     solution = load_solution(tmp_path / "pronk" / speed_name(6.0))
-    # The judge's model, which shares no code: equations of motion, landing and periodicity. Not that feet stand still
-    # between landings: on so few intervals they do not.
+    # The judge's model, which shares no code: equations of motion, landing and
+    # periodicity. Not that feet stand still between landings: on so few intervals they
+    # do not.
     judged = verify(solution)
     limits = {"dynamics_residual": 1e-3, "impact_residual": 1e-5, "position_jump": 1e-6}
     assert all(judged[name] <= limit for name, limit in limits.items()), judged

@@ -23,11 +23,17 @@ def inertia_about_the_hip(problem: Problem) -> float:
 def test_all_weigh_the_same_and_differ_as_they_are_called():
     problems = limb_variants(Problem())
     weights = [PlanarModel.of(problem).weight for problem in problems.values()]
-    np.testing.assert_allclose(weights, 4 * bp2.QUARTER_MASS * conventions.GRAVITY, rtol=1e-12)
+    np.testing.assert_allclose(
+        weights, 4 * bp2.QUARTER_MASS * conventions.GRAVITY, rtol=1e-12
+    )
     legs = {name: inertia_about_the_hip(problem) for name, problem in problems.items()}
     # A thigh has its mass 24 mm from the hip, a toe some 0.7 m.
-    assert legs["thigh x 2"] - legs["as it is"] == pytest.approx(0.014 + 2.2 * 0.024**2, rel=1e-9)
-    assert legs["toe x 2"] - legs["as it is"] == pytest.approx(2 * (legs["as it is"] - legs["toe x 0.5"]), rel=1e-9)
+    assert legs["thigh x 2"] - legs["as it is"] == pytest.approx(
+        0.014 + 2.2 * 0.024**2, rel=1e-9
+    )
+    assert legs["toe x 2"] - legs["as it is"] == pytest.approx(
+        2 * (legs["as it is"] - legs["toe x 0.5"]), rel=1e-9
+    )
     assert legs["toe x 2"] > 1.5 * legs["as it is"]
     assert legs["trunk x 1000"] == legs["as it is"]
 
@@ -36,14 +42,33 @@ def test_several_are_solved_side_by_side_and_come_in_their_order(tmp_path):
     problem = Problem(intervals=4)
     two = dict(itertools.islice(limb_variants(problem).items(), 2))
     found = list(compare(problem, two, (6.0,), tmp_path, what="limbs", workers=2))
-    assert [[row.name for row in rows] for rows in found] == [["as it is"] * 2, ["thigh x 0.5"] * 2]
+    assert [[row.name for row in rows] for rows in found] == [
+        ["as it is"] * 2,
+        ["thigh x 0.5"] * 2,
+    ]
     assert all(row.gait is not None for rows in found for row in rows)
-    assert {path.name for path in tmp_path.iterdir()} == {"problem.json", "as-it-is", "thigh-x-0.5"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "problem.json",
+        "as-it-is",
+        "thigh-x-0.5",
+    }
 
 
-def test_the_command_prints_a_table_and_leaves_its_numbers(tmp_path, monkeypatch, capsys):
+def test_the_command_prints_a_table_and_leaves_its_numbers(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(variants, "LIMBS", {})
-    words = ["limbs", "--intervals", "4", "--speeds", "6", "--workers", "1", "--out", str(tmp_path / "limbs")]
+    words = [
+        "limbs",
+        "--intervals",
+        "4",
+        "--speeds",
+        "6",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path / "limbs"),
+    ]
     assert trajectories.main(words) == 0
     assert "as it is" in capsys.readouterr().out
     assert (tmp_path / "limbs" / "limbs.json").is_file()

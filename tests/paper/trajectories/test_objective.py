@@ -1,4 +1,5 @@
-"""The comparison over F bar: it asks for the right problems, keeps the cheapest, and solves nothing twice."""
+"""The comparison over F bar: it asks for the right problems, keeps the cheapest, and
+solves nothing twice."""
 
 import itertools
 from collections.abc import Iterator
@@ -26,7 +27,8 @@ SETTINGS = ObjectiveSettings(speeds=(10.0,), body_weights=(1.0, 3.0), intervals=
 
 @pytest.fixture(scope="module")
 def asked() -> Iterator[list[tuple[Problem, tuple[str, ...]]]]:
-    """What is asked of the optimiser, which answers with its guess: no second of IPOPT in here."""
+    """What is asked of the optimiser, which answers with its guess: no second of IPOPT
+    in here."""
     asked = []
     costs = itertools.cycle([2.0, 1.0, 1.5])
 
@@ -34,7 +36,14 @@ def asked() -> Iterator[list[tuple[Problem, tuple[str, ...]]]]:
         asked.append((problem, tuple(options.free)))
         if options.free and problem.weights.force > 1000.0:
             raise NotSolved("not this one")
-        return Solution(problem=problem, motion=start, cost=next(costs), violation=0.0, iterations=0, seconds=0.0)
+        return Solution(
+            problem=problem,
+            motion=start,
+            cost=next(costs),
+            violation=0.0,
+            iterations=0,
+            seconds=0.0,
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(collocation, "solve", answer)
@@ -52,7 +61,8 @@ def rows(asked, folder) -> list[ObjectiveRow]:
 
 
 def test_f_bar_is_one_and_three_body_weights_in_newton(rows, asked):
-    assert {problem.weights.force for problem, _ in asked} == {353.0, 1059.0}  # 36 kg x 9.81 m/s2
+    # 36 kg x 9.81 m/s2
+    assert {problem.weights.force for problem, _ in asked} == {353.0, 1059.0}
     assert {problem.speed for problem, _ in asked} == {10.0}
 
 
@@ -65,24 +75,36 @@ def test_bp2_is_asked_for_as_it_is_and_with_the_librarys_reserve(rows, asked):
     assert fixed == {(120.0, 0.9, 1.0), (108.0, 0.7, 0.9)}
 
 
-def test_codesign_has_all_three_parameters_free_under_its_own_margin_and_ends_on_the_mesh_that_is_compared(rows, asked):
-    designs = [(problem.intervals, free, problem.speed_margin) for problem, free in asked if free]
+def test_codesign_has_all_three_parameters_free_under_its_own_margin_and_ends_on_the_mesh_that_is_compared(
+    rows, asked
+):
+    designs = [
+        (problem.intervals, free, problem.speed_margin)
+        for problem, free in asked
+        if free
+    ]
     assert set(designs) == {(8, PARAMETERS, 0.6), (4, PARAMETERS, 0.6)}
 
 
 def test_there_is_a_row_for_all_that_was_solved(rows):
     cases = [(robot, share) for robot in ROBOTS for share in (1.0, 3.0)]
-    assert [(row.robot, row.body_weights) for row in rows] == cases[:-1]  # the last could not be
+    # the last could not be
+    assert [(row.robot, row.body_weights) for row in rows] == cases[:-1]
     assert tabulate_objectives(rows).row_count == len(rows)
 
 
 def test_a_row_is_of_the_cheapest_start(rows):
     spreads = {round(row.spread, 6) for row in rows}
-    assert spreads <= {round(dear / cheap - 1.0, 6) for dear, cheap in [(2.0, 1.0), (1.5, 1.0), (2.0, 1.5)]}
+    assert spreads <= {
+        round(dear / cheap - 1.0, 6)
+        for dear, cheap in [(2.0, 1.0), (1.5, 1.0), (2.0, 1.5)]
+    }
     assert all(np.isfinite(row.period) and row.gear_ratio == 8.5 for row in rows[:4])
 
 
-def test_what_was_solved_is_not_solved_again_and_numbers_can_be_read(rows, asked, folder, tmp_path):
+def test_what_was_solved_is_not_solved_again_and_numbers_can_be_read(
+    rows, asked, folder, tmp_path
+):
     before = list(asked)
     again = compare_objectives(SETTINGS, folder)
     assert asked == before

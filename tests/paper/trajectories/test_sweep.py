@@ -19,7 +19,12 @@ def swept(tmp_path_factory):
 
 def test_every_attempt_is_reported(swept):
     attempts, _ = swept
-    assert sorted((attempt.speed, attempt.start) for attempt in attempts) == [(12, 0), (12, 1), (40, 0), (40, 1)]
+    assert sorted((attempt.speed, attempt.start) for attempt in attempts) == [
+        (12, 0),
+        (12, 1),
+        (40, 0),
+        (40, 1),
+    ]
     for attempt in attempts:
         assert attempt.seconds > 0.0
         assert attempt.solved == (attempt.speed == 12.0)
@@ -48,16 +53,29 @@ def test_nothing_is_solved_twice(swept):
 
 def test_a_folder_of_another_sweep_is_left_alone(swept):
     with pytest.raises(UserError, match="holds a sweep with another clearance"):
-        list(sweep(dataclasses.replace(PROBLEM.on_mesh(2), clearance=0.1), [12.0], 1, swept[1]))
+        list(
+            sweep(
+                dataclasses.replace(PROBLEM.on_mesh(2), clearance=0.1),
+                [12.0],
+                1,
+                swept[1],
+            )
+        )
 
 
 def test_a_record_of_another_speed_is_refused_by_its_name(swept, tmp_path):
     save_config(tmp_path / "sweep.json", PROBLEM)
-    save_config(tmp_path / "speed-12.00-start-0.attempt.json", Attempt(12.003, 0, False, 1.0))
-    with pytest.raises(UserError, match=r"speed-12.00-start-0.* is about start 0 at 12.003 m/s"):
+    save_config(
+        tmp_path / "speed-12.00-start-0.attempt.json", Attempt(12.003, 0, False, 1.0)
+    )
+    with pytest.raises(
+        UserError, match=r"speed-12.00-start-0.* is about start 0 at 12.003 m/s"
+    ):
         list(sweep(PROBLEM, [12.0], 1, tmp_path))
 
 
 def test_an_empty_folder_is_said_to_be_empty(tmp_path):
-    with pytest.raises(UserError, match="holds no solved sweep: run `bp2 paper trajectories sweep"):
+    with pytest.raises(
+        UserError, match="holds no solved sweep: run `bp2 paper trajectories sweep"
+    ):
         best_of(tmp_path)

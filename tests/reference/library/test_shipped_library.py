@@ -55,15 +55,22 @@ def test_the_gait_asks_nothing_of_the_motors_that_they_cannot(speed):
     command = jnp.tile(jnp.array([speed, 0.0, 0.0]), (400, 1))
     reference = jax.jit(gait)(command, jnp.linspace(0.0, 1.0, 400))
     q = np.asarray(reference.joint_position).reshape(-1, 4, 3)
-    for joint, (lowest, highest) in enumerate((bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)):
-        # A polynomial that touches a limit at a point may pass it by a hair before the next.
+    for joint, (lowest, highest) in enumerate(
+        (bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)
+    ):
+        # A polynomial that touches a limit at a point may pass it by a hair before the
+        # next.
         assert lowest <= q[..., joint].min() + 1e-3
         assert q[..., joint].max() <= highest + 1e-3
     assert np.abs(reference.joint_velocity).max() < bp2.NO_LOAD_SPEED
     assert np.abs(reference.torque).max() <= bp2.PEAK_TORQUE
-    feet = kinematics.foot_position(reference.joint_position.reshape(-1, 4, 3), reference.spring_compression)
+    feet = kinematics.foot_position(
+        reference.joint_position.reshape(-1, 4, 3), reference.spring_compression
+    )
     assert np.all(np.isfinite(feet))
-    assert reference.velocity[:-1, 0].mean() == pytest.approx(min(speed, 15.0), abs=0.02)
+    assert reference.velocity[:-1, 0].mean() == pytest.approx(
+        min(speed, 15.0), abs=0.02
+    )
 
 
 @pytest.mark.parametrize("speed", [1.0, 6.0, 12.0])
@@ -72,11 +79,18 @@ def test_standing_feet_stand_on_level_ground(speed):
     command = jnp.tile(jnp.array([speed, 0.0, 0.0]), (400, 1))
     reference = jax.jit(gait)(command, jnp.linspace(0.0, 1.0, 400))
     joints, pitch = reference.joint_position.reshape(-1, 4, 3), reference.pitch[:, None]
-    centre = kinematics.foot_position(joints, reference.spring_compression + bp2.FOOT_RADIUS)
-    height = reference.height[:, None] + centre[..., 2] * jnp.cos(pitch) - centre[..., 0] * jnp.sin(pitch)
+    centre = kinematics.foot_position(
+        joints, reference.spring_compression + bp2.FOOT_RADIUS
+    )
+    height = (
+        reference.height[:, None]
+        + centre[..., 2] * jnp.cos(pitch)
+        - centre[..., 0] * jnp.sin(pitch)
+    )
     above = np.asarray(height - bp2.FOOT_RADIUS)
     standing = np.asarray(reference.contact) > 0.5
-    # What float32 and the solver leave of a foot's position at the end of a stance that is solved by accelerations.
+    # What float32 and the solver leave of a foot's position at the end of a stance that
+    # is solved by accelerations.
     assert np.abs(above[standing]).max() < 1e-3
     assert above[~standing].min() > -1e-3
     assert above[~standing].max() > 0.03
@@ -84,12 +98,28 @@ def test_standing_feet_stand_on_level_ground(speed):
 
 @pytest.mark.parametrize("speed", [0.0, 6.0, 15.0])
 def test_a_robot_with_other_tracks_makes_the_same_motion_on_them(speed):
-    """A trot in the sagittal plane does not ask how wide the robot is. 1e-5: float32, near a straight knee."""
-    gait, narrow = CollocationGait(), CollocationGait(hardware=IDEAL.changed(fore_track=0.42, hind_track=0.24))
+    """A trot in the sagittal plane does not ask how wide the robot is. 1e-5: float32,
+    near a straight knee."""
+    gait, narrow = (
+        CollocationGait(),
+        CollocationGait(hardware=IDEAL.changed(fore_track=0.42, hind_track=0.24)),
+    )
     command = jnp.tile(jnp.array([speed, 0.0, 0.0]), (400, 1))
-    usual, reference = (jax.jit(each)(command, jnp.linspace(0.0, 1.0, 400)) for each in (gait, narrow))
+    usual, reference = (
+        jax.jit(each)(command, jnp.linspace(0.0, 1.0, 400)) for each in (gait, narrow)
+    )
     for name in ("joint_position", "spring_compression", "height", "contact"):
-        np.testing.assert_allclose(getattr(reference, name), getattr(usual, name), rtol=0, atol=1e-5, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(reference, name),
+            getattr(usual, name),
+            rtol=0,
+            atol=1e-5,
+            err_msg=name,
+        )
     joints = reference.joint_position.reshape(-1, 4, 3)
-    feet = kinematics.foot_position(joints, reference.spring_compression, narrow.hardware)
-    np.testing.assert_allclose(feet[..., 1], np.tile([-0.21, 0.21, -0.12, 0.12], (400, 1)), rtol=0, atol=1e-6)
+    feet = kinematics.foot_position(
+        joints, reference.spring_compression, narrow.hardware
+    )
+    np.testing.assert_allclose(
+        feet[..., 1], np.tile([-0.21, 0.21, -0.12, 0.12], (400, 1)), rtol=0, atol=1e-6
+    )

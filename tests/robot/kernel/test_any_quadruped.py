@@ -1,4 +1,5 @@
-"""The kernel's step of the robots that ship, and of twenty drawn at random, beside C MuJoCo's."""
+"""The kernel's step of the robots that ship, and of twenty drawn at random, beside C
+MuJoCo's."""
 
 import dataclasses
 
@@ -27,29 +28,53 @@ ROBOTS = {
 
 
 def unknown(design: Design) -> Design:
-    """The design with all numbers but its zeros unknown to the program, so that robots share one."""
-    numbers = ((field.name, getattr(design, field.name)) for field in dataclasses.fields(design))
-    return Design(**{name: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), x) for name, x in numbers})
+    """The design with all numbers but its zeros unknown to the program, so that robots
+    share one."""
+    numbers = (
+        (field.name, getattr(design, field.name))
+        for field in dataclasses.fields(design)
+    )
+    return Design(
+        **{
+            name: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), x)
+            for name, x in numbers
+        }
+    )
 
 
 def advance(robots, qpos, qvel, force):
-    after, heights = step(robots, MuJoCoState(qpos.T, qvel.T, jnp.zeros_like(qvel.T)), force.T)
+    after, heights = step(
+        robots, MuJoCoState(qpos.T, qvel.T, jnp.zeros_like(qvel.T)), force.T
+    )
     return after.qacc_warmstart.T, after.qvel.T, after.qpos.T, heights.T
 
 
 run = jax.jit(advance)
 
 
-def stepped(model: mujoco.MjModel, qpos, qvel, force, *, program=run) -> list[np.ndarray]:
-    """(accelerations, velocities after, positions after, heights of feet before), a state a row, no first guess."""
+def stepped(
+    model: mujoco.MjModel, qpos, qvel, force, *, program=run
+) -> list[np.ndarray]:
+    """(accelerations, velocities after, positions after, heights of feet before), a
+    state a row, no first guess."""
     design, number = unknown(Design.of(model)), len(qpos)
     masses = Masses.of(design, jnp.ones((model.nbody, number)), jnp.zeros((3, number)))
-    friction = jnp.full(number, model.geom_friction[foot_geom_ids(model)[0], 0], jnp.float32)
-    return [np.asarray(x) for x in program(Robots(design, masses, friction), qpos, qvel, force.astype(np.float32))]
+    friction = jnp.full(
+        number, model.geom_friction[foot_geom_ids(model)[0], 0], jnp.float32
+    )
+    return [
+        np.asarray(x)
+        for x in program(
+            Robots(design, masses, friction), qpos, qvel, force.astype(np.float32)
+        )
+    ]
 
 
-def in_c(model: mujoco.MjModel, qpos, qvel, force) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """As `stepped`; and of each state the feet on the ground and the joints in their stops."""
+def in_c(
+    model: mujoco.MjModel, qpos, qvel, force
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """As `stepped`; and of each state the feet on the ground and the joints in their
+    stops."""
     data, rows, feet, stops = mujoco.MjData(model), [], [], []
     for state in zip(qpos, qvel, force, strict=True):
         mujoco.mj_resetData(model, data)
@@ -59,11 +84,16 @@ def in_c(model: mujoco.MjModel, qpos, qvel, force) -> tuple[list[np.ndarray], np
         rows.append([x.copy() for x in (data.qacc, data.qvel, data.qpos, heights)])
         feet.append(data.ncon)
         stops.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
-    return [np.array(x) for x in zip(*rows, strict=True)], np.array(feet), np.array(stops)
+    return (
+        [np.array(x) for x in zip(*rows, strict=True)],
+        np.array(feet),
+        np.array(stops),
+    )
 
 
 def forces(hardware: HardwareSpec, qpos, qvel, torque, nv: int) -> np.ndarray:
-    """The motors' and what resists them: friction and viscosity of the joints, as both engines are given them."""
+    """The motors' and what resists them: friction and viscosity of the joints, as both
+    engines are given them."""
     force = np.zeros((len(qpos), nv))
     force[:, motor_indices(nv)] = torque
     if (resistance := Resistance.from_hardware(hardware)) is not None:
@@ -86,15 +116,19 @@ def case(name: str, stopped: float, number: int = STATES):
 @pytest.mark.parametrize("stopped", [0.03, 0.3], ids=["few-stops", "many-stops"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_one_step_is_that_of_c_mujoco(name, stopped):
-    """Accelerations to 1e-4 of each state's largest, in float32, of C MuJoCo's converged in float64; then the step."""
+    """Accelerations to 1e-4 of each state's largest, in float32, of C MuJoCo's
+    converged in float64; then the step."""
     model, *state = case(name, stopped)
     accelerations, velocities, positions, heights = stepped(model, *state)
     let_converge(model, tolerance=1e-14)
-    (theirs, their_velocities, their_positions, their_heights), feet, stops = in_c(model, *state)
+    (theirs, their_velocities, their_positions, their_heights), feet, stops = in_c(
+        model, *state
+    )
     assert apart(accelerations, theirs).max() < 1e-4
     largest = abs(theirs).max(axis=1, keepdims=True) * model.opt.timestep
     assert np.all(abs(velocities - their_velocities) <= 1e-4 * largest + 1e-5)
-    np.testing.assert_allclose(positions, their_positions, rtol=0, atol=2e-6)  # float32 of some rad
+    # float32 of some rad
+    np.testing.assert_allclose(positions, their_positions, rtol=0, atol=2e-6)
     np.testing.assert_allclose(heights, their_heights, rtol=0, atol=1e-6)
     assert len(set(feet)) >= 4
     assert np.mean(stops) > 10 * stopped
@@ -102,16 +136,20 @@ def test_one_step_is_that_of_c_mujoco(name, stopped):
 
 @pytest.mark.parametrize("name", ["built", "go1", "random-1", "random-2"])
 def test_newtons_steps_settle_before_the_last(name, monkeypatch):
-    """In 2000 states with every third joint in its stop: twice as many steps at most change nothing."""
+    """In 2000 states with every third joint in its stop: twice as many steps at most
+    change nothing."""
     model, *state = case(name, 0.33, 2000)
     accelerations = stepped(model, *state)[0]
     monkeypatch.setattr(constraints, "MOST_STEPS", 2 * constraints.MOST_STEPS)
     traced_anew = jax.jit(lambda *state: advance(*state))
-    np.testing.assert_array_equal(stepped(model, *state, program=traced_anew)[0], accelerations)
+    np.testing.assert_array_equal(
+        stepped(model, *state, program=traced_anew)[0], accelerations
+    )
 
 
 def test_a_robots_step_does_not_depend_on_the_robots_beside_it():
-    """Nor on their number, but for rounding: those that settle late are picked from all, some at a time."""
+    """Nor on their number, but for rounding: those that settle late are picked from
+    all, some at a time."""
     model, *state = case("go1", 0.3)
     together = stepped(model, *state)[0]
     reordered = stepped(model, *(x[::-1] for x in state))[0][::-1]

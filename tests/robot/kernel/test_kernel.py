@@ -22,15 +22,26 @@ from bp2_rl.settings.env import RandomizationConfig
 
 ROBOTS = 200
 OTHER = IDEAL.changed(
-    leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
-    thigh_mass=2.9, toe_mass=0.8, trunk_inertia=0.6,
-)  # fmt: skip
+    leg_length=0.4,
+    fore_track=0.42,
+    hind_track=0.3,
+    spring_stiffness=8e3,
+    spring_travel=0.1,
+    mass_scale=1.2,
+    thigh_mass=2.9,
+    toe_mass=0.8,
+    trunk_inertia=0.6,
+)
 
 
 @pytest.fixture(scope="module")
 def states() -> list[np.ndarray]:
-    """States (qpos, qvel, torque) with zero to four feet on the ground and joints beyond their limits."""
-    return [x.astype(np.float32) for x in random_states(np.random.default_rng(0), ROBOTS, thrown=0.0)]
+    """States (qpos, qvel, torque) with zero to four feet on the ground and joints
+    beyond their limits."""
+    return [
+        x.astype(np.float32)
+        for x in random_states(np.random.default_rng(0), ROBOTS, thrown=0.0)
+    ]
 
 
 @functools.cache
@@ -38,13 +49,19 @@ def drawn(hardware: HardwareSpec):
     """As many robots around this one, each different in masses, trunk and friction."""
     keys = jax.random.split(jax.random.PRNGKey(1), ROBOTS)
     bodies = load_model(hardware).nbody
-    return jax.vmap(lambda key: draw(key, RandomizationConfig(), bodies, hardware))(keys)
+    return jax.vmap(lambda key: draw(key, RandomizationConfig(), bodies, hardware))(
+        keys
+    )
 
 
 @functools.cache
 def stepped(hardware: HardwareSpec):
-    """(qpos, qvel, torque), a robot a row -> (qpos, qvel, acceleration, heights of feet) after, from no first guess."""
-    design, robots = Design.of(load_model(hardware, visual=False, feet_only=True)), drawn(hardware)
+    """(qpos, qvel, torque), a robot a row -> (qpos, qvel, acceleration, heights of
+    feet) after, from no first guess."""
+    design, robots = (
+        Design.of(load_model(hardware, visual=False, feet_only=True)),
+        drawn(hardware),
+    )
 
     @jax.jit
     def run(qpos, qvel, torque):
@@ -57,22 +74,34 @@ def stepped(hardware: HardwareSpec):
     return run
 
 
-def randomize(model: mujoco.MjModel, nominal: mujoco.MjModel, robot: Randomization) -> None:
-    """Give a C MuJoCo model this draw; what MuJoCo's compiler derives from the masses stays nominal, as in training."""
+def randomize(
+    model: mujoco.MjModel, nominal: mujoco.MjModel, robot: Randomization
+) -> None:
+    """Give a C MuJoCo model this draw; what MuJoCo's compiler derives from the masses
+    stays nominal, as in training."""
     trunk = int(model.body("trunk").id)
     model.body_mass[:] = nominal.body_mass * robot.mass
     model.body_inertia[:] = nominal.body_inertia * robot.mass[:, None]
     model.body_ipos[trunk] = nominal.body_ipos[trunk] + robot.com_offset
-    model.body_sameframe[trunk] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # else C MuJoCo does not look at body_ipos
+    # else C MuJoCo does not look at body_ipos
+    model.body_sameframe[trunk] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     model.geom_friction[:, 0] = robot.friction
 
 
-@pytest.mark.parametrize("hardware", [IDEAL, BUILT, OTHER], ids=["ideal", "built", "other"])
+@pytest.mark.parametrize(
+    "hardware", [IDEAL, BUILT, OTHER], ids=["ideal", "built", "other"]
+)
 def test_one_step_of_randomised_robots_is_that_of_c_mujoco(states, hardware):
-    """Accelerations to 1e-4 of each state's largest, C MuJoCo's solver converged in float64; then the step itself."""
-    positions, velocities, accelerations, heights = map(np.asarray, stepped(hardware)(*states))
+    """Accelerations to 1e-4 of each state's largest, C MuJoCo's solver converged in
+    float64; then the step itself."""
+    positions, velocities, accelerations, heights = map(
+        np.asarray, stepped(hardware)(*states)
+    )
     nominal = load_model(hardware, visual=False, feet_only=True)
-    model, robots = converged(load_model(hardware, visual=False, feet_only=True)), drawn(hardware)
+    model, robots = (
+        converged(load_model(hardware, visual=False, feet_only=True)),
+        drawn(hardware),
+    )
     data, feet, limits, worst = mujoco.MjData(model), [], [], []
     for i, (qpos, qvel, torque) in enumerate(zip(*states, strict=True)):
         randomize(model, nominal, jax.tree.map(lambda x, i=i: np.asarray(x[i]), robots))
@@ -84,22 +113,36 @@ def test_one_step_of_randomised_robots_is_that_of_c_mujoco(states, hardware):
         limits.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
         largest = abs(data.qacc).max()
         worst.append(abs(accelerations[i] - data.qacc).max() / largest)
-        np.testing.assert_allclose(velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * 1e-3 + 1e-5)
+        np.testing.assert_allclose(
+            velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * 1e-3 + 1e-5
+        )
         np.testing.assert_allclose(positions[i], data.qpos, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(heights[i], data.geom_xpos[foot_geom_ids(model), 2], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            heights[i], data.geom_xpos[foot_geom_ids(model), 2], rtol=0, atol=1e-6
+        )
     assert max(worst) < 1e-4
-    assert all(np.bincount(feet, minlength=5) >= (0 if hardware is OTHER else 6))  # its legs reach further down
+    # its legs reach further down
+    assert all(np.bincount(feet, minlength=5) >= (0 if hardware is OTHER else 6))
     assert np.sum(limits) > 20
 
 
 def test_full_newton_steps_end_at_the_minimum(monkeypatch):
-    """5000 states, feet thrown into the ground among them: twice as many steps end at the same accelerations.
+    """5000 states, feet thrown into the ground among them: twice as many steps end at
+    the same accelerations.
 
-    Where full steps circled between sets of rows, another number of steps would end elsewhere.
+    Where full steps circled between sets of rows, another number of steps would end
+    elsewhere.
     """
-    states = [x.astype(np.float32) for x in random_states(np.random.default_rng(7), 5000, thrown=3.0)]
+    states = [
+        x.astype(np.float32)
+        for x in random_states(np.random.default_rng(7), 5000, thrown=3.0)
+    ]
     design = Design.of(load_model(BUILT, visual=False, feet_only=True))
-    robots = Robots(design, Masses.of(design, jnp.ones((18, 5000)), jnp.zeros((3, 5000))), 0.8 * jnp.ones(5000))
+    robots = Robots(
+        design,
+        Masses.of(design, jnp.ones((18, 5000)), jnp.zeros((3, 5000))),
+        0.8 * jnp.ones(5000),
+    )
 
     def accelerations(steps):
         monkeypatch.setattr(constraints, "MOST_STEPS", steps)
@@ -107,18 +150,31 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
         @jax.jit
         def run(qpos, qvel, torque):
             force = jnp.zeros((NV, 5000)).at[MOTOR_QVEL].set(torque.T)
-            return step(robots, MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, 5000))), force)[0].qacc_warmstart
+            return step(
+                robots, MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, 5000))), force
+            )[0].qacc_warmstart
 
         return np.asarray(run(*states))
 
-    once, twice = accelerations(constraints.MOST_STEPS), accelerations(2 * constraints.MOST_STEPS + 1)
+    once, twice = (
+        accelerations(constraints.MOST_STEPS),
+        accelerations(2 * constraints.MOST_STEPS + 1),
+    )
     assert np.isfinite(once).all()
     np.testing.assert_array_equal(once, twice)
 
 
 def as_on_a_gpu(monkeypatch, **options):
-    monkeypatch.setattr(fusion_barriers.FusionBarriers, "of", lambda friction: fusion_barriers.FusionBarriers(None))
-    monkeypatch.setattr(step_module, "in_one_kernel", functools.partial(fusion_barriers._pallas, **options))
+    monkeypatch.setattr(
+        fusion_barriers.FusionBarriers,
+        "of",
+        lambda friction: fusion_barriers.FusionBarriers(None),
+    )
+    monkeypatch.setattr(
+        step_module,
+        "in_one_kernel",
+        functools.partial(fusion_barriers._pallas, **options),
+    )
 
 
 def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
@@ -132,25 +188,40 @@ def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
 
 
 def thought_of_gpu():
-    """A GPU that is not there, which JAX 0.11 wants to know of before it lowers a kernel for it."""
+    """A GPU that is not there, which JAX 0.11 wants to know of before it lowers a
+    kernel for it."""
     device = jax.sharding.AbstractDevice("NVIDIA H100 80GB HBM3", None, "gpu")
-    return jax.sharding.use_abstract_mesh(jax.sharding.AbstractMesh((), (), abstract_device=device))
+    return jax.sharding.use_abstract_mesh(
+        jax.sharding.AbstractMesh((), (), abstract_device=device)
+    )
 
 
 def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch):
-    """As far as that can be told without one: it is handed to Triton, and little else is left around it."""
+    """As far as that can be told without one: it is handed to Triton, and little else
+    is left around it."""
     as_on_a_gpu(monkeypatch)
     with thought_of_gpu():
-        program = stepped.__wrapped__(BUILT).trace(*states).lower(lowering_platforms=("cuda",)).as_text()
+        program = (
+            stepped.__wrapped__(BUILT)
+            .trace(*states)
+            .lower(lowering_platforms=("cuda",))
+            .as_text()
+        )
     assert program.count("xla.gpu.triton") == 4
     assert program.count("stablehlo.multiply") < 50
 
 
 def test_cosine_and_sine_are_exact_to_float32():
-    angles = np.concatenate([np.linspace(-10.0, 10.0, 200_001), np.linspace(-100.0, 100.0, 20_001)]).astype(np.float32)
+    angles = np.concatenate(
+        [np.linspace(-10.0, 10.0, 200_001), np.linspace(-100.0, 100.0, 20_001)]
+    ).astype(np.float32)
     cos, sin = map(np.asarray, jax.jit(cos_sin)(angles))
-    np.testing.assert_allclose(cos, np.cos(angles.astype(np.float64)), rtol=0, atol=2.4e-7)
-    np.testing.assert_allclose(sin, np.sin(angles.astype(np.float64)), rtol=0, atol=2.4e-7)
+    np.testing.assert_allclose(
+        cos, np.cos(angles.astype(np.float64)), rtol=0, atol=2.4e-7
+    )
+    np.testing.assert_allclose(
+        sin, np.sin(angles.astype(np.float64)), rtol=0, atol=2.4e-7
+    )
 
 
 @pytest.mark.parametrize(
@@ -160,7 +231,10 @@ def test_cosine_and_sine_are_exact_to_float32():
         (lambda m: m.body_quat.__setitem__((3, 1), 0.1), "turned bodies"),
         (lambda m: m.jnt_stiffness.__setitem__(3, 10.0), "springs parallel to joints"),
         (lambda m: m.jnt_limited.__setitem__(4, 1), "limited or preloaded springs"),
-        (lambda m: m.tendon_damping.__setitem__(0, 1.0), "tendons but for springs' stops"),
+        (
+            lambda m: m.tendon_damping.__setitem__(0, 1.0),
+            "tendons but for springs' stops",
+        ),
         (lambda m: m.jnt_margin.__setitem__(2, 0.01), "margins of joints"),
         (lambda m: m.dof_damping.__setitem__(0, 1.0), "a damped trunk"),
         (lambda m: m.geom_contype.__setitem__(-1, 1), "other contacts"),
@@ -169,16 +243,34 @@ def test_cosine_and_sine_are_exact_to_float32():
         (lambda m: m.geom_solimp.__setitem__((-1, 4), 3.0), "unlike feet"),
         (lambda m: m.jnt_solref.__setitem__((2, 0), 0.01), "unlike joints"),
         (lambda m: m.dof_frictionloss.__setitem__(7, 1.0), "dry friction"),
-        (lambda m: m.geom_bodyid.__setitem__(foot_geom_ids(m)[0], 2), "the tree of its bodies"),
+        (
+            lambda m: m.geom_bodyid.__setitem__(foot_geom_ids(m)[0], 2),
+            "the tree of its bodies",
+        ),
         (lambda m: m.jnt_bodyid.__setitem__(2, 4), "the tree of its bodies"),
-        (lambda m: m.jnt_type.__setitem__(2, mujoco.mjtJoint.mjJNT_SLIDE), "the axes of its joints"),
+        (
+            lambda m: m.jnt_type.__setitem__(2, mujoco.mjtJoint.mjJNT_SLIDE),
+            "the axes of its joints",
+        ),
         (lambda m: m.jnt_pos.__setitem__((3, 2), 0.01), "turned bodies"),
         (lambda m: m.qpos_spring.__setitem__(10, 0.01), "limited or preloaded springs"),
-        (lambda m: m.dof_dampingpoly.__setitem__((7, 0), 0.1), "stiffness or damping that is not linear"),
+        (
+            lambda m: m.dof_dampingpoly.__setitem__((7, 0), 0.1),
+            "stiffness or damping that is not linear",
+        ),
         (lambda m: m.wrap_prm.__setitem__(0, 2.0), "tendons but for springs' stops"),
-        (lambda m: m.wrap_objid.__setitem__(0, m.wrap_objid[1]), "tendons but for springs' stops"),
-        (lambda m: m.geom_solref.__setitem__((slice(None), 0), -100.0), "a constraint's solref or solimp"),
-        (lambda m: m.geom_solimp.__setitem__((slice(None), 3), 0.6), "a constraint's solref or solimp"),
+        (
+            lambda m: m.wrap_objid.__setitem__(0, m.wrap_objid[1]),
+            "tendons but for springs' stops",
+        ),
+        (
+            lambda m: m.geom_solref.__setitem__((slice(None), 0), -100.0),
+            "a constraint's solref or solimp",
+        ),
+        (
+            lambda m: m.geom_solimp.__setitem__((slice(None), 3), 0.6),
+            "a constraint's solref or solimp",
+        ),
     ],
 )
 def test_a_robot_that_the_kernel_does_not_know_is_refused_by_name(change, what):
@@ -191,8 +283,11 @@ def test_a_robot_that_the_kernel_does_not_know_is_refused_by_name(change, what):
 def test_legs_with_unlike_stops_are_refused_by_name():
     model = load_model(BUILT, visual=False, feet_only=True)
     springs = model.wrap_objid.copy()
-    model.wrap_objid[:] = np.where(np.arange(len(springs)) == np.flatnonzero(springs == springs[0])[-1],
-                                   springs[1], springs)  # fmt: skip
+    model.wrap_objid[:] = np.where(
+        np.arange(len(springs)) == np.flatnonzero(springs == springs[0])[-1],
+        springs[1],
+        springs,
+    )
     with pytest.raises(UserError, match="unlike legs"):
         Design.of(model)
 
@@ -200,7 +295,10 @@ def test_legs_with_unlike_stops_are_refused_by_name():
 def test_equality_constraints_are_refused_by_name():
     def weld(spec: mujoco.MjSpec) -> None:
         spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="FR_toe", name2="FL_toe"
+            type=mujoco.mjtEq.mjEQ_CONNECT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="FR_toe",
+            name2="FL_toe",
         )
 
     with pytest.raises(UserError, match="equality constraints"):

@@ -1,4 +1,5 @@
-"""Studies: what is run in which order, what is not run again, and the figures over seeds."""
+"""Studies: what is run in which order, what is not run again, and the figures over
+seeds."""
 
 import dataclasses
 import json
@@ -32,15 +33,20 @@ from bp2_rl.tools.study import measuring, outcome, places, training
 from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
 
-PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
+PLAN = Plan(
+    variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024)
+)
 
 
-# --- What is run ---------------------------------------------------------------------------------------------
+# --- What is run ----------------------------------------------------------------------
 
 
 def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
     names = [[training.name for training in chain] for chain in PLAN.chains]
-    assert names == [[f"ours-{s}-imitation", f"ours-{s}-relaxed", f"paper-{s}-relaxed"] for s in (0, 1)]
+    assert names == [
+        [f"ours-{s}-imitation", f"ours-{s}-relaxed", f"paper-{s}-relaxed"]
+        for s in (0, 1)
+    ]
     words = PLAN.command(Training("paper", 1, "relaxed"), Path("folder"))
     assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
 
@@ -62,7 +68,10 @@ SETS = {
     "no_history": {"env.control.history": ()},
     "paper_kernel": {"env.reward.tracking_shape": TrackingShape()},
     "unscheduled": {"env.reward.schedule": "off"},
-    "no_launch_limit": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
+    "no_launch_limit": {
+        "env.control.launching": math.inf,
+        "env.control.launching_speed": math.inf,
+    },
     "no_randomization": {"env.randomization.enabled": False},
 }
 """What a variant changes in both stages, besides the weights of rewards."""
@@ -87,12 +96,18 @@ def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
         config, recipe = _config(parsed, stage), preset(stage, "gpu")
         later = SETS_LATER.get(name, {}) if stage == "relaxed" else {}
         for field, value in (SETS[name] | later).items():
-            got, ours = (operator.attrgetter(field)(settings) for settings in (config, recipe))
+            got, ours = (
+                operator.attrgetter(field)(settings) for settings in (config, recipe)
+            )
             assert got == value != ours
             config = _with(config, field, ours)
         assert config.ppo == recipe.ppo
         assert dataclasses.replace(config.env, reward=recipe.env.reward) == recipe.env
-        reward = PAPER[stage] if name == "published" or (name, stage) == ("paper", "relaxed") else recipe.env.reward
+        reward = (
+            PAPER[stage]
+            if name == "published" or (name, stage) == ("paper", "relaxed")
+            else recipe.env.reward
+        )
         assert config.env.reward == reward
 
 
@@ -103,7 +118,10 @@ def _config(parsed: TrainArguments, stage: Stage) -> TrainConfig:
 def _with(settings, field, value):
     """The settings with one field, by its dotted name, of that value."""
     head, _, rest = field.partition(".")
-    return dataclasses.replace(settings, **{head: _with(getattr(settings, head), rest, value) if rest else value})
+    return dataclasses.replace(
+        settings,
+        **{head: _with(getattr(settings, head), rest, value) if rest else value},
+    )
 
 
 def test_the_steps_of_a_study_are_the_presets():
@@ -112,21 +130,28 @@ def test_the_steps_of_a_study_are_the_presets():
 
 @pytest.fixture
 def trained(tmp_path, monkeypatch, make_card):
-    """A folder for a study in which trainings take no time; `started` names those that were run."""
+    """A folder for a study in which trainings take no time; `started` names those that
+    were run."""
     started: list[str] = []
 
     def run_train(self, arguments, run_dir):
         started.append(run_dir.name)
         if run_dir.name in failing:
             return False
-        config = dataclasses.replace(preset("imitation", "smoke"), run=RunConfig(steps=2048))
+        config = dataclasses.replace(
+            preset("imitation", "smoke"), run=RunConfig(steps=2048)
+        )
         for steps in (1024, 2048):
             card = make_card(physics_steps=5 * steps)
             layers = tuple(
-                (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32)) for shape in ((47, 4), (4, 12))
+                (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32))
+                for shape in ((47, 4), (4, 12))
             )
             mean = np.full(47, steps + len(started), np.float32)
-            save_policy(run_dir / POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
+            save_policy(
+                run_dir / POLICIES / str(steps),
+                Policy(card, mean, np.ones(47, np.float32), layers),
+            )
         save_config(run_dir / "config.json", config)
         return True
 
@@ -136,22 +161,31 @@ def trained(tmp_path, monkeypatch, make_card):
 
     failing: set[str] = set()
     monkeypatch.setattr(places.Here, "train", run_train)
-    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(
+        places, "spawned", lambda count, initializer: ThreadPoolExecutor(count)
+    )
     monkeypatch.setattr(measuring, "_measure", measure)
     return tmp_path / "study", started, failing
 
 
 def run(folder, plan=PLAN):
     said: list[str] = []
-    return training.run(plan, folder, places.Resources(("0", "1"), 1, said.append)), said
+    return training.run(
+        plan, folder, places.Resources(("0", "1"), 1, said.append)
+    ), said
 
 
 def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
     folder, started, _ = trained
     assert run(folder)[0] == []
-    assert sorted(started) == sorted(training.name for chain in PLAN.chains for training in chain)
+    assert sorted(started) == sorted(
+        training.name for chain in PLAN.chains for training in chain
+    )
     judged = measuring.read_measurements(folder / "paper-1-relaxed")
-    assert [(j.control_steps, j.top_speed) for j in judged] == [(1024, 8.0), (2048, 16.0)]
+    assert [(j.control_steps, j.top_speed) for j in judged] == [
+        (1024, 8.0),
+        (2048, 16.0),
+    ]
     before = list(started)
     assert run(folder)[0] == []
     assert started == before
@@ -162,7 +196,10 @@ def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
     run(folder)
     (run_dir,) = folder.glob("paper-1-relaxed")
     save_policy(run_dir / POLICIES / "1024", load_policy(run_dir / POLICIES / "2048"))
-    assert [j.control_steps for j in measuring.measure_policies(run_dir)] == [2048, 2048]
+    assert [j.control_steps for j in measuring.measure_policies(run_dir)] == [
+        2048,
+        2048,
+    ]
 
 
 def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
@@ -170,9 +207,13 @@ def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
     failing |= {"ours-0-imitation", "ours-1-relaxed"}
     without, said = run(folder)
     assert [training.name for training in without if training.seed == 0] == [
-        "ours-0-imitation", "ours-0-relaxed", "paper-0-relaxed",
-    ]  # fmt: skip
-    assert [training.name for training in without if training.seed == 1] == ["ours-1-relaxed"]
+        "ours-0-imitation",
+        "ours-0-relaxed",
+        "paper-0-relaxed",
+    ]
+    assert [training.name for training in without if training.seed == 1] == [
+        "ours-1-relaxed"
+    ]
     assert "paper-1-relaxed" in started
     assert "ours-0-relaxed" not in started
     assert any("ours-0-imitation failed: see" in line for line in said)
@@ -181,7 +222,18 @@ def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
 def test_the_table_and_the_curves_say_which_seeds_are_there(trained, capsys):
     folder, _, failing = trained
     failing.add("ours-0-relaxed")
-    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    flags = [
+        "--variants",
+        "ours",
+        "paper",
+        "--seeds",
+        "0",
+        "1",
+        "--preset",
+        "smoke",
+        "--out",
+        str(folder),
+    ]
     assert command.main(flags) == 1
     printed = capsys.readouterr()
     assert "| ours | 1 | 16.00 |" in printed.out
@@ -194,7 +246,9 @@ def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch)
     run(folder)
     with pytest.raises(UserError, match="holds a study with another steps "):
         run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
-    monkeypatch.setattr(training, "preset", lambda stage, _, robot: preset(stage, "cpu", robot=robot))
+    monkeypatch.setattr(
+        training, "preset", lambda stage, _, robot: preset(stage, "cpu", robot=robot)
+    )
     with pytest.raises(UserError, match="holds a study with another settings "):
         run(folder)
 
@@ -202,7 +256,10 @@ def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch)
 def test_two_studies_do_not_work_on_one_folder(trained):
     folder, *_ = trained
     folder.mkdir()
-    with lock_folder(folder, "busy"), pytest.raises(UserError, match="another study is at work"):
+    with (
+        lock_folder(folder, "busy"),
+        pytest.raises(UserError, match="another study is at work"),
+    ):
         run(folder)
     assert run(folder)[0] == []
 
@@ -210,19 +267,53 @@ def test_two_studies_do_not_work_on_one_folder(trained):
 def test_variants_that_all_fall_are_not_compared(trained, monkeypatch, capsys):
     folder, *_ = trained
     measured = measuring._measure
-    monkeypatch.setattr(measuring, "_measure", lambda *a: dataclasses.replace(measured(*a), top_speed=0.0, falls=3))
-    flags = ["--variants", "ours", "paper", "--seeds", "0", "--preset", "smoke", "--out", str(folder)]
+    monkeypatch.setattr(
+        measuring,
+        "_measure",
+        lambda *a: dataclasses.replace(measured(*a), top_speed=0.0, falls=3),
+    )
+    flags = [
+        "--variants",
+        "ours",
+        "paper",
+        "--seeds",
+        "0",
+        "--preset",
+        "smoke",
+        "--out",
+        str(folder),
+    ]
     assert command.main(flags) == 0
-    assert "all last policies of ours, paper fell in every launch" in capsys.readouterr().out
+    assert (
+        "all last policies of ours, paper fell in every launch"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_command_leaves_a_table_and_figures(trained, capsys):
     folder, *_ = trained
-    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    flags = [
+        "--variants",
+        "ours",
+        "paper",
+        "--seeds",
+        "0",
+        "1",
+        "--preset",
+        "smoke",
+        "--out",
+        str(folder),
+    ]
     assert command.main(flags) == 0
     assert "| paper | 0, 1 | 16.00 |" in capsys.readouterr().out
-    assert json.loads((folder / "ours.json").read_text())["steps_to_goal"] == [2048, 2048]
-    assert all((folder / f"{name}.png").stat().st_size > 10_000 for name in ("learning_curves", "top_speeds"))
+    assert json.loads((folder / "ours.json").read_text())["steps_to_goal"] == [
+        2048,
+        2048,
+    ]
+    assert all(
+        (folder / f"{name}.png").stat().st_size > 10_000
+        for name in ("learning_curves", "top_speeds")
+    )
     assert "| ours | 0, 1 | 16.00 |" in (folder / "table.md").read_text()
 
 
@@ -249,12 +340,13 @@ def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
     assert not any(tmp_path.iterdir())
 
 
-# --- A training's process ------------------------------------------------------------------------------------
+# --- A training's process -------------------------------------------------------------
 
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A place of one GPU, whose train.py prints what it is told and then does what `code` says."""
+    """A place of one GPU, whose train.py prints what it is told and then does what
+    `code` says."""
 
     lock = (tmp_path / ".lock").open("w")
 
@@ -279,7 +371,9 @@ def begin(place, folder):
     return place.train(PLAN.command(RUN, folder), folder / RUN.name)
 
 
-@pytest.mark.parametrize(("code", "ended"), [("", True), ("raise SystemExit(2)", False)])
+@pytest.mark.parametrize(
+    ("code", "ended"), [("", True), ("raise SystemExit(2)", False)]
+)
 def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, here, code, ended):
     killed_early = tmp_path / RUN.name
     killed_early.mkdir()
@@ -332,7 +426,9 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, here, capsys)
     assert not output.exists()
 
 
-def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(trained, monkeypatch):
+def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
+    trained, monkeypatch
+):
     folder, started, _ = trained
     train, stopped = places.Here.train, []
 
@@ -379,14 +475,18 @@ time.sleep(600)
 """
 
 
-def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_before(tmp_path):
+def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_before(
+    tmp_path,
+):
     folder, study, fake = tmp_path / "study", tmp_path / "study.py", tmp_path / "python"
     study.write_text(STUDY)
     fake.write_text(f"#!{PYTHON}\n{TRAINING}")
     fake.chmod(0o755)
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     log = folder / "ours-0-imitation.txt"
-    with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
+    with subprocess.Popen(
+        [PYTHON, study, fake, folder], cwd=tmp_path, env=environment
+    ) as process:
         wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
         process.kill()
     with pytest.raises(UserError, match="busy"), lock_folder(folder, "busy"):
@@ -429,9 +529,14 @@ shutil.copytree(Path(os.environ["PREPARED"]) / run_dir.name, run_dir, dirs_exist
 """
 
 
-def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, tmp_path, monkeypatch):
-    """submitit itself, its local executor; the training alone is a stand-in, which the scheduler stops once."""
-    pytest.importorskip("submitit", reason="submitit is not installed (the extra `cluster`)")
+def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(
+    trained, tmp_path, monkeypatch
+):
+    """submitit itself, its local executor; the training alone is a stand-in, which the
+    scheduler stops once."""
+    pytest.importorskip(
+        "submitit", reason="submitit is not installed (the extra `cluster`)"
+    )
     folder, *_ = trained
     plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
     run(folder, plan)
@@ -441,7 +546,9 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
     gathered: list[str] = []
     jobs = JobsConfig(executor="local", gpus=0, cpus=1)
     resources = places.Resources((), 1, print, jobs)
-    missing = training.run(plan, folder, resources, lambda training: gathered.append(training.name))
+    missing = training.run(
+        plan, folder, resources, lambda training: gathered.append(training.name)
+    )
     assert missing == []
     assert gathered == ["ours-0-imitation", "ours-0-relaxed"]
     first, second = (folder / "ours-0-imitation.txt").read_text().splitlines()
@@ -450,15 +557,19 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
     assert len(list((folder / "jobs").glob("*_result.pkl"))) == 2
 
 
-# --- Judging and figures -------------------------------------------------------------------------------------
+# --- Judging and figures --------------------------------------------------------------
 
 
-def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
+def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(
+    monkeypatch, make_policy, make_run
+):
     """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
 
     def simulate(policy, requests, config=None):
         speed = requests[0].schedule.target[0]
-        return [make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)]
+        return [
+            make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
+        ]
 
     monkeypatch.setattr(judge, "simulate", simulate)
     measured = measuring._measure(make_policy())
@@ -466,13 +577,17 @@ def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(mon
     assert measured.falls == 2
 
 
-def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
+def test_a_policy_that_always_falls_has_no_top_speed(
+    monkeypatch, make_policy, make_run
+):
     monkeypatch.setattr(judge, "simulate", lambda *_: [make_run(fell_at=7.9)])
     measured = measuring._measure(make_policy())
     assert (measured.top_speed, measured.falls) == (0.0, 3)
 
 
-def test_a_command_that_can_make_no_faster_run_is_not_tried(monkeypatch, make_policy, make_run):
+def test_a_command_that_can_make_no_faster_run_is_not_tried(
+    monkeypatch, make_policy, make_run
+):
     told: list[float] = []
 
     def simulate(policy, requests, config=None):
@@ -485,30 +600,47 @@ def test_a_command_that_can_make_no_faster_run_is_not_tried(monkeypatch, make_po
 
 
 def test_the_interquartile_mean_leaves_out_the_outer_quarters():
-    assert outcome.interquartile_mean(np.array([0.0, 1.0, 2.0, 3.0, 100.0])) == pytest.approx(2.0)
+    assert outcome.interquartile_mean(
+        np.array([0.0, 1.0, 2.0, 3.0, 100.0])
+    ) == pytest.approx(2.0)
     assert outcome.interquartile_mean(np.array([1.0, 2.0, 6.0])) == pytest.approx(3.0)
 
 
 def test_the_bootstrap_interval_is_scipys():
     values = np.random.default_rng(3).normal(15.0, 0.2, 12)
-    peer = stats.bootstrap((values,), outcome.interquartile_mean, method="percentile", rng=np.random.default_rng(5))
-    assert outcome.bootstrap_interval(values) == pytest.approx(tuple(peer.confidence_interval), abs=0.01)
+    peer = stats.bootstrap(
+        (values,),
+        outcome.interquartile_mean,
+        method="percentile",
+        rng=np.random.default_rng(5),
+    )
+    assert outcome.bootstrap_interval(values) == pytest.approx(
+        tuple(peer.confidence_interval), abs=0.01
+    )
 
 
 def test_the_interval_of_a_difference_is_welchs_and_there_is_none_where_nothing_scatters():
     values, others = (13.4, 13.9, 13.1), (11.0, 12.1, 11.4)
-    means, variances = (tuple(f(x) for x in (values, others)) for f in (np.mean, lambda x: np.var(x, ddof=1) / 3))
+    means, variances = (
+        tuple(f(x) for x in (values, others))
+        for f in (np.mean, lambda x: np.var(x, ddof=1) / 3)
+    )
     freedom = sum(variances) ** 2 / sum(v**2 / 2 for v in variances)
     reach = stats.t.ppf(0.975, freedom) * np.sqrt(sum(variances))
     found = outcome.difference_interval(values, others)
-    assert found == pytest.approx((means[0] - means[1] - reach, means[0] - means[1] + reach))
+    assert found == pytest.approx(
+        (means[0] - means[1] - reach, means[0] - means[1] + reach)
+    )
     for same in ((13.0,), (13.0, 13.0)):
         assert outcome.difference_interval((0.0, 0.0), same) == (-math.inf, math.inf)
 
 
 def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
     def judged(*speeds, before=0):
-        return [PolicyMeasurement(before + i, "", v, 0) for i, v in enumerate(speeds, start=1)]
+        return [
+            PolicyMeasurement(before + i, "", v, 0)
+            for i, v in enumerate(speeds, start=1)
+        ]
 
     slow, fast = judged(3.0, 9.0), judged(9.0, 10.74, 10.0, before=2)
     assert outcome._steps_to_goal(slow + fast) == 4

@@ -51,20 +51,30 @@ def sleep(seconds, x):
         time.sleep(seconds)
         return np.asarray(x)
 
-    return jax.pure_callback(wait, jax.ShapeDtypeStruct(x.shape, x.dtype), x, vmap_method="broadcast_all")
+    return jax.pure_callback(
+        wait, jax.ShapeDtypeStruct(x.shape, x.dtype), x, vmap_method="broadcast_all"
+    )
 
 
 @pytest.fixture(scope="module")
 def sleepy():
     told = []
-    case = measure_case(lambda robots: Sleepy(), TINY, 16, ONE, BenchOptions(seconds=0.6, tell=told.append))
+    case = measure_case(
+        lambda robots: Sleepy(),
+        TINY,
+        16,
+        ONE,
+        BenchOptions(seconds=0.6, tell=told.append),
+    )
     assert case.error is None
     assert tuple(told) == case.measurements
     return case
 
 
 def test_every_part_is_measured_in_order(sleepy):
-    assert [m.part for m in sleepy.measurements] == [part for part in PARTS if part != "physics"]
+    assert [m.part for m in sleepy.measurements] == [
+        part for part in PARTS if part != "physics"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -79,11 +89,16 @@ def test_every_part_is_measured_in_order(sleepy):
 )
 def test_times_are_those_that_the_environment_sleeps(sleepy, part, seconds):
     measured = next(m for m in sleepy.measurements if m.part == part)
-    # A sleep is never shorter than asked for; what else there is takes about a millisecond on an idle machine.
+    # A sleep is never shorter than asked for; what else there is takes about a
+    # millisecond on an idle machine.
     assert seconds <= measured.best_seconds <= 1.5 * seconds
     assert measured.best_seconds <= measured.seconds
-    assert measured.control_steps_per_second == pytest.approx(16 * LENGTH / measured.seconds)
-    assert measured.physics_steps_per_second == pytest.approx(5 * measured.control_steps_per_second)
+    assert measured.control_steps_per_second == pytest.approx(
+        16 * LENGTH / measured.seconds
+    )
+    assert measured.physics_steps_per_second == pytest.approx(
+        5 * measured.control_steps_per_second
+    )
 
 
 def test_what_does_not_sleep_is_fast(sleepy):
@@ -103,13 +118,17 @@ def test_shares_of_a_train_step_add_up(sleepy):
     assert sum(sleepy.shares.values()) == pytest.approx(1.0)
     whole = RESET + LENGTH * STEP
     assert sleepy.shares["resets"] == pytest.approx(RESET / whole, abs=0.1)
-    assert sleepy.shares["rest of the environment"] == pytest.approx(LENGTH * STEP / whole, abs=0.1)
+    assert sleepy.shares["rest of the environment"] == pytest.approx(
+        LENGTH * STEP / whole, abs=0.1
+    )
     assert share_out([m for m in sleepy.measurements if m.part != "sgd"]) == {}
 
 
 def test_nothing_compiles_while_it_is_timed(sleepy):
     assert all(m.compilations == 0 for m in sleepy.measurements)
-    assert all(m.compile_seconds > 0 and m.trace_seconds > 0 for m in sleepy.measurements)
+    assert all(
+        m.compile_seconds > 0 and m.trace_seconds > 0 for m in sleepy.measurements
+    )
 
 
 def test_a_program_is_compiled_once_to_be_timed_and_called():
@@ -122,7 +141,9 @@ def test_a_program_is_compiled_once_to_be_timed_and_called():
 
 def test_a_program_that_compiles_at_every_call_is_caught():
     grow = jax.jit(lambda x: (jnp.append(x, 0.0), ()))
-    measured = measure(BenchPart("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9)
+    measured = measure(
+        BenchPart("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9
+    )
     assert measured.compilations >= measured.repeats == bench.FEWEST
 
 
@@ -133,7 +154,10 @@ def test_memory_is_that_of_the_arrays():
             return state.replace(info={**state.info, "ballast": jnp.zeros(100)})
 
     light, heavy = (
-        measure_case(lambda robots, env=env: env(), TINY, 16, ONE, BenchOptions(parts=[])) for env in (Aim, Heavy)
+        measure_case(
+            lambda robots, env=env: env(), TINY, 16, ONE, BenchOptions(parts=[])
+        )
+        for env in (Aim, Heavy)
     )
     assert light.state_bytes_per_robot is not None
     assert heavy.state_bytes_per_robot == light.state_bytes_per_robot + 400
@@ -152,19 +176,29 @@ def test_gradient_steps_are_timed_on_data_like_the_learners():
     *_, sgd = make_parts(learner, state, ["sgd"])
     ours = sgd.fixed[1]
     keys = jax.random.split(jax.random.PRNGKey(0), TINY.num_envs)
-    _, theirs, _ = jax.eval_shape(learner.unroll, state.params, state.normalizer, state.fleet, keys)
+    _, theirs, _ = jax.eval_shape(
+        learner.unroll, state.params, state.normalizer, state.fleet, keys
+    )
     assert jax.tree.structure(ours) == jax.tree.structure(theirs)
-    assert jax.tree.map(lambda x: (x.shape, x.dtype), ours) == jax.tree.map(lambda x: (x.shape, x.dtype), theirs)
+    assert jax.tree.map(lambda x: (x.shape, x.dtype), ours) == jax.tree.map(
+        lambda x: (x.shape, x.dtype), theirs
+    )
     (params, _), metrics = sgd.program(sgd.carry, *sgd.fixed)
     assert all(np.isfinite(value) for value in metrics.values())
-    assert any(np.any(a != b) for a, b in zip(*map(jax.tree.leaves, (params, state.params)), strict=True))
+    assert any(
+        np.any(a != b)
+        for a, b in zip(*map(jax.tree.leaves, (params, state.params)), strict=True)
+    )
 
 
 def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
-    """With a simulation that only counts its control steps, and keeps the targets that it was given."""
+    """With a simulation that only counts its control steps, and keeps the targets that
+    it was given."""
 
     def simulate(physics, targets, robot):
-        held = jax.tree.map(lambda before, now: before.at[0].set(now), physics.targets, targets)
+        held = jax.tree.map(
+            lambda before, now: before.at[0].set(now), physics.targets, targets
+        )
         return physics.replace(qvel=physics.qvel + 1, targets=held), None, None
 
     env = BP2Env(EnvConfig())
@@ -175,8 +209,11 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
     (part,) = make_parts(learner, state, ["physics"])
     _, after = part.program(part.carry, *part.fixed)
     np.testing.assert_array_equal(after.qvel, np.full((8, 22), config.unroll_length))
-    # Without command or action the joints are to stay near the stand: rad, a trot's sweep on the spot.
-    np.testing.assert_allclose(after.targets.position[:, 0], np.tile(STAND_JOINTS, (8, 1)), atol=0.6)
+    # Without command or action the joints are to stay near the stand: rad, a trot's
+    # sweep on the spot.
+    np.testing.assert_allclose(
+        after.targets.position[:, 0], np.tile(STAND_JOINTS, (8, 1)), atol=0.6
+    )
 
 
 def test_a_number_of_robots_that_does_not_fit_is_an_error_of_its_own():
@@ -189,10 +226,13 @@ def test_a_number_of_robots_that_does_not_fit_is_an_error_of_its_own():
 def test_memory_that_runs_out_ends_a_size_and_keeps_what_was_measured():
     class Huge(Aim):
         def step(self, state, action):
-            rows = jnp.outer(jnp.ones(1 << 24) * action, jnp.ones(1 << 22))  # 2^46 numbers
+            # 2^46 numbers
+            rows = jnp.outer(jnp.ones(1 << 24) * action, jnp.ones(1 << 22))
             return super().step(state, action + jnp.sort(rows, axis=0)[0, 0])
 
-    case = measure_case(lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "acting"], 0.01))
+    case = measure_case(
+        lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "acting"], 0.01)
+    )
     assert case.error == OUT_OF_MEMORY
     assert [m.part for m in case.measurements] == ["resets"]
 
@@ -208,4 +248,6 @@ def test_other_failures_are_not_taken_for_a_lack_of_memory():
             return super().step(state, action).replace(obs=obs)
 
     with pytest.raises(jax.errors.JaxRuntimeError, match="wrong"):
-        measure_case(lambda robots: Failing(), TINY, 16, ONE, BenchOptions(["environment"], 0.01))
+        measure_case(
+            lambda robots: Failing(), TINY, 16, ONE, BenchOptions(["environment"], 0.01)
+        )

@@ -1,4 +1,5 @@
-"""The peer's rate: from the times at which Brax's learner reports, of Playground's Go1 without what is only seen."""
+"""The peer's rate: from the times at which Brax's learner reports, of Playground's Go1
+without what is only seen."""
 
 import itertools
 import sys
@@ -22,12 +23,10 @@ def test_the_go1_has_its_masses_and_contacts_without_its_meshes():
 
 
 def test_what_is_only_seen_goes():
-    text = (
-        b"<mujoco><asset><mesh file='a.stl'/><texture/></asset><body><geom mesh='a'/><geom size='1'/></body></mujoco>"
-    )
-    assert [element.tag for element in ET.fromstring(playground.without_meshes(text)).iter()] == [
-        "mujoco", "asset", "texture", "body", "geom"
-    ]  # fmt: skip
+    text = b"<mujoco><asset><mesh file='a.stl'/><texture/></asset><body><geom mesh='a'/><geom size='1'/></body></mujoco>"
+    assert [
+        element.tag for element in ET.fromstring(playground.without_meshes(text)).iter()
+    ] == ["mujoco", "asset", "texture", "body", "geom"]
 
 
 @pytest.fixture
@@ -46,30 +45,49 @@ def learner(monkeypatch):
     return asked
 
 
-@pytest.mark.parametrize(("seconds", "spans"), [(0.01, 2), (20.0, 2), (25.0, 3), (95.0, 10)])
-def test_what_compiles_is_not_timed_and_the_rest_as_long_as_asked(learner, seconds, spans):
+@pytest.mark.parametrize(
+    ("seconds", "spans"), [(0.01, 2), (20.0, 2), (25.0, 3), (95.0, 10)]
+)
+def test_what_compiles_is_not_timed_and_the_rest_as_long_as_asked(
+    learner, seconds, spans
+):
     rate = playground.measure_playground(playground.playground_settings(64), seconds)
     # Spans of 10 s, five train steps each of 64 robots for 20 control steps.
     assert rate.control_steps == spans * 5 * 64 * 20
     assert rate.control_steps_per_second == pytest.approx(5 * 64 * 20 / 10.0)
-    assert learner["batch_size"] * learner["num_minibatches"] == learner["num_envs"] == rate.robots == 64
-    # Brax makes train steps of this many control steps, so many between two looks: five.
+    assert (
+        learner["batch_size"] * learner["num_minibatches"]
+        == learner["num_envs"]
+        == rate.robots
+        == 64
+    )
+    # Brax makes train steps of this many control steps, so many between two looks:
+    # five.
     assert learner["num_timesteps"] == (learner["num_evals"] - 1) * 5 * 64 * 20
     assert learner["num_updates_per_batch"] == 4
 
 
 def test_playgrounds_own_number_of_robots_is_the_default(learner):
     settings = playground.playground_settings()
-    assert playground.measure_playground(settings, 1.0).robots == learner["num_envs"] == 8192
+    assert (
+        playground.measure_playground(settings, 1.0).robots
+        == learner["num_envs"]
+        == 8192
+    )
     assert learner["batch_size"] == 256
 
 
 def test_robots_that_do_not_fill_the_minibatches_are_refused():
-    with pytest.raises(UserError, match="--robots 63: Playground's learner needs a multiple of its 32 minibatches"):
+    with pytest.raises(
+        UserError,
+        match="--robots 63: Playground's learner needs a multiple of its 32 minibatches",
+    ):
         playground.playground_settings(63)
 
 
 def test_without_playground_one_line_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco_playground.config.locomotion_params", None)
-    with pytest.raises(UserError, match="--peer playground needs the package playground: pip install"):
+    with pytest.raises(
+        UserError, match="--peer playground needs the package playground: pip install"
+    ):
         playground.playground_settings()

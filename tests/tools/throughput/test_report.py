@@ -11,38 +11,71 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.presets import preset
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 from bp2_rl.tools.throughput.playground import PlaygroundRate
-from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
+from bp2_rl.tools.throughput.report import (
+    Bench,
+    Startup,
+    peer_ratio,
+    print_table,
+    remarks,
+    scaling_figure,
+)
 
 BASE = preset("imitation", "gpu").ppo.num_envs
 
 
-def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> PartTiming:
+def measurement(
+    part: PartName, robots: int, devices: int, rate: float, **others
+) -> PartTiming:
     values = {
-        "seconds": 24 * robots / rate, "best_seconds": 23 * robots / rate, "spread": 0.02, "repeats": 5,
-        "compilations": 0, "trace_seconds": 6.4, "compile_seconds": 41.2, "from_cache": False,
-        "program_bytes": 1_250_000_000, "bytes_per_robot": 1.25e9 / robots,
-    } | others  # fmt: skip
+        "seconds": 24 * robots / rate,
+        "best_seconds": 23 * robots / rate,
+        "spread": 0.02,
+        "repeats": 5,
+        "compilations": 0,
+        "trace_seconds": 6.4,
+        "compile_seconds": 41.2,
+        "from_cache": False,
+        "program_bytes": 1_250_000_000,
+        "bytes_per_robot": 1.25e9 / robots,
+    } | others
     return PartTiming(part, robots, devices, rate, 5 * rate, **values)
 
 
 def case(robots: int, devices: int, **rates: float) -> Case:
-    rows = tuple(measurement(part, robots, devices, rate) for part, rate in rates.items())  # pyright: ignore[reportArgumentType]
+    rows = tuple(
+        measurement(part, robots, devices, rate)  # pyright: ignore[reportArgumentType]
+        for part, rate in rates.items()
+    )
     return Case(robots, devices, rows, state_bytes_per_robot=1572.0)
 
 
 def bench(*cases: Case, **others) -> Bench:
     return Bench(
-        created="2026-11-21T00:00:00Z", versions={}, platform="gpu", device_kind="NVIDIA H200", device_count=4,
-        cpu_cores=16, config=preset("imitation", "gpu"), seconds=2.0, cases=cases, **others,
-    )  # fmt: skip
+        created="2026-11-21T00:00:00Z",
+        versions={},
+        platform="gpu",
+        device_kind="NVIDIA H200",
+        device_count=4,
+        cpu_cores=16,
+        config=preset("imitation", "gpu"),
+        seconds=2.0,
+        cases=cases,
+        **others,
+    )
 
 
 @pytest.fixture
 def scaled():
-    """Rates that saturate at 400,000 steps a second, and devices that lose a tenth at each doubling."""
+    """Rates that saturate at 400,000 steps a second, and devices that lose a tenth at
+    each doubling."""
     robots = [2**k for k in range(9, 17)]
-    alone = [case(n, 1, training=4e5 * n / (n + 4096), environment=6e5 * n / (n + 4096)) for n in robots]
-    weak = [case(BASE * d, d, training=4e5 / 1.5 * d * 0.9 ** np.log2(d)) for d in (2, 4)]
+    alone = [
+        case(n, 1, training=4e5 * n / (n + 4096), environment=6e5 * n / (n + 4096))
+        for n in robots
+    ]
+    weak = [
+        case(BASE * d, d, training=4e5 / 1.5 * d * 0.9 ** np.log2(d)) for d in (2, 4)
+    ]
     strong = [case(BASE, d, training=4e5 / 1.5 * d * 0.8 ** np.log2(d)) for d in (2, 4)]
     return bench(*alone, *weak, *strong)
 
@@ -59,8 +92,12 @@ def test_the_picture_shows_every_size_and_the_speed_up(scaled):
     np.testing.assert_allclose(drawn["training"][4], (8192, 4e5 * 8192 / (8192 + 4096)))
     drawn = lines(over_devices)
     np.testing.assert_allclose(drawn["ideal"], [(1, 1), (2, 2), (4, 4)])
-    np.testing.assert_allclose(drawn["8192 robots a device"], [(1, 1), (2, 1.8), (4, 3.24)])
-    np.testing.assert_allclose(drawn["8192 robots in all"], [(1, 1), (2, 1.6), (4, 2.56)])
+    np.testing.assert_allclose(
+        drawn["8192 robots a device"], [(1, 1), (2, 1.8), (4, 3.24)]
+    )
+    np.testing.assert_allclose(
+        drawn["8192 robots in all"], [(1, 1), (2, 1.6), (4, 2.56)]
+    )
 
 
 def test_every_axis_is_named_with_its_unit_and_the_picture_is_legible(scaled):
@@ -93,23 +130,50 @@ def test_the_table_fits_a_terminal_and_has_every_row(scaled):
     table = text.split("all robots together")[0].splitlines()
     assert max(map(len, table)) <= 80
     assert "…" not in text
-    row = next(line.split() for line in table if line.split()[:3] == ["training", "8192", "1"])
+    row = next(
+        line.split() for line in table if line.split()[:3] == ["training", "8192", "1"]
+    )
     assert row[3:] == ["267k", "1.33M", "1.0%", "6.4", "41.2", "1.25GB"]
-    assert next(line.split() for line in table if "131072" in line) == ["failed", "131072", "1"]
+    assert next(line.split() for line in table if "131072" in line) == [
+        "failed",
+        "131072",
+        "1",
+    ]
     assert "131072 robots on 1 device: out of memory" in text
 
 
 def test_a_program_from_the_cache_is_marked():
-    cached = Case(64, 1, (measurement("sgd", 64, 1, 1e3, from_cache=True, program_bytes=None, bytes_per_robot=None),))
+    cached = Case(
+        64,
+        1,
+        (
+            measurement(
+                "sgd",
+                64,
+                1,
+                1e3,
+                from_cache=True,
+                program_bytes=None,
+                bytes_per_robot=None,
+            ),
+        ),
+    )
     assert "41.2*" in show(bench(cached))
 
 
 def test_the_remarks_say_what_the_table_does_not():
     odd = Case(
-        64, 2, (measurement("training", 64, 2, 1e3, compilations=3),), state_bytes_per_robot=1572.0,
-        device_peak_bytes=2_000_000_000, shares={"physics": 0.75, "bookkeeping": 0.25},
-    )  # fmt: skip
-    starts = {"cold_start": Startup(5, 15, 85, 90, 91), "warm_start": Startup(5, 6, 9, 18, 18.2)}
+        64,
+        2,
+        (measurement("training", 64, 2, 1e3, compilations=3),),
+        state_bytes_per_robot=1572.0,
+        device_peak_bytes=2_000_000_000,
+        shares={"physics": 0.75, "bookkeeping": 0.25},
+    )
+    starts = {
+        "cold_start": Startup(5, 15, 85, 90, 91),
+        "warm_start": Startup(5, 6, 9, 18, 18.2),
+    }
     said = remarks(bench(odd, host_peak_bytes=3_000_000_000, **starts))
     assert said == [
         "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
@@ -130,8 +194,11 @@ def test_playgrounds_training_is_compared_with_ours_on_one_device():
     assert line in remarks(bench(larger, playground=theirs))
     beside = bench(ours, larger, peer=ours, playground=theirs)
     assert peer_ratio(beside) == pytest.approx(4.0)
-    assert f"{line}; ours, 64 robots, make 4.00 times as many, of 5 ms" in remarks(beside)
-    assert show(beside).count("training     64") == 1  # what is a case of its own is not shown twice
+    assert f"{line}; ours, 64 robots, make 4.00 times as many, of 5 ms" in remarks(
+        beside
+    )
+    # what is a case of its own is not shown twice
+    assert show(beside).count("training     64") == 1
 
 
 def test_the_peer_is_a_ratio_of_acting_loops():
@@ -142,5 +209,9 @@ def test_the_peer_is_a_ratio_of_acting_loops():
 
 
 def test_a_report_is_read_as_it_was_written(scaled):
-    report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0, 4.0, 5.0))
+    report = bench(
+        *scaled.cases,
+        peer=case(64, 1, brax=1.0),
+        cold_start=Startup(1.0, 2.0, 3.0, 4.0, 5.0),
+    )
     assert from_json(Bench, to_json(report)) == report

@@ -1,4 +1,5 @@
-"""The search with the real Optuna: what it keeps, what a second call goes on with, and what it refuses at once."""
+"""The search with the real Optuna: what it keeps, what a second call goes on with, and
+what it refuses at once."""
 
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,12 @@ from bp2_rl.tools.tuning import search as tuning
 from bp2_rl.tools.tuning.search import Search, Trial
 from bp2_rl.tools.tuning.space import parse_dimension
 
-SPACE = tuple(map(parse_dimension, ("env.reward.tracking=0:4", "ppo.num-epochs=1:3", "ppo.activation=swish,elu")))
+SPACE = tuple(
+    map(
+        parse_dimension,
+        ("env.reward.tracking=0:4", "ppo.num-epochs=1:3", "ppo.activation=swish,elu"),
+    )
+)
 SEARCH = Search(SPACE, "smoke", "built", 1024, 0)
 
 
@@ -39,23 +45,30 @@ class Place:
 
 @pytest.fixture
 def search(tmp_path, monkeypatch):
-    """Searches in one folder; a robot is as fast as the error of tracking is near 3, and slower with each epoch."""
+    """Searches in one folder; a robot is as fast as the error of tracking is near 3,
+    and slower with each epoch."""
     pytest.importorskip("optuna", reason="Optuna is not installed (the extra `tune`)")
 
     def judged(run_dir: Path) -> list[PolicyMeasurement]:
         words = next(words for where, words in place.trained if where == run_dir)
-        tracking, epochs = (float(words[words.index(f"--{one.flag}") + 1]) for one in SPACE[:2])
+        tracking, epochs = (
+            float(words[words.index(f"--{one.flag}") + 1]) for one in SPACE[:2]
+        )
         speed = 10.0 - abs(tracking - 3.0) - epochs
         return [PolicyMeasurement(1, "", speed, 0), PolicyMeasurement(2, "", 0.0, 3)]
 
     def run(trials: int, here: Place, sought: Search = SEARCH) -> list[Trial]:
         nonlocal place
         place = here
-        return tuning.run(sought, tmp_path / "tune", trials, places.Resources((), 1, lambda _: None))
+        return tuning.run(
+            sought, tmp_path / "tune", trials, places.Resources((), 1, lambda _: None)
+        )
 
     place = Place()
     monkeypatch.setattr(places, "Here", lambda *_: place)
-    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(
+        places, "spawned", lambda count, initializer: ThreadPoolExecutor(count)
+    )
     monkeypatch.setattr(tuning, "measure_policies", judged)
     return run
 
@@ -71,13 +84,20 @@ def test_a_search_ranks_its_trials_and_goes_on_where_it_was_stopped(search, tmp_
     again = before.keys() & after.keys()
     assert stopped.trained[-1][0] in again
     assert all(before[run_dir] == after[run_dir] for run_dir in again)
-    assert before.keys() | after.keys() == {tmp_path / "tune" / f"trial-{n}" for n in range(6)}
+    assert before.keys() | after.keys() == {
+        tmp_path / "tune" / f"trial-{n}" for n in range(6)
+    }
     speeds = [trial.top_speed for trial in ranked if trial.top_speed is not None]
     assert speeds == sorted(speeds, reverse=True)
     assert all(("elu" in trial.flags) == (trial.top_speed is None) for trial in ranked)
     with sqlite3.connect(tmp_path / "tune" / "tune.db") as kept:
         states = [state for (state,) in kept.execute("select state from trials")]
-        values = [value for (value,) in kept.execute("select value from trial_values order by value desc")]
+        values = [
+            value
+            for (value,) in kept.execute(
+                "select value from trial_values order by value desc"
+            )
+        ]
     kept.close()
     assert states.count("COMPLETE") == len(speeds) == 6 - states.count("FAIL")
     assert values == pytest.approx(speeds)
@@ -102,19 +122,43 @@ def test_the_kept_trials_are_not_written_through_a_link(search, tmp_path):
     assert victim.read_bytes() == b""
 
 
-def test_the_command_ranks_and_says_how_to_train_with_the_best(search, tmp_path, capsys):
+def test_the_command_ranks_and_says_how_to_train_with_the_best(
+    search, tmp_path, capsys
+):
     folder = tmp_path / "tune"
-    flags = ["--search", "env.reward.tracking=0:4", "ppo.num-epochs=1:3", "ppo.activation=swish,elu"]
-    flags += ["--preset", "smoke", "--steps", "1024", "--out", str(folder), "--trials", "4"]
+    flags = [
+        "--search",
+        "env.reward.tracking=0:4",
+        "ppo.num-epochs=1:3",
+        "ppo.activation=swish,elu",
+    ]
+    flags += [
+        "--preset",
+        "smoke",
+        "--steps",
+        "1024",
+        "--out",
+        str(folder),
+        "--trials",
+        "4",
+    ]
     assert command.main(flags) == 0
     printed = capsys.readouterr().out
     assert (folder / "table.md").read_text() in printed
     best = search(4, Place())[0]
-    assert f"| {best.number} | {best.top_speed:.2f} | {' '.join(best.flags)} |\n" in printed
-    assert printed.splitlines()[-1] == f"python train.py --preset smoke {' '.join(best.flags)}"
+    assert (
+        f"| {best.number} | {best.top_speed:.2f} | {' '.join(best.flags)} |\n"
+        in printed
+    )
+    assert (
+        printed.splitlines()[-1]
+        == f"python train.py --preset smoke {' '.join(best.flags)}"
+    )
 
 
-def test_nothing_is_recommended_among_policies_that_all_fall(search, tmp_path, monkeypatch, capsys):
+def test_nothing_is_recommended_among_policies_that_all_fall(
+    search, tmp_path, monkeypatch, capsys
+):
     fallen = PolicyMeasurement(1, "", 0.0, 3)
     monkeypatch.setattr(tuning, "measure_policies", lambda run_dir: [fallen])
     flags = [
@@ -137,10 +181,22 @@ def test_nothing_is_recommended_among_policies_that_all_fall(search, tmp_path, m
 def test_values_are_words_that_train_py_reads():
     tracking, epochs, activation = SPACE
     rate = parse_dimension("--ppo.learning-rate=1e-5:1e-2:log")
-    assert [one.kind for one in (tracking, epochs, activation, rate)] == ["int", "int", "choice", "log"]
-    assert SEARCH.flags({"env.reward.tracking": 2, "ppo.num-epochs": 3, "ppo.activation": "elu"}) == [
-        "--env.reward.tracking", "2", "--ppo.num-epochs", "3", "--ppo.activation", "elu",
-    ]  # fmt: skip
+    assert [one.kind for one in (tracking, epochs, activation, rate)] == [
+        "int",
+        "int",
+        "choice",
+        "log",
+    ]
+    assert SEARCH.flags(
+        {"env.reward.tracking": 2, "ppo.num-epochs": 3, "ppo.activation": "elu"}
+    ) == [
+        "--env.reward.tracking",
+        "2",
+        "--ppo.num-epochs",
+        "3",
+        "--ppo.activation",
+        "elu",
+    ]
     assert rate.word(1.25e-4) == "0.000125"
 
 
@@ -154,10 +210,15 @@ def test_values_are_words_that_train_py_reads():
         ("ppo.activation=elu", "name two values or more"),
         ("ppo.learning-speed=1e-4:1e-3", "ppo.learning-speed"),
         ("ppo.learning-rate=-1.0:1e-3", "ppo.learning_rate"),
-        ("ppo.activation=elu,sine", "--ppo.activation takes elu, relu, swish or tanh; got sine"),
+        (
+            "ppo.activation=elu,sine",
+            "--ppo.activation takes elu, relu, swish or tanh; got sine",
+        ),
     ],
 )
-def test_a_search_that_cannot_be_is_refused_in_a_line(search, words, tmp_path, monkeypatch, capsys):
+def test_a_search_that_cannot_be_is_refused_in_a_line(
+    search, words, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert command.main(["--search", search, "--preset", "smoke"]) == 2
     error = capsys.readouterr().err

@@ -1,6 +1,8 @@
-"""What a policy cannot do yet: braking, launches, turns, slow motion, standing, straightness, pushes, bad ground.
+"""What a policy cannot do yet: braking, launches, turns, slow motion, standing,
+straightness, pushes, bad ground.
 
-Every manoeuvre has a rule that a reader would expect a running robot to keep; a robot that falls fails.
+Every manoeuvre has a rule that a reader would expect a running robot to keep; a robot
+that falls fails.
 """
 
 import dataclasses
@@ -15,7 +17,11 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     top_speed,
 )
-from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, CAPTION_OF_BP2, manoeuvres_figure
+from bp2_rl.evaluation.benchmarks.manoeuvres.figure import (
+    CAPTION,
+    CAPTION_OF_BP2,
+    manoeuvres_figure,
+)
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
     CHATTER_WINDOW,
     STOPPED,
@@ -35,7 +41,15 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
     sizes_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.benchmarks.outcome import (
+    NOT_MEASURED,
+    Evaluation,
+    Picture,
+    Row,
+    Table,
+    rounded,
+    show,
+)
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
@@ -62,7 +76,10 @@ class Tries:
     @property
     def groups(self) -> dict[str, tuple[ManoeuvreOutcome, ...]]:
         """By what was tried."""
-        return {name: tuple(group) for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)}
+        return {
+            name: tuple(group)
+            for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)
+        }
 
     @property
     def passes(self) -> dict[str, str]:
@@ -88,12 +105,19 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     tries = summarise(simulate_all(outcome_of, policy, asked))
     metrics = ManoeuvreMetrics(**vars(tries), level_speed=level, cruise=cruise)
     caption = CAPTION_OF_BP2 if robot.is_bp2 else CAPTION
-    said = conditions(policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup)
+    said = conditions(
+        policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup
+    )
     return Evaluation(
         benchmark="manoeuvres",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"ground": GROUND, "rough ground's seed": f"{setup.seed or 0}", "measures": MEASURES},
+        conditions=said
+        | {
+            "ground": GROUND,
+            "rough ground's seed": f"{setup.seed or 0}",
+            "measures": MEASURES,
+        },
         verdict=verdict(metrics),
         good=metrics.passed == len(metrics.outcomes),
         rows=manoeuvre_rows(metrics),
@@ -105,12 +129,17 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-# --- How they are run ----------------------------------------------------------------------------------------
+# --- How they are run -----------------------------------------------------------------
 
 
-def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
-    """Return the best speed over the track at the top speed's command, m/s; the command itself where it fell."""
-    [run] = simulate(policy, [RunRequest(dash_of(ramp, robot), robot, operator, finish=TRACK)])
+def level_speed(
+    policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold
+) -> float:
+    """Return the best speed over the track at the top speed's command, m/s; the command
+    itself where it fell."""
+    [run] = simulate(
+        policy, [RunRequest(dash_of(ramp, robot), robot, operator, finish=TRACK)]
+    )
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 
@@ -129,7 +158,7 @@ def outcome_of(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
     )
 
 
-# --- What is shown -------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 
 FELL = "fell"
@@ -137,7 +166,8 @@ LAUNCH_GROUP = "Launch, friction 0.8"
 
 
 def describe_schedules(cruise: float) -> str:
-    """Return what the robot is told, in one line; pushes come at the speed `cruise`, m/s."""
+    """Return what the robot is told, in one line; pushes come at the speed `cruise`,
+    m/s."""
     return (
         f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the "
         f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
@@ -159,7 +189,12 @@ MEASURES = (
 
 def summarise(outcomes: Sequence[ManoeuvreOutcome]) -> Tries:
     """Count."""
-    passed, fell = (sum(flags) for flags in zip(*((o.passed, o.fell_at is not None) for o in outcomes), strict=True))
+    passed, fell = (
+        sum(flags)
+        for flags in zip(
+            *((o.passed, o.fell_at is not None) for o in outcomes), strict=True
+        )
+    )
     return Tries(passed=passed, fell=fell, outcomes=tuple(outcomes))
 
 
@@ -170,7 +205,13 @@ def share_of(group: Sequence[ManoeuvreOutcome]) -> str:
 
 def verdict(metrics: Tries) -> str:
     """The sheet in one sentence."""
-    falls = "without a fall" if metrics.fell == 0 else "one fall" if metrics.fell == 1 else f"{metrics.fell} falls"
+    falls = (
+        "without a fall"
+        if metrics.fell == 0
+        else "one fall"
+        if metrics.fell == 1
+        else f"{metrics.fell} falls"
+    )
     return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
 
 
@@ -184,10 +225,22 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     """A few figures that say most, then every manoeuvre."""
     groups, tries = metrics.groups, len(metrics.outcomes)
     return (
-        Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
+        Row(
+            "Passed",
+            f"{metrics.passed} of {tries}",
+            "tries, each by its rule, as said below",
+        ),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
-        Row("Hardest stop", hardest(groups[f"Brake from {metrics.cruise:g} m/s"]), f"from {metrics.cruise:g} m/s"),
-        Row("Hardest launch", hardest(groups[LAUNCH_GROUP]), "to the top, on friction 0.8"),
+        Row(
+            "Hardest stop",
+            hardest(groups[f"Brake from {metrics.cruise:g} m/s"]),
+            f"from {metrics.cruise:g} m/s",
+        ),
+        Row(
+            "Hardest launch",
+            hardest(groups[LAUNCH_GROUP]),
+            "to the top, on friction 0.8",
+        ),
         Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
         Row(
             "Nobody steering",
@@ -205,7 +258,14 @@ def manoeuvre_table(metrics: Tries) -> Table:
         "Manoeuvres",
         head,
         [
-            (o.group, o.asked, o.did, show(o.fell_at, ".2f", "s"), "yes" if o.passed else "NO", _in_words(o.measured))
+            (
+                o.group,
+                o.asked,
+                o.did,
+                show(o.fell_at, ".2f", "s"),
+                "yes" if o.passed else "NO",
+                _in_words(o.measured),
+            )
             for o in metrics.outcomes
         ],
         words=True,
@@ -213,7 +273,8 @@ def manoeuvre_table(metrics: Tries) -> Table:
 
 
 def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
-    """What a policy's card says of them: how many of each passed, and what each try did."""
+    """What a policy's card says of them: how many of each passed, and what each try
+    did."""
     return rounded(
         {
             "level_speed": metrics.level_speed,
@@ -223,21 +284,35 @@ def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
             "creep": _creep(metrics),
             "astray": _astray(metrics),
             "passes": metrics.passes,
-            "did": {name: {o.asked: o.did for o in group} for name, group in metrics.groups.items()},
+            "did": {
+                name: {o.asked: o.did for o in group}
+                for name, group in metrics.groups.items()
+            },
         }
     )
 
 
 def _creep(metrics: ManoeuvreMetrics) -> float | None:
-    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, StandingStill)), None)
+    return next(
+        (
+            o.measured.creep
+            for o in metrics.outcomes
+            if isinstance(o.measured, StandingStill)
+        ),
+        None,
+    )
 
 
 def _astray(metrics: ManoeuvreMetrics) -> float | None:
     """Without an operator, m."""
-    last = [o.measured for o in metrics.outcomes if isinstance(o.measured, Straight)][-1]
+    last = [o.measured for o in metrics.outcomes if isinstance(o.measured, Straight)][
+        -1
+    ]
     return last.reach
 
 
 def _in_words(measured: Measured) -> str:
     values = vars(measured).items()
-    return ", ".join(f"{name.replace('_', ' ')} {show(value, '.3g')}" for name, value in values)
+    return ", ".join(
+        f"{name.replace('_', ' ')} {show(value, '.3g')}" for name, value in values
+    )

@@ -1,6 +1,8 @@
-"""Where a policy that passes the pushes and the rough ground of the manoeuvres may still fall: harder ones, many.
+"""Where a policy that passes the pushes and the rough ground of the manoeuvres may
+still fall: harder ones, many.
 
-Pushes come at eight phases of the stride, for a robot may bear at one touchdown what fells it at the next.
+Pushes come at eight phases of the stride, for a robot may bear at one touchdown what
+fells it at the next.
 """
 
 import functools
@@ -15,9 +17,22 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
-from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import Tries, manoeuvre_table, outcome_of, share_of, summarise
+from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
+    Tries,
+    manoeuvre_table,
+    outcome_of,
+    share_of,
+    summarise,
+)
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
-from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import AFTER_PUSH, ARROWS, STEADY, Make, Manoeuvre, run_up
+from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
+    AFTER_PUSH,
+    ARROWS,
+    STEADY,
+    Make,
+    Manoeuvre,
+    run_up,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -50,7 +65,9 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Push the robot, and let it run over rough ground, at its cruising speed."""
     robot, speed = robot_of(policy, setup), ramp.target[0]
     steady = run_up(speed)
-    [calm] = simulate(policy, [RunRequest(steady.hold(AFTER_PUSH), robot, setup.operator)])
+    [calm] = simulate(
+        policy, [RunRequest(steady.hold(AFTER_PUSH), robot, setup.operator)]
+    )
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
     asked = all_disturbances(speed, stride, robot, setup.operator, setup.seed or 0)
     tries = summarise(simulate_all(outcome_of, policy, asked))
@@ -63,20 +80,27 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="disturbances",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"ground": GROUND, "rough ground's seeds": f"{setup.seed or 0} and the next {SEEDS - 1}"},
+        conditions=said
+        | {
+            "ground": GROUND,
+            "rough ground's seeds": f"{setup.seed or 0} and the next {SEEDS - 1}",
+        },
         verdict=f"{tries.passed} of {len(tries.outcomes)} disturbances without a fall.",
         good=tries.fell == 0,
         rows=_rows(tries),
         tiles=("Without a fall", "Pushes", "Rough ground"),
         pictures=(Picture("disturbances", CAPTION, manoeuvres_figure(tries.outcomes)),),
         metrics=tries,
-        results=rounded({"of": len(tries.outcomes), "passed": tries.passed, "passes": tries.passes}),
+        results=rounded(
+            {"of": len(tries.outcomes), "passed": tries.passed, "passes": tries.passes}
+        ),
         tables=(manoeuvre_table(tries),),
     )
 
 
 def ramp_to_disturbances(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule over rough ground: of BP2 the same for every policy, so that they can be compared."""
+    """The schedule over rough ground: of BP2 the same for every policy, so that they
+    can be compared."""
     return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=CROSSING)
 
 
@@ -92,17 +116,33 @@ def all_disturbances(
         operator: who keeps it straight.
         seed: of the first rough ground.
     """
-    of = functools.partial(Manoeuvre, hardware=robot, operator=operator, rule=RULE, assess=rules.assess_push)
-    return (*_pushes(of, run_up(speed), stride, robot), *_rough_ground(of, speed, robot, seed))
+    of = functools.partial(
+        Manoeuvre,
+        hardware=robot,
+        operator=operator,
+        rule=RULE,
+        assess=rules.assess_push,
+    )
+    return (
+        *_pushes(of, run_up(speed), stride, robot),
+        *_rough_ground(of, speed, robot, seed),
+    )
 
 
-def _pushes(of: Make, steady: Course, stride: float, robot: HardwareSpec) -> Iterator[Manoeuvre]:
+def _pushes(
+    of: Make, steady: Course, stride: float, robot: HardwareSpec
+) -> Iterator[Manoeuvre]:
     shove, turn = SHOVE * robot.size.speed, TURN * robot.size.rate
     for phase in range(PHASES):
         for way, sign in (("left", 1.0), ("right", -1.0)):
             for i, arrow in enumerate(ARROWS):
-                angle, time = math.tau * i / len(ARROWS), steady.duration + phase * stride / PHASES
-                push = Push(time, shove * math.cos(angle), shove * math.sin(angle), sign * turn)
+                angle, time = (
+                    math.tau * i / len(ARROWS),
+                    steady.duration + phase * stride / PHASES,
+                )
+                push = Push(
+                    time, shove * math.cos(angle), shove * math.sin(angle), sign * turn
+                )
                 yield of(
                     steady.hold(AFTER_PUSH + stride),
                     group=f"Push {phase}/{PHASES}, turning {way}",
@@ -111,8 +151,12 @@ def _pushes(of: Make, steady: Course, stride: float, robot: HardwareSpec) -> Ite
                 )
 
 
-def _rough_ground(of: Make, speed: float, robot: HardwareSpec, seed: int) -> Iterator[Manoeuvre]:
-    height, *cells = (float(f"{robot.size.length * length:.2g}") for length in (ROUGHNESS, *CELLS))
+def _rough_ground(
+    of: Make, speed: float, robot: HardwareSpec, seed: int
+) -> Iterator[Manoeuvre]:
+    height, *cells = (
+        float(f"{robot.size.length * length:.2g}") for length in (ROUGHNESS, *CELLS)
+    )
     for cell in cells:
         for drawn in range(seed, seed + SEEDS):
             yield of(
@@ -124,10 +168,17 @@ def _rough_ground(of: Make, speed: float, robot: HardwareSpec, seed: int) -> Ite
 
 
 def _rows(tries: Tries) -> tuple[Row, ...]:
-    pushes, grounds = ([o for o in tries.outcomes if o.group.startswith("Push") is push] for push in (True, False))
+    pushes, grounds = (
+        [o for o in tries.outcomes if o.group.startswith("Push") is push]
+        for push in (True, False)
+    )
     return (
         Row("Without a fall", f"{tries.passed} of {len(tries.outcomes)}", "of all"),
-        Row("Pushes", share_of(pushes), f"at {PHASES} phases of a stride, from {len(ARROWS)} sides"),
+        Row(
+            "Pushes",
+            share_of(pushes),
+            f"at {PHASES} phases of a stride, from {len(ARROWS)} sides",
+        ),
         Row("Rough ground", share_of(grounds), f"{CROSSING:g} s at the speed"),
         *(Row(name, passes, RULE) for name, passes in tries.passes.items()),
     )

@@ -18,22 +18,40 @@ CAPTION = (
     "left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone failed. "
     "Pushes: towards the arrow, ahead is up."
 )
-CAPTION_OF_BP2 = f"{CAPTION} A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+CAPTION_OF_BP2 = (
+    f"{CAPTION} A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+)
 
 
 @styled
 def manoeuvres_figure(outcomes: Sequence[ManoeuvreOutcome]) -> Figure:
     """The whole sheet."""
-    groups = [list(group) for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)]
+    groups = [
+        list(group)
+        for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)
+    ]
     figure = Figure(figsize=(WIDTH, ROW * (len(groups) + 1.2)))
     axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, WIDTH), ylim=(len(groups) + 0.2, -1.0))
     axes.set_axis_off()
     passed = sum(outcome.passed for outcome in outcomes)
-    axes.text(0.1, -0.5, f"{passed} of {len(outcomes)} passed", va="center", weight="bold", size=12)
-    for column, (color, alpha, words) in enumerate(((FRONT, 0.16, "passed"), (FALL, 1.0, "failed"))):
+    axes.text(
+        0.1,
+        -0.5,
+        f"{passed} of {len(outcomes)} passed",
+        va="center",
+        weight="bold",
+        size=12,
+    )
+    for column, (color, alpha, words) in enumerate(
+        ((FRONT, 0.16, "passed"), (FALL, 1.0, "failed"))
+    ):
         left = LABELS + 1.4 * column * CELL
-        axes.add_patch(Rectangle((left, -0.6), 0.16, 0.25, facecolor=color, alpha=alpha, linewidth=0))
+        axes.add_patch(
+            Rectangle(
+                (left, -0.6), 0.16, 0.25, facecolor=color, alpha=alpha, linewidth=0
+            )
+        )
         axes.text(left + 0.24, -0.5, words, va="center", color=QUIET)
     for row, group in enumerate(groups):
         axes.text(0.1, row + 0.34, group[0].group, va="center", weight="bold")
@@ -45,9 +63,35 @@ def manoeuvres_figure(outcomes: Sequence[ManoeuvreOutcome]) -> Figure:
 
 def _draw_cell(axes: Axes, left: float, top: float, outcome: ManoeuvreOutcome) -> None:
     color, alpha = (FRONT, 0.16) if outcome.passed else (FALL, 1.0)
-    axes.add_patch(Rectangle((left, top + 0.06), CELL - 0.05, 0.88, facecolor=color, alpha=alpha, linewidth=0))
+    axes.add_patch(
+        Rectangle(
+            (left, top + 0.06),
+            CELL - 0.05,
+            0.88,
+            facecolor=color,
+            alpha=alpha,
+            linewidth=0,
+        )
+    )
     middle = left + (CELL - 0.05) / 2
     head, body = (QUIET, INK) if outcome.passed else ("white", "white")
-    axes.text(middle, top + 0.31, outcome.asked, ha="center", va="center", color=head, size=6.5)
+    axes.text(
+        middle,
+        top + 0.31,
+        outcome.asked,
+        ha="center",
+        va="center",
+        color=head,
+        size=6.5,
+    )
     size = 8.5 if len(outcome.did) <= LONG else 7.0
-    axes.text(middle, top + 0.68, outcome.did, ha="center", va="center", color=body, size=size, weight="bold")
+    axes.text(
+        middle,
+        top + 0.68,
+        outcome.did,
+        ha="center",
+        va="center",
+        color=body,
+        size=size,
+        weight="bold",
+    )

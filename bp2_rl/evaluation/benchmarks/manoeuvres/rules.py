@@ -22,7 +22,8 @@ VELOCITY_ERROR = 0.1  # of a velocity commanded, at most
 YAW_ERROR = 0.15  # of a yaw rate commanded, at most
 WANDER = 0.5  # m, of a turn on the spot
 CREEP = 0.02  # m, of a stand
-CHATTER = 1.0  # Nm, of BP2's stand; of another robot as much of its weight times its legs' length
+# Nm, of BP2's stand; of another robot as much of its weight times its legs' length
+CHATTER = 1.0
 CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
 ASTRAY = 3.0  # m, of a run that nobody steers
 
@@ -34,7 +35,8 @@ class Braking:
     deceleration: float  # m/s2, of the command
     speed: float | None  # m/s, when it begins to fall
     slowest: float | None  # m/s, from there on
-    distance: float | None  # m, from there until slower than `STOPPED`; None if it did not stop
+    # m, from there until slower than `STOPPED`; None if it did not stop
+    distance: float | None
     allowed: float | None  # m
 
 
@@ -64,7 +66,8 @@ class SlowMotion:
     """Slowly, in any direction."""
 
     commanded_speed: float  # m/s
-    speed: float | None  # m/s, mean, in the direction commanded; None for a run that ended before
+    # m/s, mean, in the direction commanded; None for a run that ended before
+    speed: float | None
     height: float | None  # m, mean, of the trunk's centre
     cost_of_transport: float | None  # electrical; None where it went nowhere
 
@@ -74,7 +77,8 @@ class StandingStill:
     """At rest, with no motion commanded."""
 
     creep: float  # m, greatest distance from the start
-    chatter: float  # Nm, root mean square of what varies faster than in `CHATTER_WINDOW`, of all motors
+    # Nm, root mean square of what varies faster than in `CHATTER_WINDOW`, of all motors
+    chatter: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +106,16 @@ class Running:
     distance: float  # m
 
 
-Measured = Braking | Launching | Turning | SlowMotion | StandingStill | Straight | Pushed | Running
+Measured = (
+    Braking
+    | Launching
+    | Turning
+    | SlowMotion
+    | StandingStill
+    | Straight
+    | Pushed
+    | Running
+)
 M = TypeVar("M", bound=Measured)
 
 
@@ -128,16 +141,27 @@ class ManoeuvreOutcome:
     measured: Measured
 
 
-def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Assessment[Braking]:
-    """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from `since` (s) on."""
+def assess_braking(
+    run: Trajectory, *, since: float, deceleration: float
+) -> Assessment[Braking]:
+    """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from
+    `since` (s) on."""
     if run.time[-1] < since:
-        return Assessment(False, "not begun", Braking(deceleration, None, None, None, None))
+        return Assessment(
+            False, "not begun", Braking(deceleration, None, None, None, None)
+        )
     start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
-    before = float(np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0)))
+    before = float(
+        np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0))
+    )
     speed = np.linalg.norm(_smooth(run, run.qvel[:, :2]), axis=-1)[start:]
     allowed = BRAKING_DISTANCE * before**2 / (2.0 * deceleration)
     slow = np.flatnonzero(speed < STOPPED)
-    distance = float(np.linalg.norm(run.qpos[start + slow[0], :2] - run.qpos[start, :2])) if len(slow) else None
+    distance = (
+        float(np.linalg.norm(run.qpos[start + slow[0], :2] - run.qpos[start, :2]))
+        if len(slow)
+        else None
+    )
     measured = Braking(deceleration, before, float(np.min(speed)), distance, allowed)
     if distance is None:
         return Assessment(False, "no stop", measured)
@@ -146,49 +170,81 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
     return Assessment(distance <= allowed, f"{distance:.0f} m", measured)
 
 
-def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Assessment[Launching]:
-    """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule ends."""
+def assess_launch(
+    run: Trajectory, *, speed: float, acceleration: float
+) -> Assessment[Launching]:
+    """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule
+    ends."""
     forward = _smooth(run, run.ground_velocity[:, 0])
     fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
-    time, greatest = float(run.time[fast[0]]) if len(fast) else None, float(np.max(forward))
+    time, greatest = (
+        float(run.time[fast[0]]) if len(fast) else None,
+        float(np.max(forward)),
+    )
     said = f"{time:.1f} s" if time is not None else f"{greatest:.1f} m/s"
-    return Assessment(time is not None, said, Launching(acceleration, run.hardware.friction, time, greatest))
+    return Assessment(
+        time is not None,
+        said,
+        Launching(acceleration, run.hardware.friction, time, greatest),
+    )
 
 
-def assess_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Assessment[Turning]:
-    """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed, from `since` (s)."""
+def assess_turn(
+    run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0
+) -> Assessment[Turning]:
+    """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of
+    its speed, from `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     if measured.yaw_rate is None or measured.speed is None:
         return Assessment(False, "not begun", measured)
     share, kept = measured.yaw_rate / yaw_rate, measured.speed >= SPEED_SHARE * speed
     turned = abs(share - 1.0) <= YAW_ERROR
-    said = f"{measured.speed:.1f} m/s" if turned and not kept else f"{share:.0%}"  # what failed
+    # what failed
+    said = f"{measured.speed:.1f} m/s" if turned and not kept else f"{share:.0%}"
     return Assessment(turned and kept, said, measured)
 
 
-def assess_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Assessment[Turning]:
-    """Return whether the robot turns as fast as it is told, and stays within `WANDER` of where it was."""
+def assess_spin(
+    run: Trajectory, *, yaw_rate: float, since: float
+) -> Assessment[Turning]:
+    """Return whether the robot turns as fast as it is told, and stays within `WANDER`
+    of where it was."""
     turn = assess_turn(run, yaw_rate=yaw_rate, since=since)
     wander = turn.measured.wander
-    return Assessment(turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured)
+    return Assessment(
+        turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured
+    )
 
 
-def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessment[SlowMotion]:
-    """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
+def assess_motion(
+    run: Trajectory, *, command: Command, since: float
+) -> Assessment[SlowMotion]:
+    """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`;
+    measured `since` (s)."""
     told = math.hypot(*command[:2])
     if run.time[-1] < since + RIPPLE:
         return Assessment(False, "not begun", SlowMotion(told, None, None, None))
     steady = run.between(since, math.inf)
-    speed = float(np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])) / told
-    cost = mean_powers(steady)[1] / (run.mass * conventions.GRAVITY * speed) if speed > 0.1 * told else None
+    speed = (
+        float(np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])) / told
+    )
+    cost = (
+        mean_powers(steady)[1] / (run.mass * conventions.GRAVITY * speed)
+        if speed > 0.1 * told
+        else None
+    )
     measured = SlowMotion(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
-    return Assessment(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
+    return Assessment(
+        abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured
+    )
 
 
 def assess_creep(run: Trajectory) -> Assessment[StandingStill]:
     """Return whether the robot stays within `CREEP` of where it was."""
     measured = _measure_stand(run)
-    return Assessment(measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured)
+    return Assessment(
+        measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured
+    )
 
 
 def assess_chatter(run: Trajectory) -> Assessment[StandingStill]:
@@ -198,12 +254,20 @@ def assess_chatter(run: Trajectory) -> Assessment[StandingStill]:
     return Assessment(measured.chatter < most, said, measured)
 
 
-def assess_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Assessment[Straight]:
-    """Return whether the robot arrives with no edge of its trunk farther than allowed (m) from the line."""
-    distance, reach = float(track_position(run)[0][-1]), float(np.max(np.abs(trunk_edges(run))))
+def assess_straightness(
+    run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2
+) -> Assessment[Straight]:
+    """Return whether the robot arrives with no edge of its trunk farther than allowed
+    (m) from the line."""
+    distance, reach = (
+        float(track_position(run)[0][-1]),
+        float(np.max(np.abs(trunk_edges(run)))),
+    )
     arrived = distance >= length
     said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
-    return Assessment(arrived and reach <= allowed, said, Straight(distance, reach, allowed))
+    return Assessment(
+        arrived and reach <= allowed, said, Straight(distance, reach, allowed)
+    )
 
 
 def assess_push(run: Trajectory) -> Assessment[Pushed]:
@@ -217,10 +281,16 @@ def assess_run(run: Trajectory, *, level: float) -> Assessment[Running]:
     best, distance = best_window(run, 1.0), float(track_position(run)[0][-1])
     if best is None:
         return Assessment(False, "-", Running(level, None, distance))
-    return Assessment(best.speed >= SPEED_SHARE * level, f"{best.speed:.1f} m/s", Running(level, best.speed, distance))
+    return Assessment(
+        best.speed >= SPEED_SHARE * level,
+        f"{best.speed:.1f} m/s",
+        Running(level, best.speed, distance),
+    )
 
 
-def _smooth(run: Trajectory, values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
+def _smooth(
+    run: Trajectory, values: Float[np.ndarray, "N ..."]
+) -> Float[np.ndarray, "N ..."]:
     return moving_mean(values, round(RIPPLE / run.dt))
 
 
@@ -229,7 +299,9 @@ def _measure_turn(run: Trajectory, commanded: float, since: float) -> Turning:
     if run.time[-1] < since + RIPPLE:
         return Turning(commanded, None, None, None, wander)
     steady = run.between(since, math.inf)
-    rate = float(steady.heading[-1] - steady.heading[0]) / float(steady.time[-1] - steady.time[0])
+    rate = float(steady.heading[-1] - steady.heading[0]) / float(
+        steady.time[-1] - steady.time[0]
+    )
     speed = float(np.linalg.norm(np.mean(steady.ground_velocity, axis=0)))
     return Turning(commanded, rate, speed, speed / abs(rate) if rate else None, wander)
 

@@ -1,4 +1,5 @@
-"""The manoeuvres: what the robot is told, on what ground, with what motors, and which rule it must keep."""
+"""The manoeuvres: what the robot is told, on what ground, with what motors, and which
+rule it must keep."""
 
 import dataclasses
 import functools
@@ -26,7 +27,8 @@ LAUNCH_ACCELERATIONS = 2.0, 3.0, 4.0, 6.0, 8.0  # m/s2
 FRICTIONS = 0.6, 0.8, 0.9
 TURNS = 1.0, 2.0, 3.0, 4.0  # m/s2, speed x yaw rate
 YAW_ACCELERATION = 2.0  # rad/s2, at which yaw-rate commands rise, as in training
-TURN_SETTLING, TURN_TIME = 1.0, 2.0  # s, at a yaw rate: before it is measured, and while it is
+# s, at a yaw rate: before it is measured, and while it is
+TURN_SETTLING, TURN_TIME = 1.0, 2.0
 SLOW_SETTLING, SLOW_TIME = 1.0, 4.0  # s
 STAND = 10.0  # s
 GYRO_BIASES = 0.05, 0.5  # deg/s
@@ -57,8 +59,11 @@ MOST_TURNING = 1.5
 """Times the fastest yaw rate of the training."""
 
 
-def sizes_of(robot: HardwareSpec, top: float, cruise: float, commands: CommandConfig) -> ManoeuvreSizes:
-    """Return BP2's sizes, or those of another robot: shares of its top speed, and what is similar at its own size.
+def sizes_of(
+    robot: HardwareSpec, top: float, cruise: float, commands: CommandConfig
+) -> ManoeuvreSizes:
+    """Return BP2's sizes, or those of another robot: shares of its top speed, and what
+    is similar at its own size.
 
     Args:
         robot: the robot that runs.
@@ -77,7 +82,8 @@ def sizes_of(robot: HardwareSpec, top: float, cruise: float, commands: CommandCo
     return ManoeuvreSizes(
         cruise=cruise,
         turns=times(top, TURN_SHARES),
-        slow=tuple(speed for speed in of_bp2.slow if speed <= top) or (round(top / 2.0, 2),),
+        slow=tuple(speed for speed in of_bp2.slow if speed <= top)
+        or (round(top / 2.0, 2),),
         sideways=sideways,
         backwards=times(size.speed, of_bp2.backwards),
         spins=tuple(round(size.rate * rate, 1) for rate in of_bp2.spins),
@@ -125,7 +131,9 @@ def all_manoeuvres(
         **other: Any,
     ) -> Manoeuvre:
         run: dict[str, Any] = {"hardware": hardware, "operator": operator} | other
-        return Manoeuvre(schedule, group=group, asked=asked, rule=rule, assess=assess, **run)
+        return Manoeuvre(
+            schedule, group=group, asked=asked, rule=rule, assess=assess, **run
+        )
 
     speed = top.target[0]
     dash = dash_of(top, hardware)
@@ -149,7 +157,9 @@ Make = Callable[..., Manoeuvre]
 def dash_of(top: Ramp, robot: HardwareSpec) -> Ramp:
     """Over the track at the top speed, with the time that this takes."""
     speed = top.target[0]
-    return dataclasses.replace(top, hold=min(TRACK / (rules.SPEED_SHARE * speed), time_limit(speed, robot)))
+    return dataclasses.replace(
+        top, hold=min(TRACK / (rules.SPEED_SHARE * speed), time_limit(speed, robot))
+    )
 
 
 def run_up(speed: float) -> Course:
@@ -164,19 +174,25 @@ def _braking(of: Make, speed: float, group: str) -> Iterator[Manoeuvre]:
             group,
             f"{deceleration:g} m/s²",
             f"stops within {rules.BRAKING_DISTANCE:g} x v² / 2a",
-            functools.partial(rules.assess_braking, since=run.duration, deceleration=deceleration),
+            functools.partial(
+                rules.assess_braking, since=run.duration, deceleration=deceleration
+            ),
             run.to((0.0, 0.0, 0.0), speed / deceleration).hold(AFTERWARDS),
         )
 
 
-def _launches(of: Make, speed: float, level: float, hardware: HardwareSpec) -> Iterator[Manoeuvre]:
+def _launches(
+    of: Make, speed: float, level: float, hardware: HardwareSpec
+) -> Iterator[Manoeuvre]:
     for friction in FRICTIONS:
         for acceleration in LAUNCH_ACCELERATIONS:
             yield of(
                 f"Launch, friction {friction:g}",
                 f"{acceleration:g} m/s²",
                 f"{rules.SPEED_SHARE:.0%} of top {AFTERWARDS:g} s after the command",
-                functools.partial(rules.assess_launch, speed=level, acceleration=acceleration),
+                functools.partial(
+                    rules.assess_launch, speed=level, acceleration=acceleration
+                ),
                 Ramp(speed, acceleration, AFTERWARDS),
                 hardware=dataclasses.replace(hardware, friction=friction),
             )
@@ -188,27 +204,47 @@ def _turns(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
             yaw_rate = lateral / speed
             if yaw_rate > sizes.most_turning:
                 continue
-            run = run_up(speed).to((speed, 0.0, yaw_rate), yaw_rate / YAW_ACCELERATION).hold(TURN_SETTLING)
+            run = (
+                run_up(speed)
+                .to((speed, 0.0, yaw_rate), yaw_rate / YAW_ACCELERATION)
+                .hold(TURN_SETTLING)
+            )
             yield of(
                 f"Turn at {speed:g} m/s",
                 f"{lateral:g} m/s²",
                 f"yaw rate within {rules.YAW_ERROR:.0%}, at {rules.SPEED_SHARE:.0%} of the speed",
-                functools.partial(rules.assess_turn, yaw_rate=yaw_rate, since=run.duration, speed=speed),
+                functools.partial(
+                    rules.assess_turn,
+                    yaw_rate=yaw_rate,
+                    since=run.duration,
+                    speed=speed,
+                ),
                 run.hold(TURN_TIME),
             )
 
 
 def _slow_motion(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
     ways = [("Slow", f"{speed:g} m/s", (speed, 0.0, 0.0)) for speed in sizes.slow]
-    ways += [("Sideways", way, (0.0, sign * sizes.sideways, 0.0)) for way, sign in (("left", 1.0), ("right", -1.0))]
-    ways += [("Backwards", f"{speed:g} m/s", (-speed, 0.0, 0.0)) for speed in sizes.backwards]
+    ways += [
+        ("Sideways", way, (0.0, sign * sizes.sideways, 0.0))
+        for way, sign in (("left", 1.0), ("right", -1.0))
+    ]
+    ways += [
+        ("Backwards", f"{speed:g} m/s", (-speed, 0.0, 0.0)) for speed in sizes.backwards
+    ]
     for group, asked, command in ways:
-        rise = Course().to(command, math.hypot(*command) / COMMAND_ACCELERATION).hold(SLOW_SETTLING)
+        rise = (
+            Course()
+            .to(command, math.hypot(*command) / COMMAND_ACCELERATION)
+            .hold(SLOW_SETTLING)
+        )
         yield of(
             f"Sideways at {sizes.sideways:g} m/s" if group == "Sideways" else group,
             asked,
             f"speed within {rules.VELOCITY_ERROR:.0%}",
-            functools.partial(rules.assess_motion, command=command, since=rise.duration),
+            functools.partial(
+                rules.assess_motion, command=command, since=rise.duration
+            ),
             rise.hold(SLOW_TIME),
         )
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -219,7 +255,9 @@ def _slow_motion(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
                 "Turn on the spot",
                 f"{side} {rate:g} rad/s",
                 f"within {rules.YAW_ERROR:.0%} and {rules.WANDER:g} m",
-                functools.partial(rules.assess_spin, yaw_rate=sign * rate, since=rise.duration),
+                functools.partial(
+                    rules.assess_spin, yaw_rate=sign * rate, since=rise.duration
+                ),
                 rise.hold(SLOW_TIME),
             )
 
@@ -232,15 +270,28 @@ def _standing(of: Make, hardware: HardwareSpec) -> Iterator[Manoeuvre]:
 
 
 def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Manoeuvre]:
-    heading_only, nobody = (dataclasses.replace(operator, **{part: 0.0}) for part in ("lane_gain", "limit"))
+    heading_only, nobody = (
+        dataclasses.replace(operator, **{part: 0.0}) for part in ("lane_gain", "limit")
+    )
     steered = functools.partial(rules.assess_straightness, length=TRACK)
     rule = f"trunk within {LANE_WIDTH / 2:g} m; nobody: {rules.ASTRAY:g} m"
-    straight = functools.partial(of, f"Straight for {TRACK:g} m", rule=rule, schedule=dash, finish=TRACK)
+    straight = functools.partial(
+        of, f"Straight for {TRACK:g} m", rule=rule, schedule=dash, finish=TRACK
+    )
     yield straight("lane seen", assess=steered)
     yield straight("heading", assess=steered, operator=heading_only)
     for bias in (sign * bias for bias in GYRO_BIASES for sign in (1.0, -1.0)):
-        yield straight(f"gyro {bias:+g}°/s", assess=steered, operator=heading_only, gyro_bias=math.radians(bias))
-    yield straight("nobody", assess=functools.partial(steered, allowed=rules.ASTRAY), operator=nobody)
+        yield straight(
+            f"gyro {bias:+g}°/s",
+            assess=steered,
+            operator=heading_only,
+            gyro_bias=math.radians(bias),
+        )
+    yield straight(
+        "nobody",
+        assess=functools.partial(steered, allowed=rules.ASTRAY),
+        operator=nobody,
+    )
 
 
 def _pushes(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
@@ -259,18 +310,32 @@ def _pushes(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
             )
 
 
-def _bad_ground(of: Make, dash: Ramp, level: float, seed: int, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
+def _bad_ground(
+    of: Make, dash: Ramp, level: float, seed: int, sizes: ManoeuvreSizes
+) -> Iterator[Manoeuvre]:
     running = _dash(of, dash, level)
     for height in sizes.roughness:
-        yield running("Rough ground", f"{100 * height:.2g} cm", world=World(roughness=height, seed=seed))
+        yield running(
+            "Rough ground",
+            f"{100 * height:.2g} cm",
+            world=World(roughness=height, seed=seed),
+        )
     for way, sign in (("up", 1.0), ("down", -1.0)):
         for slope in SLOPES:
-            yield running("Slope", f"{way} {slope:g}°", world=World(slope=math.radians(sign * slope)))
+            yield running(
+                "Slope",
+                f"{way} {slope:g}°",
+                world=World(slope=math.radians(sign * slope)),
+            )
 
 
-def _latency(of: Make, dash: Ramp, level: float, hardware: HardwareSpec) -> Iterator[Manoeuvre]:
+def _latency(
+    of: Make, dash: Ramp, level: float, hardware: HardwareSpec
+) -> Iterator[Manoeuvre]:
     for latency in LATENCIES:
-        late = dataclasses.replace(hardware, losses=dataclasses.replace(hardware.losses, latency=latency))
+        late = dataclasses.replace(
+            hardware, losses=dataclasses.replace(hardware.losses, latency=latency)
+        )
         yield _dash(of, dash, level)("Latency", f"{1e3 * latency:g} ms", hardware=late)
 
 

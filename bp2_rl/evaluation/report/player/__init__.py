@@ -1,4 +1,5 @@
-"""The run in three dimensions within the report's page: plain JavaScript and WebGL 2, no file beside it, no network.
+"""The run in three dimensions within the report's page: plain JavaScript and WebGL 2,
+no file beside it, no network.
 
 content        what the page is told: the robot's links and looks, and its motion
 linear.js      quaternions and matrices

@@ -1,7 +1,9 @@
-"""What the page is told of a run: the robot's links and looks, and its motion as small numbers.
+"""What the page is told of a run: the robot's links and looks, and its motion as small
+numbers.
 
-The motion is given in joint coordinates, from which the page finds the links' poses as `mj_kinematics` does: with 20
-numbers an instant it takes a fifth of what the poses would.
+The motion is given in joint coordinates, from which the page finds the links' poses as
+`mj_kinematics` does: with 20 numbers an instant it takes a fifth of what the poses
+would.
 """
 
 import base64
@@ -31,7 +33,8 @@ SHAPES = {
 
 
 def describe(run: Trajectory) -> dict[str, Any]:
-    """Everything that the page needs, ready for JSON; samples are `CONTROL_STEP` apart."""
+    """Everything that the page needs, ready for JSON; samples are `CONTROL_STEP`
+    apart."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
     length = len(run) * run.dt
@@ -42,7 +45,8 @@ def describe(run: Trajectory) -> dict[str, Any]:
     shown = slice(None, None, step)
     speed = moving_mean(run.ground_velocity[:, 0], round(RIPPLE / run.dt))
     turn = run.qpos[shown, 3:7]
-    flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)  # q and -q are one turn, but not halfway between
+    # q and -q are one turn, but not halfway between
+    flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)
     turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
     return robot(run.hardware) | {
         "motion": {
@@ -56,14 +60,17 @@ def describe(run: Trajectory) -> dict[str, Any]:
             "place": _floats(run.qpos[shown, :3]),
             "turn": _integers(turn),
             "joints": _integers(run.qpos[shown, 7:]),
-            "force": _integers(moving_mean(run.foot_force, step)[shown].reshape(-1, 12)),
+            "force": _integers(
+                moving_mean(run.foot_force, step)[shown].reshape(-1, 12)
+            ),
             "speed": _floats(np.stack((speed, run.command[:, 0]), axis=-1)[shown]),
         },
     }
 
 
 def robot(hardware: HardwareSpec) -> dict[str, Any]:
-    """The robot's links, each hung on an earlier one, with their visible geoms; lengths in m."""
+    """The robot's links, each hung on an earlier one, with their visible geoms; lengths
+    in m."""
     model = load_model(hardware)
     links, meshes = [], {}
     for body in range(1, model.nbody):
@@ -74,7 +81,9 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
                 "parent": int(model.body_parentid[body]) - 1,
                 "position": _rounded(model.body_pos[body]),
                 "quaternion": _rounded(model.body_quat[body]),
-                "joint": "slide" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "hinge",
+                "joint": "slide"
+                if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+                else "hinge",
                 "axis": _rounded(model.jnt_axis[joint]),
             }
         )
@@ -102,12 +111,20 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
         }
         for leg, sole in zip(LEGS, SOLE_SITES, strict=True)
     ]
-    return {"links": links, "geoms": geoms, "meshes": [_mesh(model, mesh) for mesh in meshes], "feet": feet}
+    return {
+        "links": links,
+        "geoms": geoms,
+        "meshes": [_mesh(model, mesh) for mesh in meshes],
+        "feet": feet,
+    }
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
     vertices, faces = mesh_of(model, mesh)
-    return {"vertices": [_rounded(vertex) for vertex in vertices], "faces": faces.tolist()}
+    return {
+        "vertices": [_rounded(vertex) for vertex in vertices],
+        "faces": faces.tolist(),
+    }
 
 
 def _rounded(values: np.ndarray) -> list[float]:
@@ -119,7 +136,8 @@ def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
 
 
 def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
-    """Each column in 65,535 steps around 0; what is not a number, as of a run that blew up, is 0."""
+    """Each column in 65,535 steps around 0; what is not a number, as of a run that blew
+    up, is 0."""
     values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
     scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
     return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)
@@ -127,4 +145,9 @@ def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
 
 def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, Any]:
     data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-    return {"type": kind, "width": values.shape[1], "scale": [float(s) for s in scale], "data": data}
+    return {
+        "type": kind,
+        "width": values.shape[1],
+        "scale": [float(s) for s in scale],
+        "data": data,
+    }

@@ -1,12 +1,18 @@
-"""What it costs to run, over speed: the motors' work, where it goes, and what the battery gives for it.
+"""What it costs to run, over speed: the motors' work, where it goes, and what the
+battery gives for it.
 
-The paper prints no cost of transport. It says that all motors work within their high-efficiency regions, and that the
-springs relieve them; both are asked here.
+The paper prints no cost of transport. It says that all motors work within their
+high-efficiency regions, and that the springs relieve them; both are asked here.
 """
 
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_simulator,
+    describe_subject,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -30,7 +36,8 @@ from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-SPEEDS = 2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0  # m/s, commands, and the top one
+# m/s, commands, and the top one
+SPEEDS = 2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0
 SHORT = (bp2.OUTDOOR_TOP_SPEED,)  # in the quick version
 HOLD, QUICK_HOLD = 10.0, 3.0  # s
 
@@ -40,8 +47,15 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     robot, top = robot_of(policy, setup), ramp.target[0]
     commands = commands_below(SHORT if setup.quick else SPEEDS, top)
     ran = run_speeds(account, policy, ramp, commands, setup)
-    metrics = EfficiencyMetrics(tuple(ran), optimised([at.speed for at in ran if at.energy is not None]))
-    said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
+    metrics = EfficiencyMetrics(
+        tuple(ran), optimised([at.speed for at in ran if at.energy is not None])
+    )
+    said = conditions(
+        policy,
+        tables.describe_runs(ramp, commands),
+        describe_simulator("mujoco", robot),
+        setup,
+    )
     return Evaluation(
         benchmark="efficiency",
         subject=describe_subject(policy, setup),
@@ -51,7 +65,11 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         good=all(at.energy is not None for at in metrics.speeds),
         rows=tables.efficiency_rows(metrics),
         tiles=tables.TILES,
-        pictures=(Picture("efficiency", figures.CAPTION, figures.efficiency_figure(metrics)),) if metrics.found else (),
+        pictures=(
+            Picture("efficiency", figures.CAPTION, figures.efficiency_figure(metrics)),
+        )
+        if metrics.found
+        else (),
         metrics=metrics,
         results=tables.efficiency_results(metrics),
         tables=tables.efficiency_tables(metrics),
@@ -68,7 +86,9 @@ def account(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
     chosen = steady_strides(run, ramp)
     part, strides = chosen or (run, 0)
     energy = measure_energy(part, replay(part)[0], strides) if chosen else None
-    return EfficiencyAtSpeed(ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy)
+    return EfficiencyAtSpeed(
+        ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy
+    )
 
 
 def optimised(speeds: list[float]) -> tuple[OptimisedEfficiency, ...]:

@@ -12,12 +12,14 @@ from bp2_rl.robot import conventions
 class HeldSpeed:
     """One speed, held to the end."""
 
-    full: EnduranceResult | None  # with heat as fast as motion; None in the quick version
+    # with heat as fast as motion; None in the quick version
+    full: EnduranceResult | None
     accelerated: EnduranceResult  # with heat faster than motion
     limitless: (
         EnduranceResult | None
     )  # accelerated, and windings may get as hot as they will; None in the quick version
-    by_cold_gait: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
+    # s to the limit, by the heat of the cold gait alone; None: never within an hour
+    by_cold_gait: float | None
     course: HeatingCourse  # of the full run where there is one
 
     @property
@@ -27,9 +29,12 @@ class HeldSpeed:
 
     @property
     def motor(self) -> int:
-        """The one that ends it: the hottest, or, where heat does not, the one that is on its envelope most."""
+        """The one that ends it: the hottest, or, where heat does not, the one that is
+        on its envelope most."""
         by_heat = self.result.cause in ("winding", "none")
-        return _greatest(self.result.winding if by_heat else self.result.last.on_envelope)
+        return _greatest(
+            self.result.winding if by_heat else self.result.last.on_envelope
+        )
 
     @property
     def hottest(self) -> int:
@@ -39,7 +44,11 @@ class HeldSpeed:
     @property
     def disagreement(self) -> float | None:
         """The accelerated run's time over the full one's, less 1."""
-        return self.accelerated.seconds / self.full.seconds - 1.0 if self.full and self.full.seconds > 0.0 else None
+        return (
+            self.accelerated.seconds / self.full.seconds - 1.0
+            if self.full and self.full.seconds > 0.0
+            else None
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +66,8 @@ class EnduranceAtSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class RandomRobot:
-    """A robot drawn at random as in training, run at the paper's speed with the motor of the designed robot."""
+    """A robot drawn at random as in training, run at the paper's speed with the motor
+    of the designed robot."""
 
     friction: float  # of its feet
     mass: float  # factor on every body
@@ -72,7 +82,9 @@ class EnduranceMetrics:
 
     heat: MotorHeat  # as calibrated
     is_input: bool  # whether the heating rate at the paper's speed was put in
-    cold_heat: float  # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was calibrated on
+    # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was
+    # calibrated on
+    cold_heat: float
     held: tuple[HeldSpeed, ...]  # the paper's speed, then the top
     speeds: tuple[EnduranceAtSpeed, ...]
     drawn: tuple[RandomRobot, ...]  # none in the quick version
@@ -81,7 +93,13 @@ class EnduranceMetrics:
     @property
     def drawn_times(self) -> tuple[float, ...]:
         """s to the limit of the drawn robots that did not fall, in order."""
-        return tuple(sorted(one.ran.seconds for one in self.drawn if one.ran.seconds is not None and not one.ran.fell))
+        return tuple(
+            sorted(
+                one.ran.seconds
+                for one in self.drawn
+                if one.ran.seconds is not None and not one.ran.fell
+            )
+        )
 
     @property
     def straightest(self) -> CalibratedMotor:

@@ -1,14 +1,21 @@
-"""Whose inertia balances whose in the gait that the policy really runs, at five speeds, beside the optimiser's.
+"""Whose inertia balances whose in the gait that the policy really runs, at five speeds,
+beside the optimiser's.
 
-The paper has it that coupling between limbs relieves the motors. In the equations of motion that is a question of
-source: of the inertial torque at a hip that other coordinates' accelerations make up for, what is the leg's own, and
-what comes from other legs through the trunk?
+The paper has it that coupling between limbs relieves the motors. In the equations of
+motion that is a question of
+source: of the inertial torque at a hip that other coordinates' accelerations make up
+for, what is the leg's own, and what comes from other legs through the trunk?
 """
 
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_simulator,
+    describe_subject,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -45,12 +52,27 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     commands = commands_below(SHORT if setup.quick else SPEEDS, top)
     ran = run_speeds(decompose, policy, ramp, commands, setup)
     found = tuple(each.at for each in ran)
-    metrics = MechanismMetrics(found, optimised([at.speed for at in found if at.forces is not None]))
-    said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
-    pictures = [Picture("sources", figures.SOURCES, figures.sources_figure(metrics))] if metrics.decomposed else []
+    metrics = MechanismMetrics(
+        found, optimised([at.speed for at in found if at.forces is not None])
+    )
+    said = conditions(
+        policy,
+        tables.describe_runs(ramp, commands),
+        describe_simulator("mujoco", robot),
+        setup,
+    )
+    pictures = (
+        [Picture("sources", figures.SOURCES, figures.sources_figure(metrics))]
+        if metrics.decomposed
+        else []
+    )
     if metrics.decomposed:
         fastest = next(each for each in ran[::-1] if each.stride is not None)
-        pictures.append(Picture("terms", figures.TERMS_CAPTION, figures.terms_figure(metrics, fastest)))
+        pictures.append(
+            Picture(
+                "terms", figures.TERMS_CAPTION, figures.terms_figure(metrics, fastest)
+            )
+        )
     return Evaluation(
         benchmark="mechanism",
         subject=describe_subject(policy, setup),
@@ -77,19 +99,28 @@ def decompose(ramp: Ramp, run: Trajectory) -> MechanismRun:
     command = ramp.target[0]
     if (chosen := steady_strides(run, ramp, STRIDES)) is None:
         return MechanismRun(
-            MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None
+            MechanismAtSpeed(
+                command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None
+            ),
+            None,
         )
     part, strides = chosen
     forces = decompose_run(part)
     at = MechanismAtSpeed(
-        command, float(np.mean(part.ground_velocity[:, 0])), None, measure_forces(forces, strides, run.dt)
+        command,
+        float(np.mean(part.ground_velocity[:, 0])),
+        None,
+        measure_forces(forces, strides, run.dt),
     )
     hip = HIPS_AND_KNEES[2 * LEG]
-    return MechanismRun(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
+    return MechanismRun(
+        at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]]
+    )
 
 
 def optimised(speeds: list[float]) -> tuple[OptimisedMechanism, ...]:
-    """The shipped library at the speeds nearest to these; nothing where CasADi is not installed."""
+    """The shipped library at the speeds nearest to these; nothing where CasADi is not
+    installed."""
     solutions = nearest_solutions(speeds)
     try:
         return tuple(_of_account(account_coupling(solution)) for solution in solutions)

@@ -1,15 +1,19 @@
-"""What each term of the equations of motion contributes to a run, in three dimensions, millisecond by millisecond.
+"""What each term of the equations of motion contributes to a run, in three dimensions,
+millisecond by millisecond.
 
-Mass matrix and bias forces are C MuJoCo's at the recorded states. For every coordinate i of `qvel`
+Mass matrix and bias forces are C MuJoCo's at the recorded states. For every coordinate
+i of `qvel`
 
-    M_ii a_i + sum_{j != i} M_ij a_j + centrifugal_i + Coriolis_i + G_i = active_i + passive_i + ground_i + stops_i
+    M_ii a_i + sum_{j != i} M_ij a_j + centrifugal_i + Coriolis_i + G_i = active_i +
+    passive_i + ground_i + stops_i
 
-with G the bias force at rest, C = bias - G, and centrifugal what C is with one velocity at a time, summed: C is
-quadratic. `active` is what gears and joints leave of the motors' torque; `passive` are springs, their dampers and
-stops, and the air; `stops` are the joints' limits and legs that touch each other.
+with G the bias force at rest, C = bias - G, and centrifugal what C is with one velocity
+at a time, summed: C is quadratic. `active` is what gears and joints leave of the
+motors' torque; `passive` are springs, their dampers and stops, and the air; `stops` are
+the joints' limits and legs that touch each other.
 
-As in the plane (`trajopt.coupling`) the mass matrix joins no two legs: other limbs act on a joint through the trunk's
-acceleration alone.
+As in the plane (`trajopt.coupling`) the mass matrix joins no two legs: other limbs act
+on a joint through the trunk's acceleration alone.
 """
 
 import dataclasses
@@ -31,28 +35,50 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 TERMS = (*PLANAR_TERMS, "stops")
 BALANCE = np.append(PLANAR_BALANCE, -1.0)  # with these signs the terms add up to zero
-WITHIN = ("other joint", "spring", "abduction", "trunk x", "trunk z", "trunk pitch", "trunk sideways")
-"""Whose acceleration a hip's or knee's coupled inertial torque is for; sideways: y, roll and yaw."""
-THROUGH = ("own leg", "same pair", "other pair", "ground", "gravity", "velocities", "air", "stops")
+WITHIN = (
+    "other joint",
+    "spring",
+    "abduction",
+    "trunk x",
+    "trunk z",
+    "trunk pitch",
+    "trunk sideways",
+)
+"""Whose acceleration a hip's or knee's coupled inertial torque is for; sideways: y,
+roll and yaw."""
+THROUGH = (
+    "own leg",
+    "same pair",
+    "other pair",
+    "ground",
+    "gravity",
+    "velocities",
+    "air",
+    "stops",
+)
 """What accelerates the trunk; legs of a pair are those across."""
 TRUNK = slice(0, 6)
 JOINTS = tuple(f"{leg} {joint}" for leg in LEGS for joint in ("hip", "knee"))
-OF_LEG = tuple(slice(6 + 4 * leg, 10 + 4 * leg) for leg in range(4))  # abad, hip, knee, spring
+# abad, hip, knee, spring
+OF_LEG = tuple(slice(6 + 4 * leg, 10 + 4 * leg) for leg in range(4))
 HIPS_AND_KNEES = np.array([6 + 4 * leg + joint for leg in range(4) for joint in (1, 2)])
 ACROSS = (3, 2, 1, 0)  # FR and RL, FL and RR
 
 
 @dataclasses.dataclass(frozen=True)
 class Forces:
-    """Terms and sources along a run. T terms (`TERMS`), N milliseconds; joints as in `JOINTS`."""
+    """Terms and sources along a run. T terms (`TERMS`), N milliseconds; joints as in
+    `JOINTS`."""
 
     terms: Float[np.ndarray, "T N 22"]  # N, Nm
     within: Float[np.ndarray, "7 N 8"]  # Nm: M_ij a_j, as in `WITHIN`
-    through: Float[np.ndarray, "8 N 8"]  # Nm: parts of M_i,trunk a_trunk, as in `THROUGH`
+    # Nm: parts of M_i,trunk a_trunk, as in `THROUGH`
+    through: Float[np.ndarray, "8 N 8"]
 
     @property
     def closure(self) -> Float[np.ndarray, " N"]:
-        """Largest gap in any ms between terms or sources and what they add up to, over the largest term."""
+        """Largest gap in any ms between terms or sources and what they add up to, over
+        the largest term."""
         coupled = self.joints("coupled inertial")
         gaps = (
             np.einsum("t,tki->ki", BALANCE, self.terms),
@@ -74,7 +100,8 @@ class Forces:
 
     @property
     def fixed(self) -> Float[np.ndarray, "N 8"]:
-        """u~: the same on a trunk that is not accelerated, under the same ground forces, Nm."""
+        """u~: the same on a trunk that is not accelerated, under the same ground
+        forces, Nm."""
         return self.active - self.trunk
 
     def joints(self, term: str) -> Float[np.ndarray, "N 8"]:
@@ -90,11 +117,20 @@ def decompose_run(run: Trajectory) -> Forces:
     resistance = Resistance.from_hardware(run.hardware)
     applied = np.zeros_like(run.qvel)
     if resistance is not None:
-        applied = losses.generalized(losses.loss(resistance, run.qpos, run.qvel, run.torque), run.qvel)
-    terms, within = np.zeros((len(TERMS), len(run), NV)), np.zeros((len(WITHIN), len(run), 8))
+        applied = losses.generalized(
+            losses.loss(resistance, run.qpos, run.qvel, run.torque), run.qvel
+        )
+    terms, within = (
+        np.zeros((len(TERMS), len(run), NV)),
+        np.zeros((len(WITHIN), len(run), 8)),
+    )
     through, M = np.zeros((len(THROUGH), len(run), 8)), np.zeros((NV, NV))
     for k in range(len(run)):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = run.qpos[k], run.qvel[k], run.torque[k]
+        data.qpos[:], data.qvel[:], data.ctrl[:] = (
+            run.qpos[k],
+            run.qvel[k],
+            run.torque[k],
+        )
         data.qfrc_applied[:] = applied[k]
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, M)
@@ -104,9 +140,13 @@ def decompose_run(run: Trajectory) -> Forces:
 
 
 def _terms(
-    model: mujoco.MjModel, data: mujoco.MjData, M: Float[np.ndarray, "22 22"], floor: int
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    M: Float[np.ndarray, "22 22"],
+    floor: int,
 ) -> Float[np.ndarray, "T 22"]:
-    """At the state that `mj_forward` was last called with; changes the velocities in `data`."""
+    """At the state that `mj_forward` was last called with; changes the velocities in
+    `data`."""
     terms = np.zeros((len(TERMS), NV))
     main, coupled = split_inertia(M[None], data.qacc[None])
     ground, legs, stops = np.zeros((3, NV))
@@ -115,7 +155,9 @@ def _terms(
     at_motors[MOTOR_QVEL] = data.qfrc_applied[MOTOR_QVEL]
     bias, velocity = data.qfrc_bias.copy(), data.qvel.copy()
     G = _bias(model, data, np.zeros(NV))
-    centrifugal = sum(_bias(model, data, velocity * (np.arange(NV) == i)) - G for i in range(NV))
+    centrifugal = sum(
+        _bias(model, data, velocity * (np.arange(NV) == i)) - G for i in range(NV)
+    )
     terms[:] = (
         main[0],
         coupled[0],
@@ -130,7 +172,9 @@ def _terms(
     return terms
 
 
-def _bias(model: mujoco.MjModel, data: mujoco.MjData, velocity: Float[np.ndarray, "22"]) -> Float[np.ndarray, "22"]:
+def _bias(
+    model: mujoco.MjModel, data: mujoco.MjData, velocity: Float[np.ndarray, "22"]
+) -> Float[np.ndarray, "22"]:
     """Bias forces at these velocities, in the pose that `data` is in."""
     data.qvel[:] = velocity
     bias = np.zeros(NV)
@@ -140,17 +184,35 @@ def _bias(model: mujoco.MjModel, data: mujoco.MjData, velocity: Float[np.ndarray
 
 
 def _sources(
-    M: Float[np.ndarray, "22 22"], a: Float[np.ndarray, "22"], terms: Float[np.ndarray, "T 22"]
+    M: Float[np.ndarray, "22 22"],
+    a: Float[np.ndarray, "22"],
+    terms: Float[np.ndarray, "T 22"],
 ) -> tuple[Float[np.ndarray, "7 8"], Float[np.ndarray, "8 8"]]:
-    """The coupled inertial torques of hips and knees, and the trunk's part of them, by source."""
+    """The coupled inertial torques of hips and knees, and the trunk's part of them, by
+    source."""
     i = HIPS_AND_KNEES
-    partner, first = i.reshape(4, 2)[:, ::-1].ravel(), np.repeat([leg.start for leg in OF_LEG], 2)
+    partner, first = (
+        i.reshape(4, 2)[:, ::-1].ravel(),
+        np.repeat([leg.start for leg in OF_LEG], 2),
+    )
     to_trunk = M[i, TRUNK] * a[TRUNK]
     of_leg = [M[i, j] * a[j] for j in (partner, first + 3, first)]
-    within = np.stack([*of_leg, to_trunk[:, 0], to_trunk[:, 2], to_trunk[:, 4], np.sum(to_trunk[:, [1, 3, 5]], axis=1)])
+    within = np.stack(
+        [
+            *of_leg,
+            to_trunk[:, 0],
+            to_trunk[:, 2],
+            to_trunk[:, 4],
+            np.sum(to_trunk[:, [1, 3, 5]], axis=1),
+        ]
+    )
 
-    arriving = M[i, TRUNK] @ np.linalg.inv(M[TRUNK, TRUNK])  # what forces on the trunk do at the joints
-    by_leg = -np.stack([arriving @ M[TRUNK, leg] @ a[leg] for leg in OF_LEG]).reshape(4, 4, 2)  # source, leg, joint
+    # what forces on the trunk do at the joints
+    arriving = M[i, TRUNK] @ np.linalg.inv(M[TRUNK, TRUNK])
+    # source, leg, joint
+    by_leg = -np.stack([arriving @ M[TRUNK, leg] @ a[leg] for leg in OF_LEG]).reshape(
+        4, 4, 2
+    )
     legs = np.arange(4)
     own, across = by_leg[legs, legs].ravel(), by_leg[np.array(ACROSS), legs].ravel()
 

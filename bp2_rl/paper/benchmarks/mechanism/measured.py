@@ -6,7 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from bp2_rl.paper.benchmarks.mechanism.forces import JOINTS, TERMS, THROUGH, TRUNK, WITHIN, Forces
+from bp2_rl.paper.benchmarks.mechanism.forces import (
+    JOINTS,
+    TERMS,
+    THROUGH,
+    TRUNK,
+    WITHIN,
+    Forces,
+)
 from bp2_rl.paper.trajectories.coupling import ENDS
 from bp2_rl.paper.trajectories.coupling_account import HARMONICS
 from bp2_rl.paper.trajectories.decomposition import force_ratio, named, periodic_peaks
@@ -22,14 +29,17 @@ class Cut:
 
     harmonics: int | None  # None: all
     largest: float  # Nm, of the main one
-    opposing: float | None  # share of its peaks at which the coupled one has the other sign; None: no peaks
-    covered: float | None  # share of it that the coupled one makes up for, mean over the peaks
+    # share of its peaks at which the coupled one has the other sign; None: no peaks
+    opposing: float | None
+    # share of it that the coupled one makes up for, mean over the peaks
+    covered: float | None
     variance_above: float  # share of the main one's variance that is beyond
 
 
 @dataclasses.dataclass(frozen=True)
 class Motor:
-    """What reaches a kind of joint of its motors' torque, and would have to on a trunk that is not accelerated."""
+    """What reaches a kind of joint of its motors' torque, and would have to on a trunk
+    that is not accelerated."""
 
     peak: float  # Nm, of u
     fixed_peak: float  # Nm, of u~
@@ -39,7 +49,8 @@ class Motor:
 
 @dataclasses.dataclass(frozen=True)
 class Decomposed:
-    """A run's forces over whole strides; shares are of the hips' main inertial torque, mean over its peaks."""
+    """A run's forces over whole strides; shares are of the hips' main inertial torque,
+    mean over its peaks."""
 
     strides: int
     frequency: float  # Hz, of the stride
@@ -50,9 +61,11 @@ class Decomposed:
     through: dict[str, float]  # the trunk's part of it by source, as in `THROUGH`
     cuts: tuple[Cut, ...]  # by harmonics, the last of all
     motors: dict[str, Motor]  # by end and joint
-    average: dict[str, dict[str, float]]  # N, Nm: mean magnitudes by kind and term (paper, Eq. average force)
+    # N, Nm: mean magnitudes by kind and term (paper, Eq. average force)
+    average: dict[str, dict[str, float]]
     share: dict[str, dict[str, float]]  # of their sum (paper, Eq. force ratio)
-    velocity_force: float  # over weight, greatest vertical C of the first eight harmonics
+    # over weight, greatest vertical C of the first eight harmonics
+    velocity_force: float
 
     @property
     def legs(self) -> float:
@@ -79,7 +92,8 @@ class MechanismRun(NamedTuple):
     """One command, and a stride of it for the figures."""
 
     at: MechanismAtSpeed
-    stride: Float[np.ndarray, "T N 3"] | None  # terms of the vertical, and of a hip and a knee of `LEG`
+    # terms of the vertical, and of a hip and a knee of `LEG`
+    stride: Float[np.ndarray, "T N 3"] | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +120,8 @@ class MechanismMetrics:
     """All of it."""
 
     speeds: tuple[MechanismAtSpeed, ...]
-    optimiser: tuple[OptimisedMechanism, ...]  # one a speed that was run; empty without CasADi
+    # one a speed that was run; empty without CasADi
+    optimiser: tuple[OptimisedMechanism, ...]
 
     @property
     def decomposed(self) -> tuple[tuple[MechanismAtSpeed, Decomposed], ...]:
@@ -119,10 +134,15 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
     main, coupled = forces.joints("main inertial"), forces.joints("coupled inertial")
     average = _by_kind(forces)
     share = force_ratio(average)
-    velocities = forces.terms[TERMS.index("centrifugal"), :, 2] + forces.terms[TERMS.index("Coriolis"), :, 2]
+    velocities = (
+        forces.terms[TERMS.index("centrifugal"), :, 2]
+        + forces.terms[TERMS.index("Coriolis"), :, 2]
+    )
     weight = np.mean(forces.terms[TERMS.index("gravity"), :, 2])
     within = _covered(main, forces.within)
-    everything = Cut(None, float(np.max(np.abs(main[:, HIPS]))), *_at_peaks(main, coupled), 0.0)
+    everything = Cut(
+        None, float(np.max(np.abs(main[:, HIPS]))), *_at_peaks(main, coupled), 0.0
+    )
     return Decomposed(
         strides=strides,
         frequency=strides / (len(main) * dt),
@@ -133,56 +153,101 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
         through=dict(zip(THROUGH, _covered(main, forces.through), strict=True)),
         cuts=(*(_cut(main, coupled, strides, most) for most in HARMONICS), everything),
         motors={
-            f"{end} {joint}": _motor(forces, joint, front) for end, front in ENDS.items() for joint in ("hip", "knee")
+            f"{end} {joint}": _motor(forces, joint, front)
+            for end, front in ENDS.items()
+            for joint in ("hip", "knee")
         },
         average=named(TERMS, average),
         share=named(TERMS, share),
-        velocity_force=float(np.max(np.abs(keep_harmonics(velocities[:, None], strides, HARMONICS[-1]))) / weight),
+        velocity_force=float(
+            np.max(np.abs(keep_harmonics(velocities[:, None], strides, HARMONICS[-1])))
+            / weight
+        ),
     )
 
 
-def keep_harmonics(values: Float[np.ndarray, "N K"], strides: int, most: int) -> Float[np.ndarray, "N K"]:
+def keep_harmonics(
+    values: Float[np.ndarray, "N K"], strides: int, most: int
+) -> Float[np.ndarray, "N K"]:
     """Values over whole strides without what is faster than `most` times the stride."""
     coefficients: Complex[np.ndarray, "F K"] = np.fft.rfft(values, axis=0)
     coefficients[round((most + 0.5) * strides) + 1 :] = 0.0
     return np.fft.irfft(coefficients, n=len(values), axis=0)
 
 
-def _cut(main: Float[np.ndarray, "N 8"], coupled: Float[np.ndarray, "N 8"], strides: int, most: int) -> Cut:
+def _cut(
+    main: Float[np.ndarray, "N 8"],
+    coupled: Float[np.ndarray, "N 8"],
+    strides: int,
+    most: int,
+) -> Cut:
     slow, other = (keep_harmonics(values, strides, most) for values in (main, coupled))
     hips = list(HIPS)
-    beyond = 1.0 - np.sum(np.var(slow[:, hips], axis=0)) / np.sum(np.var(main[:, hips], axis=0))
-    return Cut(most, float(np.max(np.abs(slow[:, hips]))), *_at_peaks(slow, other), float(beyond))
+    beyond = 1.0 - np.sum(np.var(slow[:, hips], axis=0)) / np.sum(
+        np.var(main[:, hips], axis=0)
+    )
+    return Cut(
+        most,
+        float(np.max(np.abs(slow[:, hips]))),
+        *_at_peaks(slow, other),
+        float(beyond),
+    )
 
 
-def _at_peaks(main: Float[np.ndarray, "N 8"], coupled: Float[np.ndarray, "N 8"]) -> tuple[float | None, float | None]:
-    """At how many of the hips' peaks the coupled torque opposes the main one, and how much of it it covers."""
-    shares = np.concatenate([
-        -coupled[peaks, hip] / main[peaks, hip]
+def _at_peaks(
+    main: Float[np.ndarray, "N 8"], coupled: Float[np.ndarray, "N 8"]
+) -> tuple[float | None, float | None]:
+    """At how many of the hips' peaks the coupled torque opposes the main one, and how
+    much of it it covers."""
+    shares = np.concatenate(
+        [
+            -coupled[peaks, hip] / main[peaks, hip]
+            for hip in HIPS
+            for peaks in [periodic_peaks(np.abs(main[:, hip]))]
+        ]
+    )
+    return (
+        (float(np.mean(shares > 0.0)), float(np.mean(shares)))
+        if len(shares)
+        else (None, None)
+    )
+
+
+def _covered(
+    main: Float[np.ndarray, "N 8"], parts: Float[np.ndarray, "K N 8"]
+) -> list[float]:
+    """Share of the hips' main torque that each part makes up for, mean over its
+    peaks."""
+    shares = [
+        -parts[:, peaks, hip] / main[peaks, hip]
         for hip in HIPS
         for peaks in [periodic_peaks(np.abs(main[:, hip]))]
-    ])  # fmt: skip
-    return (float(np.mean(shares > 0.0)), float(np.mean(shares))) if len(shares) else (None, None)
-
-
-def _covered(main: Float[np.ndarray, "N 8"], parts: Float[np.ndarray, "K N 8"]) -> list[float]:
-    """Share of the hips' main torque that each part makes up for, mean over its peaks."""
-    shares = [
-        -parts[:, peaks, hip] / main[peaks, hip] for hip in HIPS for peaks in [periodic_peaks(np.abs(main[:, hip]))]
     ]
     return [float(share) for share in np.mean(np.concatenate(shares, axis=1), axis=1)]
 
 
 def _motor(forces: Forces, joint: str, front: bool) -> Motor:
-    columns = [i for i, name in enumerate(JOINTS) if name.endswith(joint) and name.startswith("F") == front]
+    columns = [
+        i
+        for i, name in enumerate(JOINTS)
+        if name.endswith(joint) and name.startswith("F") == front
+    ]
     u, fixed = forces.active[:, columns], forces.fixed[:, columns]
     peaks = [float(np.max(np.abs(torque))) for torque in (u, fixed)]
     return Motor(*peaks, *(float(np.sqrt(np.mean(torque**2))) for torque in (u, fixed)))
 
 
 def _by_kind(forces: Forces) -> Float[np.ndarray, "T kinds"]:
-    """Mean magnitudes of the trunk's x and z, and of hips and knees, mean over the legs."""
+    """Mean magnitudes of the trunk's x and z, and of hips and knees, mean over the
+    legs."""
     mean = np.mean(np.abs(forces.terms), axis=1)
     trunk = mean[:, TRUNK]
     joints = [[6 + 4 * leg + joint for leg in range(4)] for joint in (1, 2)]
-    return np.stack([trunk[:, 0], trunk[:, 2], *(np.mean(mean[:, each], axis=1) for each in joints)], axis=1)
+    return np.stack(
+        [
+            trunk[:, 0],
+            trunk[:, 2],
+            *(np.mean(mean[:, each], axis=1) for each in joints),
+        ],
+        axis=1,
+    )

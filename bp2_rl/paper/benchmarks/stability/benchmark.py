@@ -1,7 +1,9 @@
-"""Whether a gait repeats itself under noise, what it makes of deviations, and how hard it may be pushed.
+"""Whether a gait repeats itself under noise, what it makes of deviations, and how hard
+it may be pushed.
 
-The definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md: the section is strobed at the
-policy's own clock, the transient is dropped, the noise is that of training, and each figure stands beside its floor.
+The definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md: the section is
+strobed at the policy's own clock, the transient is dropped, the noise is that of
+training, and each figure stands beside its floor.
 """
 
 import dataclasses
@@ -22,7 +24,13 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.stability import figures, tables
 from bp2_rl.paper.benchmarks.stability.measured import StabilityMetrics
 from bp2_rl.paper.benchmarks.stability.orbit import whole_strides
-from bp2_rl.paper.benchmarks.stability.tries import FULL, QUICK, Extent, StabilityTry, try_speed
+from bp2_rl.paper.benchmarks.stability.tries import (
+    FULL,
+    QUICK,
+    Extent,
+    StabilityTry,
+    try_speed,
+)
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import RandomizationConfig
@@ -39,7 +47,11 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     if setup.robots is not None:
         extent = dataclasses.replace(extent, robots=setup.robots)
     reference = motion_of(dataclasses.replace(policy.card.env, hardware=robot))
-    speeds = (ramp.target[0],) if setup.quick or setup.speed is not None else (SPEED, ramp.target[0])
+    speeds = (
+        (ramp.target[0],)
+        if setup.quick or setup.speed is not None
+        else (SPEED, ramp.target[0])
+    )
     tries: dict[float, StabilityTry] = {}
     for speed in speeds:
         found = whole_strides(reference.phase_rate, speed)
@@ -63,18 +75,31 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             ),
         )
     asked = list(tries.values())
-    ran = in_parallel(try_speed, policy, asked) if len(asked) > 1 else [try_speed(policy, asked[0])]
-    metrics = StabilityMetrics(
-        mass=float(load_model(robot, visual=False).body_mass.sum()), speeds=tuple(one.metrics for one in ran)
+    ran = (
+        in_parallel(try_speed, policy, asked)
+        if len(asked) > 1
+        else [try_speed(policy, asked[0])]
     )
-    followed = any(speed.returns is not None and speed.returns.sizes for speed in metrics.speeds)
+    metrics = StabilityMetrics(
+        mass=float(load_model(robot, visual=False).body_mass.sum()),
+        speeds=tuple(one.metrics for one in ran),
+    )
+    followed = any(
+        speed.returns is not None and speed.returns.sizes for speed in metrics.speeds
+    )
     pushed = any(speed.pushes for speed in metrics.speeds)
-    said = conditions(policy, describe_strides(asked), describe_simulator("mujoco", robot), setup)
+    said = conditions(
+        policy, describe_strides(asked), describe_simulator("mujoco", robot), setup
+    )
     return Evaluation(
         benchmark="stability",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"sensors": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
+        conditions=said
+        | {
+            "sensors": describe_noise(extent, setup.seed or 0),
+            "definitions": DEFINITIONS,
+        },
         verdict=tables.verdict(metrics),
         good=all(tables.steady(speed) for speed in metrics.speeds),
         rows=tables.stability_rows(metrics),
@@ -83,8 +108,16 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             Picture("sections", figures.SECTIONS, figures.section_figure(ran)),
             Picture("spectra", figures.SPECTRA, figures.spectrum_figure(ran[0])),
             Picture("touchdowns", figures.TOUCHDOWNS, figures.touchdown_figure(ran)),
-            *((Picture("returns", figures.RETURNS, figures.return_figure(ran)),) if followed else ()),
-            *((Picture("pushes", figures.PUSHES, figures.push_figure(ran)),) if pushed else ()),
+            *(
+                (Picture("returns", figures.RETURNS, figures.return_figure(ran)),)
+                if followed
+                else ()
+            ),
+            *(
+                (Picture("pushes", figures.PUSHES, figures.push_figure(ran)),)
+                if pushed
+                else ()
+            ),
         ),
         metrics=metrics,
         results=tables.stability_results(metrics),
@@ -96,7 +129,9 @@ def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
     """The launch to the top speed; in the quick version to the paper's, and faster."""
     if setup.quick:
         setup = dataclasses.replace(
-            setup, speed=setup.speed or SPEED, acceleration=setup.acceleration or QUICK_ACCELERATION
+            setup,
+            speed=setup.speed or SPEED,
+            acceleration=setup.acceleration or QUICK_ACCELERATION,
         )
     return ramp_to_topspeed(policy, setup)
 

@@ -7,12 +7,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, styled
+from bp2_rl.base.plotting import (
+    FAINT,
+    FALL,
+    FRONT,
+    INK,
+    LEG_COLORS,
+    QUIET,
+    WIDTH,
+    legend_above,
+    styled,
+)
 from bp2_rl.paper.benchmarks.stability.measured import SpeedResult
 from bp2_rl.robot import conventions
 
 AXES = "roll rate", "pitch rate", "yaw rate"
-SHADES = ("#9ECAE1", "#6BAED6", "#4292C6", "#2171B5", "#084594")  # small deviations to great ones
+# small deviations to great ones
+SHADES = ("#9ECAE1", "#6BAED6", "#4292C6", "#2171B5", "#084594")
 HIGHEST = 8.0  # harmonic that is drawn
 
 SECTIONS = (
@@ -41,12 +52,36 @@ def section_figure(ran: Sequence[SpeedResult]) -> Figure:
         shown = found.shown
         for axes, across, up in zip(row, (1, 1), (0, 2), strict=True):
             if shown.loop is not None:
-                axes.plot(shown.loop[:, across], shown.loop[:, up], color=QUIET, linewidth=0.7, alpha=0.6)
+                axes.plot(
+                    shown.loop[:, across],
+                    shown.loop[:, up],
+                    color=QUIET,
+                    linewidth=0.7,
+                    alpha=0.6,
+                )
             for points in shown.noisy:
-                axes.plot(points[:, across], points[:, up], "o", color=FRONT, ms=2.4, mew=0, alpha=0.45)
+                axes.plot(
+                    points[:, across],
+                    points[:, up],
+                    "o",
+                    color=FRONT,
+                    ms=2.4,
+                    mew=0,
+                    alpha=0.45,
+                )
             if shown.quiet is not None:
-                axes.plot(shown.quiet[:, across], shown.quiet[:, up], "o", color=FALL, ms=2.4, mew=0)
-            axes.set(xlabel=f"{AXES[across].capitalize()} [rad/s]", ylabel=f"{AXES[up].capitalize()} [rad/s]")
+                axes.plot(
+                    shown.quiet[:, across],
+                    shown.quiet[:, up],
+                    "o",
+                    color=FALL,
+                    ms=2.4,
+                    mew=0,
+                )
+            axes.set(
+                xlabel=f"{AXES[across].capitalize()} [rad/s]",
+                ylabel=f"{AXES[up].capitalize()} [rad/s]",
+            )
         row[0].set_title(_title(found))
     handles = [
         Line2D([], [], color=FRONT, marker="o", linestyle="", label="with noise"),
@@ -69,9 +104,24 @@ def spectrum_figure(found: SpeedResult) -> Figure:
         number = np.round(frequency).astype(int)
         harmonic = np.abs(frequency - number) < 1e-9
         right = harmonic & (number % 2 == (0 if wanted.get(name) == "even" else 1))
-        for chosen, color, width in ((~harmonic, QUIET, 0.7), (right, FRONT, 2.6), (harmonic & ~right, FALL, 2.6)):
-            axes.vlines(frequency[chosen], 1e-3, np.maximum(power[chosen], 1e-3), color=color, linewidth=width)
-        axes.set(title=name.capitalize(), yscale="log", ylim=(1e-2, 150.0), xlim=(0.0, HIGHEST + 0.4))
+        for chosen, color, width in (
+            (~harmonic, QUIET, 0.7),
+            (right, FRONT, 2.6),
+            (harmonic & ~right, FALL, 2.6),
+        ):
+            axes.vlines(
+                frequency[chosen],
+                1e-3,
+                np.maximum(power[chosen], 1e-3),
+                color=color,
+                linewidth=width,
+            )
+        axes.set(
+            title=name.capitalize(),
+            yscale="log",
+            ylim=(1e-2, 150.0),
+            xlim=(0.0, HIGHEST + 0.4),
+        )
     figure.supylabel("Share of the variance [%]", fontsize=9.5)
     for axes in panels[-2:]:
         axes.set_xlabel("Frequency over the stride's [1]")
@@ -88,9 +138,19 @@ def spectrum_figure(found: SpeedResult) -> Figure:
 def touchdown_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Legs over strides, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 0.4 + 2.7 * len(ran)), layout="constrained")
-    for axes, found in zip(np.atleast_1d(figure.subplots(len(ran), 1)), ran, strict=True):
+    for axes, found in zip(
+        np.atleast_1d(figure.subplots(len(ran), 1)), ran, strict=True
+    ):
         for leg, offsets in zip(conventions.LEGS, found.shown.landings, strict=False):
-            axes.plot(1e3 * offsets, color=LEG_COLORS[leg], linewidth=1.0, marker="o", ms=2.2, mew=0, label=leg)
+            axes.plot(
+                1e3 * offsets,
+                color=LEG_COLORS[leg],
+                linewidth=1.0,
+                marker="o",
+                ms=2.2,
+                mew=0,
+                label=leg,
+            )
         axes.axhspan(-0.5, 0.5, color=FAINT, zorder=0.5)
         axes.set(title=_title(found), ylabel="Touchdown [ms]")
         if found.shown.landings:
@@ -106,8 +166,16 @@ def return_figure(ran: Sequence[SpeedResult]) -> Figure:
     panels = np.atleast_1d(figure.subplots(1, len(ran), sharey=True))
     for axes, found in zip(panels, ran, strict=True):
         returns = found.metrics.returns
-        for size, growth, color in zip(returns.sizes, returns.growth, SHADES, strict=False) if returns else ():
-            axes.plot(size * np.array(growth), color=color, marker="o", ms=3.5, label=f"{size:g}")
+        for size, growth, color in (
+            zip(returns.sizes, returns.growth, SHADES, strict=False) if returns else ()
+        ):
+            axes.plot(
+                size * np.array(growth),
+                color=color,
+                marker="o",
+                ms=3.5,
+                label=f"{size:g}",
+            )
         axes.set(title=_title(found), xlabel="Stride", yscale="log")
     panels[0].set_ylabel("Distance [1]")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -119,14 +187,22 @@ def return_figure(ran: Sequence[SpeedResult]) -> Figure:
 def push_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Size over direction, a line a phase, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
-    panels: Sequence[Axes] = np.atleast_1d(figure.subplots(1, len(ran), subplot_kw={"projection": "polar"})).tolist()
+    panels: Sequence[Axes] = np.atleast_1d(
+        figure.subplots(1, len(ran), subplot_kw={"projection": "polar"})
+    ).tolist()
     for axes, found in zip(panels, ran, strict=True):
         pushes = found.metrics.pushes
         phases = sorted({push.phase for push in pushes})
         for phase, color in zip(phases, LEG_COLORS.values(), strict=False):
-            line = sorted((push.direction, push.survived) for push in pushes if push.phase == phase)
+            line = sorted(
+                (push.direction, push.survived)
+                for push in pushes
+                if push.phase == phase
+            )
             ways, sizes = np.array([*line, line[0]]).T
-            axes.plot(ways, sizes, color=color, marker="o", ms=3.5, label=f"phase {phase:.2f}")
+            axes.plot(
+                ways, sizes, color=color, marker="o", ms=3.5, label=f"phase {phase:.2f}"
+            )
         axes.set_theta_zero_location("N")  # pyright: ignore[reportAttributeAccessIssue]
         axes.set_title(_title(found))
         axes.set_ylim(0.0, None)
@@ -139,4 +215,6 @@ def push_figure(ran: Sequence[SpeedResult]) -> Figure:
 
 def _title(found: SpeedResult) -> str:
     speed = found.metrics.speed
-    return f"{found.metrics.commanded:.2f} m/s commanded" + ("" if speed is None else f", {speed:.2f} run")
+    return f"{found.metrics.commanded:.2f} m/s commanded" + (
+        "" if speed is None else f", {speed:.2f} run"
+    )

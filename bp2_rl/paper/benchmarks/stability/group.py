@@ -1,4 +1,5 @@
-"""A group: robots of one kind whose complete state can be read, changed and continued from, run in C MuJoCo."""
+"""A group: robots of one kind whose complete state can be read, changed and continued
+from, run in C MuJoCo."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,7 +16,11 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner, control_steps_behind
+from bp2_rl.simulation.policy_runner import (
+    ActionFunction,
+    PolicyRunner,
+    control_steps_behind,
+)
 from bp2_rl.simulation.rollout import Recording, RunRequest
 from bp2_rl.simulation.schedule import Course
 from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
@@ -24,18 +29,22 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 @dataclasses.dataclass(frozen=True)
 class GroupState:
-    """Complete state of N robots between two control steps: a run can be continued from it."""
+    """Complete state of N robots between two control steps: a run can be continued from
+    it."""
 
     qpos: Float[np.ndarray, "N 23"]
     qvel: Float[np.ndarray, "N 22"]
     torque: Float[np.ndarray, "N 12"]  # Nm, last applied
-    warmstart: Float[np.ndarray, "N 22"]  # the solver's first guess: with a converged solver it decides nothing
+    # the solver's first guess: with a converged solver it decides nothing
+    warmstart: Float[np.ndarray, "N 22"]
     phase: Float[np.ndarray, " N"]  # cycles, of the controller's clock
     action: Float[np.ndarray, "N 12"]  # the last one
-    seen: Float[np.ndarray, "N H 47"]  # what the controller remembers of its observations
+    # what the controller remembers of its observations
+    seen: Float[np.ndarray, "N H 47"]
     steps: Float[np.ndarray, " N"]  # control steps since the start
     command: Float[np.ndarray, "N 3"]  # m/s, m/s, rad/s: what the policy is told next
-    position: Float[np.ndarray, "N D 12"]  # rad, targets of the last D control steps, newest last; D by the latency
+    # rad, targets of the last D control steps, newest last; D by the latency
+    position: Float[np.ndarray, "N D 12"]
     velocity: Float[np.ndarray, "N D 12"]  # rad/s, rates of these targets
 
     def __len__(self) -> int:
@@ -43,8 +52,11 @@ class GroupState:
         return len(self.qpos)
 
     def of(self, robots: Any) -> "GroupState":
-        """Return the state of these robots, by any index of NumPy's; a robot may come more than once."""
-        return GroupState(**{name: np.array(value[robots]) for name, value in vars(self).items()})
+        """Return the state of these robots, by any index of NumPy's; a robot may come
+        more than once."""
+        return GroupState(
+            **{name: np.array(value[robots]) for name, value in vars(self).items()}
+        )
 
     def replace(self, **changes: Any) -> "GroupState":
         """Return this state with some fields replaced."""
@@ -53,16 +65,24 @@ class GroupState:
 
 def join(*states: GroupState) -> GroupState:
     """Return the state of all robots of several groups as one."""
-    return GroupState(**{name: np.concatenate([vars(state)[name] for state in states]) for name in vars(states[0])})
+    return GroupState(
+        **{
+            name: np.concatenate([vars(state)[name] for state in states])
+            for name in vars(states[0])
+        }
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class GroupRecording:
-    """What a group did, sampled each millisecond; samples after a robot's fall mean nothing."""
+    """What a group did, sampled each millisecond; samples after a robot's fall mean
+    nothing."""
 
     samples: Recording  # (N, T, ...)
-    clock: Float[np.ndarray, "N T"]  # cycles of the controller's clock, counted on and on
-    lasted: Float[np.ndarray, " N"]  # ms until the fall; all of them where there was none
+    # cycles of the controller's clock, counted on and on
+    clock: Float[np.ndarray, "N T"]
+    # ms until the fall; all of them where there was none
+    lasted: Float[np.ndarray, " N"]
     config: EnvConfig
     mass: float  # kg, of each robot
 
@@ -85,7 +105,8 @@ class RobotGroup:
     Args:
         policy: observation -> action, for one robot.
         config: the policy's environment.
-        hardware: the robots; those that the policy and its controller take them for by default.
+        hardware: the robots; those that the policy and its controller take them for by
+            default.
         operator: steers each of them.
         noise: the deviations of the sensors' noise; None for sensors without noise.
     """
@@ -100,13 +121,21 @@ class RobotGroup:
         noise: RandomizationConfig | None = None,
     ):
         self.robot = RobotSetup.of(config, hardware)
-        self.memory = max(control_steps_behind(self.robot.config.hardware.losses.latency))
+        self.memory = max(
+            control_steps_behind(self.robot.config.hardware.losses.latency)
+        )
         """number of control steps whose targets are still on their way to the joints"""
-        self._policy, self._config, self._operator, self._noise = policy, config, operator, noise
+        self._policy, self._config, self._operator, self._noise = (
+            policy,
+            config,
+            operator,
+            noise,
+        )
         self._model = self.robot.model()
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
-        """Return the state of settled robots at rest whose next command is `command`."""
+        """Return the state of settled robots at rest whose next command is
+        `command`."""
         runner = self._runner(np.asarray(command, np.float64)[None])
         return self._state(settled([self.robot]), runner).of(np.zeros(robots, int))
 
@@ -120,7 +149,8 @@ class RobotGroup:
         record: bool = False,
         until: Callable[[int, GroupState], None] | None = None,
     ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording | None]:
-        """Continue for K control steps; return the state then, which robots fell, and a recording if asked for.
+        """Continue for K control steps; return the state then, which robots fell, and a
+        recording if asked for.
 
         Robots that fell stay as they are.
 
@@ -139,22 +169,47 @@ class RobotGroup:
             self._recording(simulator, conventions.SUBSTEPS * steps if record else 0),
         )
         samples = recording.samples
-        drawn = () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
-        keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
+        drawn = (
+            () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
+        )
+        keys = (
+            np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count)))
+            if drawn
+            else ()
+        )
         cycles = state.phase
         for k, scheduled in enumerate(commands):
             before = runner.phase
-            targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *((keys[k], *drawn) if drawn else ()))
+            targets = runner.tick(
+                simulator.qpos,
+                simulator.qvel,
+                scheduled,
+                *((keys[k], *drawn) if drawn else ()),
+            )
             rate = (runner.phase - before) % 1.0 / conventions.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
                 if record:
-                    samples.qpos[:, i], samples.qvel[:, i] = simulator.qpos, simulator.qvel
-                    samples.target[:, i], samples.command[:, i] = position, runner.command
+                    samples.qpos[:, i], samples.qvel[:, i] = (
+                        simulator.qpos,
+                        simulator.qvel,
+                    )
+                    samples.target[:, i], samples.command[:, i] = (
+                        position,
+                        runner.command,
+                    )
                     recording.clock[:, i] = cycles
                 simulator.millisecond(position, velocity, np.flatnonzero(~fell))
                 if record:
-                    samples.torque[:, i], samples.foot_force[:, i] = simulator.torque, simulator.foot_force
-                down = fall(simulator.qpos, simulator.qvel, self._config.termination).happened & ~fell
+                    samples.torque[:, i], samples.foot_force[:, i] = (
+                        simulator.torque,
+                        simulator.foot_force,
+                    )
+                down = (
+                    fall(
+                        simulator.qpos, simulator.qvel, self._config.termination
+                    ).happened
+                    & ~fell
+                )
                 recording.lasted[down] = i + 1
                 fell, cycles = fell | down, cycles + rate
             if until is not None:
@@ -167,13 +222,19 @@ class RobotGroup:
         """Return simulator and controllers in this state."""
         simulator = Simulator([self.robot] * len(state), [self._model] * len(state))
         for i, data in enumerate(simulator.data):
-            data.qpos[:], data.qvel[:], data.ctrl[:] = state.qpos[i], state.qvel[i], state.torque[i]
+            data.qpos[:], data.qvel[:], data.ctrl[:] = (
+                state.qpos[i],
+                state.qvel[i],
+                state.torque[i],
+            )
             data.qacc_warmstart[:] = state.warmstart[i]
             simulator.read(i)
         runner = self._runner(state.command)
         remembered = state.phase, state.action, state.seen, state.steps
         with jax.default_device(jax.devices("cpu")[0]):
-            runner.state = ControllerState(*(jnp.asarray(x, jnp.float32) for x in remembered))
+            runner.state = ControllerState(
+                *(jnp.asarray(x, jnp.float32) for x in remembered)
+            )
         runner.position[:, 1:], runner.velocity[:, 1:] = state.position, state.velocity
         return simulator, runner
 

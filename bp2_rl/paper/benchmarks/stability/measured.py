@@ -10,15 +10,19 @@ from bp2_rl.paper.orbits.spectrum import Spectrum
 
 @dataclasses.dataclass(frozen=True)
 class SectionMetrics:
-    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point a stride."""
+    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point a
+    stride."""
 
     taken: str  # when
     strides: int  # a robot
-    moved: tuple[float, ...]  # rad/s, of the centre from the first third to the last, each robot's
-    scatter: tuple[float, ...]  # rad/s, each robot's root mean square distance from its centre
+    # rad/s, of the centre from the first third to the last, each robot's
+    moved: tuple[float, ...]
+    # rad/s, each robot's root mean square distance from its centre
+    scatter: tuple[float, ...]
     over_scatter: tuple[float, ...]  # D_c*, each robot's
     floor: float  # of that for independent points
-    over_orbit: tuple[float, ...]  # moved over the root mean square of the angular velocity throughout the stride
+    # moved over the root mean square of the angular velocity throughout the stride
+    over_orbit: tuple[float, ...]
     inliers: float  # share, all robots' points about their own centres
     inlier_error: float  # of a Gaussian's share, one standard deviation
     quiet_moved: float | None  # rad/s, of the robot without noise; None if it fell
@@ -30,7 +34,8 @@ class SignalMetrics:
     """The spectrum of one of the trunk's velocities; means over robots."""
 
     name: str
-    symmetric: str  # harmonics that a gait has whose left and right are alike: `even` or `odd`
+    # harmonics that a gait has whose left and right are alike: `even` or `odd`
+    symmetric: str
     peak: float  # strongest frequency over the stride's
     leakage: float  # share of the harmonics' power at the others
     between: float  # share of the variance that is at no harmonic
@@ -54,7 +59,8 @@ class LandingMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class RadiusMetrics:
-    """The largest multiplier of a map from stride to stride, fitted by least squares."""
+    """The largest multiplier of a map from stride to stride, fitted by least
+    squares."""
 
     what: str
     states: int
@@ -72,10 +78,13 @@ class MapMetrics:
     under_noise: RadiusMetrics  # stride to stride of the robots with noise
     deviations: tuple[RadiusMetrics, ...]  # of random deviations, by their size
     unsteered: RadiusMetrics | None  # of the largest deviations, without an operator
-    sizes: tuple[float, ...]  # of deviations that are followed, over each coordinate's scatter under noise
-    growth: tuple[tuple[float, ...], ...]  # median distance over the initial one, by size, then stride
+    # of deviations that are followed, over each coordinate's scatter under noise
+    sizes: tuple[float, ...]
+    # median distance over the initial one, by size, then stride
+    growth: tuple[tuple[float, ...], ...]
     widths: tuple[float, ...]  # of differences, over the scatter
-    changes: tuple[float | None, ...]  # of the slope from each width to the next, median over directions
+    # of the slope from each width to the next, median over directions
+    changes: tuple[float | None, ...]
     width: float | None  # from which slopes change least
     by_differences: float | None  # radius by central differences of that width
 
@@ -95,7 +104,8 @@ class SpeedMetrics:
     """One speed."""
 
     asked: float  # m/s
-    commanded: float  # m/s, the nearest with a stride of a whole number of control steps
+    # m/s, the nearest with a stride of a whole number of control steps
+    commanded: float
     ticks: int  # control steps a stride
     period: float  # s
     speed: float | None  # m/s, made good in the mean; None if all fell
@@ -125,11 +135,14 @@ class StabilityMetrics:
 class ShownStability:
     """What the figures need of a speed beyond its metrics."""
 
-    noisy: tuple[Float[np.ndarray, "n 3"], ...]  # rad/s, points where the clock's phase is 0, a robot each
+    # rad/s, points where the clock's phase is 0, a robot each
+    noisy: tuple[Float[np.ndarray, "n 3"], ...]
     quiet: Float[np.ndarray, "n 3"] | None
-    loop: Float[np.ndarray, "m 3"] | None  # rad/s, the robot without noise all along a few strides
+    # rad/s, the robot without noise all along a few strides
+    loop: Float[np.ndarray, "m 3"] | None
     spectra: dict[str, Spectrum]  # of a robot with noise
-    landings: tuple[Float[np.ndarray, " n"], ...]  # s, touchdowns against their mean, by leg, of a robot with noise
+    # s, touchdowns against their mean, by leg, of a robot with noise
+    landings: tuple[Float[np.ndarray, " n"], ...]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""What the stability benchmark says: in one sentence, in rows and tables, and on a policy's card."""
+"""What the stability benchmark says: in one sentence, in rows and tables, and on a
+policy's card."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +17,14 @@ from bp2_rl.paper.benchmarks.stability.measured import (
     StabilityMetrics,
 )
 
-TILES = "Fell", "D_c*", "Radius under noise", "Touchdown jitter", "Inliers", "Weakest push"
+TILES = (
+    "Fell",
+    "D_c*",
+    "Radius under noise",
+    "Touchdown jitter",
+    "Inliers",
+    "Weakest push",
+)
 PAPER_DRIFT, PAPER_VARIABILITY = 0.071, 0.006  # of the paper, at its speed outdoors
 
 
@@ -26,7 +34,8 @@ def section_of(speed: SpeedMetrics) -> SectionMetrics | None:
 
 
 def steady(speed: SpeedMetrics) -> bool:
-    """Whether no robot fell and the map under noise, if it was found, contracts with its whole interval."""
+    """Whether no robot fell and the map under noise, if it was found, contracts with
+    its whole interval."""
     found = speed.returns
     return speed.fell == 0 and (found is None or found.under_noise.high < 1.0)
 
@@ -42,7 +51,9 @@ def verdict(metrics: StabilityMetrics) -> str:
             return f"no fall, D_c* {middle(section.over_scatter):.2f}"
         return f"radius {show_radius(speed.returns.under_noise)}"
 
-    return "; ".join(f"{speed.commanded:.2f} m/s: {said(speed)}" for speed in metrics.speeds)
+    return "; ".join(
+        f"{speed.commanded:.2f} m/s: {said(speed)}" for speed in metrics.speeds
+    )
 
 
 def stability_rows(metrics: StabilityMetrics) -> tuple[Row, ...]:
@@ -55,24 +66,80 @@ def stability_rows(metrics: StabilityMetrics) -> tuple[Row, ...]:
     noise = returns and returns.under_noise
     alone = returns and returns.unsteered
     return (
-        Row("Commanded speed", f"{speed.commanded:.2f} m/s", f"a stride of {speed.ticks} control steps"),
+        Row(
+            "Commanded speed",
+            f"{speed.commanded:.2f} m/s",
+            f"a stride of {speed.ticks} control steps",
+        ),
         Row("Mean speed", show(speed.speed, ".2f", "m/s"), "made good"),
         Row("Fell", f"{speed.fell}", f"of {speed.robots} robots with noise"),
-        Row("Strides", show(section and section.strides, "d"), "a robot, transient dropped"),
-        Row("D_c*", show(section and middle(section.over_scatter), ".3f"), floor_of(section)),
-        Row("Drift", show(section and middle(section.moved), ".3f", "rad/s"), "the same, not divided"),
-        Row("Drift over orbit", show(section and middle(section.over_orbit), ".3f"), "over the RMS rate all along"),
-        Row("Scatter", show(section and middle(section.scatter), ".3f", "rad/s"), quiet_scatter(section)),
+        Row(
+            "Strides",
+            show(section and section.strides, "d"),
+            "a robot, transient dropped",
+        ),
+        Row(
+            "D_c*",
+            show(section and middle(section.over_scatter), ".3f"),
+            floor_of(section),
+        ),
+        Row(
+            "Drift",
+            show(section and middle(section.moved), ".3f", "rad/s"),
+            "the same, not divided",
+        ),
+        Row(
+            "Drift over orbit",
+            show(section and middle(section.over_orbit), ".3f"),
+            "over the RMS rate all along",
+        ),
+        Row(
+            "Scatter",
+            show(section and middle(section.scatter), ".3f", "rad/s"),
+            quiet_scatter(section),
+        ),
         Row("Inliers", show(section and section.inliers, ".1%"), inlier_floor(section)),
-        Row("Radius under noise", show(noise and noise.radius, ".3f"), interval_of(noise)),
-        Row("... by differences", show(returns and returns.by_differences, ".3f"), "without noise"),
+        Row(
+            "Radius under noise",
+            show(noise and noise.radius, ".3f"),
+            interval_of(noise),
+        ),
+        Row(
+            "... by differences",
+            show(returns and returns.by_differences, ".3f"),
+            "without noise",
+        ),
         Row("... unsteered", show(alone and alone.radius, ".3f"), interval_of(alone)),
-        Row("Touchdown jitter", show(ms(worst_jitter(speed)), ".2f", "ms"), quiet_jitter(speed)),
-        Row("CV_f", show(variability, ".4f"), f"worst leg; sampling alone makes {floor:.4f}"),
-        Row("Pitch beats", show(pitch and pitch.peak, ".2f"), f"a stride; {leak(pitch)} at odd harmonics"),
-        Row("Roll beats", show(roll and roll.peak, ".2f"), f"a stride; {leak(roll)} at even harmonics"),
-        Row("Weakest push", show(speed.weakest_push, ".2f", "m/s"), "largest survived at any phase and angle"),
-        Row("... as an impulse", show(impulse(metrics, speed), ".0f", "N s"), "on the whole robot at once"),
+        Row(
+            "Touchdown jitter",
+            show(ms(worst_jitter(speed)), ".2f", "ms"),
+            quiet_jitter(speed),
+        ),
+        Row(
+            "CV_f",
+            show(variability, ".4f"),
+            f"worst leg; sampling alone makes {floor:.4f}",
+        ),
+        Row(
+            "Pitch beats",
+            show(pitch and pitch.peak, ".2f"),
+            f"a stride; {leak(pitch)} at odd harmonics",
+        ),
+        Row(
+            "Roll beats",
+            show(roll and roll.peak, ".2f"),
+            f"a stride; {leak(roll)} at even harmonics",
+        ),
+        Row(
+            "Weakest push",
+            show(speed.weakest_push, ".2f", "m/s"),
+            "largest survived at any phase and angle",
+        ),
+        Row(
+            "... as an impulse",
+            show(impulse(metrics, speed), ".0f", "N s"),
+            "on the whole robot at once",
+        ),
     )
 
 
@@ -85,7 +152,8 @@ def stability_tables(metrics: StabilityMetrics) -> tuple[Table, ...]:
 
 
 def paper_table(metrics: StabilityMetrics) -> Table:
-    """What the paper says of its stability, and what comes out here; at the first speed."""
+    """What the paper says of its stability, and what comes out here; at the first
+    speed."""
     speed = metrics.speeds[0]
     section, landings = section_of(speed), speed.landings
     pitch, roll = (signal(speed, name) for name in ("pitch rate", "roll rate"))
@@ -130,23 +198,49 @@ def speed_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
     tables = [
         Table(
             f"Sections of the trunk's angular velocity, {at}",
-            ("When", "Strides", "Drift [rad/s]", "D_c*", "Floor", "Over the orbit", "Scatter [rad/s]",
-             "... no noise [rad/s]", "Inliers", "Over 95 %"),
+            (
+                "When",
+                "Strides",
+                "Drift [rad/s]",
+                "D_c*",
+                "Floor",
+                "Over the orbit",
+                "Scatter [rad/s]",
+                "... no noise [rad/s]",
+                "Inliers",
+                "Over 95 %",
+            ),
             [section_line(section) for section in speed.sections],
         ),
         Table(
             f"What the trunk repeats at, {at}",
-            ("Signal", "Peak over stride", "Leakage", "Between", "Peak, no noise", "Leakage, no noise",
-             "Between, no noise", "A symmetric gait has"),
+            (
+                "Signal",
+                "Peak over stride",
+                "Leakage",
+                "Between",
+                "Peak, no noise",
+                "Leakage, no noise",
+                "Between, no noise",
+                "A symmetric gait has",
+            ),
             [signal_line(one) for one in speed.signals],
             words=True,
         ),
         Table(
             f"Touchdowns, {at}",
-            ("Leg", "Phase", "Jitter [ms]", "... no noise [ms]", "CV_f", "... no noise", "Sampling alone"),
+            (
+                "Leg",
+                "Phase",
+                "Jitter [ms]",
+                "... no noise [ms]",
+                "CV_f",
+                "... no noise",
+                "Sampling alone",
+            ),
             [landing_line(landing) for landing in speed.landings],
         ),
-    ]  # fmt: skip
+    ]
     if speed.returns is not None:
         tables += map_tables(speed, at)
     if speed.pushes:
@@ -202,19 +296,35 @@ def map_tables(speed: SpeedMetrics, at: str) -> list[Table]:
     found = speed.returns
     if found is None:
         return []
-    radii = [found.under_noise, *found.deviations, *([found.unsteered] if found.unsteered else [])]
+    radii = [
+        found.under_noise,
+        *found.deviations,
+        *([found.unsteered] if found.unsteered else []),
+    ]
     lines = [
-        (one.what, f"{one.states}", f"{one.radius:.3f}", f"{one.low:.3f} to {one.high:.3f}", f"{one.unexplained:.1%}")
+        (
+            one.what,
+            f"{one.states}",
+            f"{one.radius:.3f}",
+            f"{one.low:.3f} to {one.high:.3f}",
+            f"{one.unexplained:.1%}",
+        )
         for one in radii
     ]
     if found.widths:
         plateau = ", ".join(
-            f"{100 * change:.0f} %" if change is not None and change < 10.0 else "none" for change in found.changes[:-1]
+            f"{100 * change:.0f} %" if change is not None and change < 10.0 else "none"
+            for change in found.changes[:-1]
         )
         lines.append(
-            (f"central differences of {found.width or 0:g}", f"{2 * found.coordinates}",
-             show(found.by_differences, ".3f"), f"slope changes per decade: {plateau}", NOT_MEASURED)
-        )  # fmt: skip
+            (
+                f"central differences of {found.width or 0:g}",
+                f"{2 * found.coordinates}",
+                show(found.by_differences, ".3f"),
+                f"slope changes per decade: {plateau}",
+                NOT_MEASURED,
+            )
+        )
     tables = [
         Table(
             f"Largest multiplier of the map from stride to stride, {at}, {found.coordinates} coordinates",
@@ -223,13 +333,23 @@ def map_tables(speed: SpeedMetrics, at: str) -> list[Table]:
         )
     ]
     if found.sizes:
-        shown = [stride for stride in (0, 1, 2, 4, 8, len(found.growth[0]) - 1) if stride < len(found.growth[0])]
+        shown = [
+            stride
+            for stride in (0, 1, 2, 4, 8, len(found.growth[0]) - 1)
+            if stride < len(found.growth[0])
+        ]
         tables.append(
             Table(
                 f"Distance of robots that begin side by side, over the first one, {at}",
-                ("First distance", *(f"after {stride}" for stride in dict.fromkeys(shown))),
+                (
+                    "First distance",
+                    *(f"after {stride}" for stride in dict.fromkeys(shown)),
+                ),
                 [
-                    (f"{size:g}", *(f"{growth[stride]:.3g}" for stride in dict.fromkeys(shown)))
+                    (
+                        f"{size:g}",
+                        *(f"{growth[stride]:.3g}" for stride in dict.fromkeys(shown)),
+                    )
                     for size, growth in zip(found.sizes, found.growth, strict=True)
                 ],
             )
@@ -245,7 +365,10 @@ def push_table(speed: SpeedMetrics, at: str) -> Table:
     return Table(
         f"Largest push survived [m/s], {at}",
         ("Phase of the clock", *(f"{np.degrees(way):.0f}°" for way in ways)),
-        [(f"{phase:.2f}", *(f"{by[phase, way]:.2f}" for way in ways)) for phase in phases],
+        [
+            (f"{phase:.2f}", *(f"{by[phase, way]:.2f}" for way in ways))
+            for phase in phases
+        ],
     )
 
 
@@ -263,14 +386,15 @@ def stability_results(metrics: StabilityMetrics) -> dict[str, Any]:
             "drift": section and middle(section.moved),
             "inliers": section and section.inliers,
             "radius_under_noise": found and found.under_noise.radius,
-            "radius_interval": found and (found.under_noise.low, found.under_noise.high),
+            "radius_interval": found
+            and (found.under_noise.low, found.under_noise.high),
             "touchdown_jitter": worst_jitter(speed),
             "weakest_push": speed.weakest_push,
         }
     return rounded(said)
 
 
-# --- Parts ---------------------------------------------------------------------------------------------------
+# --- Parts ----------------------------------------------------------------------------
 
 
 def middle(values: Sequence[float]) -> float:
@@ -295,12 +419,20 @@ def signal(speed: SpeedMetrics, name: str) -> SignalMetrics | None:
 
 def show_radius(found: RadiusMetrics | None) -> str:
     """With its interval."""
-    return NOT_MEASURED if found is None else f"{found.radius:.2f} ({found.low:.2f} to {found.high:.2f})"
+    return (
+        NOT_MEASURED
+        if found is None
+        else f"{found.radius:.2f} ({found.low:.2f} to {found.high:.2f})"
+    )
 
 
 def interval_of(found: RadiusMetrics | None) -> str:
     """What stands beside a radius."""
-    return "" if found is None else f"stride to stride; 95 %: {found.low:.2f} to {found.high:.2f}"
+    return (
+        ""
+        if found is None
+        else f"stride to stride; 95 %: {found.low:.2f} to {found.high:.2f}"
+    )
 
 
 def impulse(metrics: StabilityMetrics, speed: SpeedMetrics) -> float | None:
@@ -310,7 +442,9 @@ def impulse(metrics: StabilityMetrics, speed: SpeedMetrics) -> float | None:
 
 def floor_of(section: SectionMetrics | None) -> str:
     """What stands beside D_c*."""
-    return "" if section is None else f"median; independent strides: {section.floor:.2f}"
+    return (
+        "" if section is None else f"median; independent strides: {section.floor:.2f}"
+    )
 
 
 def quiet_scatter(section: SectionMetrics | None) -> str:
@@ -325,7 +459,14 @@ def inlier_floor(section: SectionMetrics | None) -> str:
 
 def quiet_jitter(speed: SpeedMetrics) -> str:
     """What stands beside the jitter."""
-    quiet = max((landing.quiet_jitter for landing in speed.landings if landing.quiet_jitter is not None), default=None)
+    quiet = max(
+        (
+            landing.quiet_jitter
+            for landing in speed.landings
+            if landing.quiet_jitter is not None
+        ),
+        default=None,
+    )
     return f"worst leg; without noise {show(ms(quiet), '.2f', 'ms')}"
 
 

@@ -11,7 +11,8 @@ from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 
 @dataclasses.dataclass(frozen=True)
 class CodesignArguments(Bounded):
-    """Find gear ratio, leg length and spring stiffness along with the trajectory, and scan each."""
+    """Find gear ratio, leg length and spring stiffness along with the trajectory, and
+    scan each."""
 
     settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
     workers: Workers = 2
@@ -20,7 +21,8 @@ class CodesignArguments(Bounded):
 
 
 def run_codesign(arguments: CodesignArguments) -> None:
-    """Print the study and leave it with its picture; what was solved before is not solved again."""
+    """Print the study and leave it with its picture; what was solved before is not
+    solved again."""
     with own_folder(arguments.out):
         from bp2_rl.base.plotting import save_figure
         from bp2_rl.paper.trajectories.codesign.figure import codesign_figure

@@ -1,4 +1,5 @@
-"""`bp2 paper trajectories gaits` and `limbs`: variants of BP2 beside each other, over speed."""
+"""`bp2 paper trajectories gaits` and `limbs`: variants of BP2 beside each other, over
+speed."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -30,14 +31,18 @@ class ComparisonArguments:
         """Refuse impossible values."""
         check_bounds(self)
         if not self.speeds or sorted(set(self.speeds)) != list(self.speeds):
-            raise UserError("--speeds: name the slowest first and each once, as each solve starts from the one before")
+            raise UserError(
+                "--speeds: name the slowest first and each once, as each solve starts from the one before"
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitsArguments(ComparisonArguments):
-    """Set five gaits beside each other in the plane: what each costs over speed, and how fast each gets.
+    """Set five gaits beside each other in the plane: what each costs over speed, and
+    how fast each gets.
 
-    Interrupted, it goes on where it stopped when run again. The problem's own speed and gait do not count.
+    Interrupted, it goes on where it stopped when run again. The problem's own speed and
+    gait do not count.
     """
 
     problem: Annotated[Problem, Flat] = Problem(intervals=8, pitch_limit=0.6)
@@ -48,9 +53,11 @@ class GaitsArguments(ComparisonArguments):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LimbsArguments(ComparisonArguments):
-    """Move mass between trunk and legs, and change the trunk's inertia: what each costs, and how fast each gets.
+    """Move mass between trunk and legs, and change the trunk's inertia: what each
+    costs, and how fast each gets.
 
-    Interrupted, it goes on where it stopped when run again. The problem's own speed does not count.
+    Interrupted, it goes on where it stopped when run again. The problem's own speed
+    does not count.
     """
 
     problem: Annotated[Problem, Flat] = Problem(intervals=8)
@@ -67,20 +74,34 @@ def compare_gaits(arguments: GaitsArguments) -> None:
 
 
 def compare_limbs(arguments: LimbsArguments) -> None:
-    """Print what robots with other legs cost and how fast each gets, and leave the numbers."""
+    """Print what robots with other legs cost and how fast each gets, and leave the
+    numbers."""
     from bp2_rl.paper.trajectories.variants import limb_variants
 
     _set_beside(arguments, limb_variants(arguments.problem), "limbs")
 
 
-def _set_beside(arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str) -> None:
+def _set_beside(
+    arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str
+) -> None:
     """Print the table, and leave its numbers anew with each variant."""
-    from bp2_rl.paper.trajectories.comparison import VariantComparison, compare, tabulate
+    from bp2_rl.paper.trajectories.comparison import (
+        VariantComparison,
+        compare,
+        tabulate,
+    )
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
     with own_folder(arguments.out), output.progress() as progress:
-        compared = compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers)
+        compared = compare(
+            problem,
+            variants,
+            speeds,
+            arguments.out,
+            what=what,
+            workers=arguments.workers,
+        )
         for some in progress.track(compared, len(variants), description=what):
             rows += some
             save_config(numbers, VariantComparison(problem, speeds, tuple(rows)))

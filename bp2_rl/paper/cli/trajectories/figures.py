@@ -1,4 +1,5 @@
-"""`bp2 paper trajectories figures`: the paper's figures, and whose inertia it is that balances whose."""
+"""`bp2 paper trajectories figures`: the paper's figures, and whose inertia it is that
+balances whose."""
 
 import dataclasses
 from pathlib import Path
@@ -20,10 +21,12 @@ NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
 
 @dataclasses.dataclass(frozen=True)
 class FiguresArguments(Bounded):
-    """Draw the paper's figures of a family of trajectories: force decomposition, one stride, the family over speed; and
-    where its coupled inertial torques come from."""
+    """Draw the paper's figures of a family of trajectories: force decomposition, one
+    stride, the family over speed; and where its coupled inertial torques come from."""
 
-    path: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SWEEP_OR_LIBRARY")] = None
+    path: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SWEEP_OR_LIBRARY")
+    ] = None
     """a folder of solutions or a library; by default the library that ships"""
     speed: Speed = 10.0
     """of the stride that is drawn, m/s"""
@@ -33,7 +36,9 @@ class FiguresArguments(Bounded):
 def draw_figures(arguments: FiguresArguments) -> None:
     """Draw them and print what the decomposition says."""
     solutions = load_solutions(arguments.path)
-    shown = min(solutions, key=lambda solution: abs(solution.problem.speed - arguments.speed))
+    shown = min(
+        solutions, key=lambda solution: abs(solution.problem.speed - arguments.speed)
+    )
     if abs(shown.problem.speed - arguments.speed) > 0.01:
         speeds = ", ".join(f"{solution.problem.speed:g}" for solution in solutions)
         raise UserError(f"--speed {arguments.speed:g}: there are only {speeds} m/s")
@@ -41,10 +46,17 @@ def draw_figures(arguments: FiguresArguments) -> None:
 
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.optimiser.figure import trajectory_figure
-    from bp2_rl.paper.trajectories import coupling_account, decomposition, figure_numbers
+    from bp2_rl.paper.trajectories import (
+        coupling_account,
+        decomposition,
+        figure_numbers,
+    )
     from bp2_rl.paper.trajectories.coordinates import decompose_links
     from bp2_rl.paper.trajectories.coupling import split_sources
-    from bp2_rl.paper.trajectories.figures.coupling import coordinates_figure, coupling_figure
+    from bp2_rl.paper.trajectories.figures.coupling import (
+        coordinates_figure,
+        coupling_figure,
+    )
     from bp2_rl.paper.trajectories.figures.decomposition import decomposition_figure
     from bp2_rl.paper.trajectories.figures.family import family_figure
 
@@ -58,14 +70,18 @@ def draw_figures(arguments: FiguresArguments) -> None:
         ("coordinates", coordinates_figure(terms, decompose_links(shown))),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
-    account = next(account for account in accounts if account.speed == shown.problem.speed)
+    account = next(
+        account for account in accounts if account.speed == shown.problem.speed
+    )
     numbers = figure_numbers.FigureNumbers(
         shown=figure_numbers.number_shown(shown, terms, trends),
         means=decomposition.means_by_speed(trends),
         by_speed=tuple(accounts),
     )
     save_config(arguments.out / NUMBERS, numbers)
-    print(f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm")
+    print(
+        f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm"
+    )
     print(f"C_z / (m g) at its peak: {decomposition.peak_velocity_force(terms):.2f}")
     print(
         f"coupled inertia opposes main inertia at {account.opposing:.0%} of the hips' peaks and covers "

@@ -15,13 +15,14 @@ SPEEDS = "speeds.json"  # what is left in the folder
 
 @dataclasses.dataclass(frozen=True)
 class LimitsArguments(Bounded):
-    """Find the greatest speed that has a trajectory at all, for BP2 and with one thing about it changed at a time."""
+    """Find the greatest speed that has a trajectory at all, for BP2 and with one thing
+    about it changed at a time."""
 
     problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
     robot: Robot = "ideal"
     losses: bool = False
-    """instead, for the robot without its losses, with each alone, with all, and with all but each; needs a robot that
-    loses something, such as --robot built"""
+    """instead, for the robot without its losses, with each alone, with all, and with
+    all but each; needs a robot that loses something, such as --robot built"""
     workers: Workers = 2
     """processes"""
     out: Folder = OUT / "limits"
@@ -47,8 +48,13 @@ def find_limits(arguments: LimitsArguments) -> None:
             searched = progress.track(search, len(variants), description="variants")
             found = {one.variant: one for one in searched}
         solutions = {name: found[name].solution for name in variants}
-        speeds = {name: solution and solution.problem.speed for name, solution in solutions.items()}
-        save_config(arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds))
+        speeds = {
+            name: solution and solution.problem.speed
+            for name, solution in solutions.items()
+        }
+        save_config(
+            arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds)
+        )
     table = Table("variant", "greatest speed, m/s", "change", "period, s", "duty")
     for name, solution in solutions.items():
         if solution is None:
@@ -56,6 +62,12 @@ def find_limits(arguments: LimitsArguments) -> None:
             continue
         base = speeds[found[name].base]
         change = "" if base is None else f"{solution.problem.speed - base:+.2f}"
-        table.add_row(name, f"{solution.problem.speed:.2f}", change, f"{solution.period:.3f}", f"{solution.duty:.3f}")
+        table.add_row(
+            name,
+            f"{solution.problem.speed:.2f}",
+            change,
+            f"{solution.period:.3f}",
+            f"{solution.duty:.3f}",
+        )
     Console().print(table)
     print(f"speeds: {arguments.out / SPEEDS}")

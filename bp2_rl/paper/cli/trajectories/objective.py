@@ -1,4 +1,5 @@
-"""`bp2 paper trajectories objective`: what of a trajectory is the objective's and what the robot's."""
+"""`bp2 paper trajectories objective`: what of a trajectory is the objective's and what
+the robot's."""
 
 import dataclasses
 from typing import Annotated
@@ -15,8 +16,9 @@ NUMBERS = "objective.json"  # what is left in the folder, beside the solutions
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveArguments(Bounded):
-    """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and of co-design under one, two and
-    three body weights of F bar, what forces are divided by in the cost."""
+    """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and
+    of co-design under one, two and three body weights of F bar, what forces are divided
+    by in the cost."""
 
     settings: Annotated[ObjectiveSettings, Flat] = ObjectiveSettings()
     workers: Workers = 2
@@ -25,8 +27,13 @@ class ObjectiveArguments(Bounded):
 
 
 def compare_objective_weights(arguments: ObjectiveArguments) -> None:
-    """Print the table and leave its numbers; what was solved before is not solved again."""
-    from bp2_rl.paper.trajectories.objective import Objective, compare_objectives, tabulate_objectives
+    """Print the table and leave its numbers; what was solved before is not solved
+    again."""
+    from bp2_rl.paper.trajectories.objective import (
+        Objective,
+        compare_objectives,
+        tabulate_objectives,
+    )
 
     with own_folder(arguments.out):
         rows = compare_objectives(arguments.settings, arguments.out, arguments.workers)

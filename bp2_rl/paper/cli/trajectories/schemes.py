@@ -11,7 +11,8 @@ from bp2_rl.paper.cli.report import print_table
 
 @dataclasses.dataclass(frozen=True)
 class SchemesArguments:
-    """Compare discretisation schemes over meshes: what each leaves of energy, how far off a re-simulation is."""
+    """Compare discretisation schemes over meshes: what each leaves of energy, how far
+    off a re-simulation is."""
 
     speed: Speed = 10.0
     """m/s"""
@@ -22,19 +23,29 @@ class SchemesArguments:
         """Refuse impossible values."""
         check_bounds(self)
         if not self.meshes or sorted(set(self.meshes)) != list(self.meshes):
-            raise UserError("--meshes: give the coarsest first, as each solve starts from the one before")
+            raise UserError(
+                "--meshes: give the coarsest first, as each solve starts from the one before"
+            )
 
 
 def run_schemes(arguments: SchemesArguments) -> None:
     """Print the table."""
     from bp2_rl.optimiser.collocation import solve
-    from bp2_rl.paper.trajectories.schemes import SCHEMES, compare_schemes, tabulate_schemes
+    from bp2_rl.paper.trajectories.schemes import (
+        SCHEMES,
+        compare_schemes,
+        tabulate_schemes,
+    )
 
     rows = []
     try:
         with output.progress() as progress:
-            solved = compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes)
-            for row in progress.track(solved, len(SCHEMES) * len(arguments.meshes), description="solves"):
+            solved = compare_schemes(
+                solve, Problem(speed=arguments.speed), arguments.meshes
+            )
+            for row in progress.track(
+                solved, len(SCHEMES) * len(arguments.meshes), description="solves"
+            ):
                 rows.append(row)
     finally:  # also what there is when a scheme fails on one of the meshes
         print_table(tabulate_schemes(rows), 110)

@@ -28,15 +28,19 @@ class DesignRow:
     peak_speed: float  # rad/s
     speed_share: float  # of the no-load speed behind this gear
     at_bounds: tuple[str, ...]  # free parameters that a bound holds
-    spread: float  # of the costs from all starts that were solved: dearest over cheapest, less 1
+    # of the costs from all starts that were solved: dearest over cheapest, less 1
+    spread: float
     solved: int  # starts from which there was a trajectory
     starts: int
 
 
-def find_designs(settings: CodesignSettings, folder: Path, workers: int = 1) -> list[tuple[Chain, Solution]]:
+def find_designs(
+    settings: CodesignSettings, folder: Path, workers: int = 1
+) -> list[tuple[Chain, Solution]]:
     """The optima from every start, cheapest first, on the mesh of `settings.problem`.
 
-    The first start is BP2 and the cold guess; the others have designs drawn from within the bounds, and varied guesses.
+    The first start is BP2 and the cold guess; the others have designs drawn from within
+    the bounds, and varied guesses.
 
     Raises:
         NotSolved: no start led to a trajectory.
@@ -45,12 +49,17 @@ def find_designs(settings: CodesignSettings, folder: Path, workers: int = 1) -> 
     solve_chains(chains, folder, workers, "designs")
     found = _solved(chains, folder)
     if not found:
-        raise NotSolved(f"no design for {settings.problem.speed:g} m/s from {settings.starts} starts")
+        raise NotSolved(
+            f"no design for {settings.problem.speed:g} m/s from {settings.starts} starts"
+        )
     return found
 
 
-def optimise_design(settings: CodesignSettings, folder: Path, workers: int = 1) -> Chain:
-    """Solve the cheapest of `find_designs` again on the meshes of `settings.confirm`, and return the whole chain.
+def optimise_design(
+    settings: CodesignSettings, folder: Path, workers: int = 1
+) -> Chain:
+    """Solve the cheapest of `find_designs` again on the meshes of `settings.confirm`,
+    and return the whole chain.
 
     The parameters stay free.
 
@@ -58,10 +67,14 @@ def optimise_design(settings: CodesignSettings, folder: Path, workers: int = 1) 
         NotSolved: no start led to a trajectory, or the finest mesh lost it.
     """
     chain, _ = find_designs(settings, folder, workers)[0]
-    chain = functools.reduce(Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain)
+    chain = functools.reduce(
+        Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain
+    )
     solve_chains([chain], folder, workers, "finer meshes")
     if read_solution(chain, folder) is None:
-        raise NotSolved(f"the design was lost on {chain.problems[-1].intervals} intervals")
+        raise NotSolved(
+            f"the design was lost on {chain.problems[-1].intervals} intervals"
+        )
     return chain
 
 
@@ -70,18 +83,29 @@ def start_chain(settings: CodesignSettings, seed: int) -> Chain:
     problem = settings.problem
     if seed > 0:
         draw = np.random.default_rng(seed).uniform
-        problem = problem.on(**{name: float(draw(*bounds)) for name, bounds in settings.bounds.of(PARAMETERS).items()})
+        problem = problem.on(
+            **{
+                name: float(draw(*bounds))
+                for name, bounds in settings.bounds.of(PARAMETERS).items()
+            }
+        )
     return Chain((problem,), PARAMETERS, settings.bounds, seed)
 
 
 def _solved(chains: Iterable[Chain], folder: Path) -> list[tuple[Chain, Solution]]:
     """The chains that ended in a solution, cheapest first."""
     ends = [(chain, read_solution(chain, folder)) for chain in chains]
-    return sorted(((chain, end) for chain, end in ends if end is not None), key=lambda pair: pair[1].cost)
+    return sorted(
+        ((chain, end) for chain, end in ends if end is not None),
+        key=lambda pair: pair[1].cost,
+    )
 
 
-def cheapest(ways: Iterable[tuple[str, Sequence[Chain]]], folder: Path) -> tuple[DesignRow, ...]:
-    """Return a row of the cheapest of each case's ways to its problem, as read from `folder`.
+def cheapest(
+    ways: Iterable[tuple[str, Sequence[Chain]]], folder: Path
+) -> tuple[DesignRow, ...]:
+    """Return a row of the cheapest of each case's ways to its problem, as read from
+    `folder`.
 
     A case that no way has solved has no row.
     """
@@ -90,9 +114,13 @@ def cheapest(ways: Iterable[tuple[str, Sequence[Chain]]], folder: Path) -> tuple
 
 
 def _row(case: str, found: Sequence[tuple[Chain, Solution]], starts: int) -> DesignRow:
-    """Return the row of the first of several solutions, which are in the order of their costs."""
+    """Return the row of the first of several solutions, which are in the order of their
+    costs."""
     chain, best = found[0]
-    hardware, motors = best.problem.hardware, motor_coordinates(best.problem.stride.legs)
+    hardware, motors = (
+        best.problem.hardware,
+        motor_coordinates(best.problem.stride.legs),
+    )
     speed = float(np.max(np.abs(best.motion.v[..., motors])))
     return DesignRow(
         case=case,

@@ -1,1 +1,2 @@
-"""Pictures of trajectories: the paper's Figs. robot_model_analysis and hardware_opt, and a family over speed."""
+"""Pictures of trajectories: the paper's Figs. robot_model_analysis and hardware_opt,
+and a family over speed."""

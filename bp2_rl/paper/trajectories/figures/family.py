@@ -18,7 +18,8 @@ from bp2_rl.robot import conventions
 
 @styled
 def family_figure(solutions: Sequence[Solution]) -> Figure:
-    """What changes with speed in a family of motions: times, loads, effort and the trunk's posture.
+    """What changes with speed in a family of motions: times, loads, effort and the
+    trunk's posture.
 
     Raises:
         UserError: there are no solutions, or they differ in gait or hardware.
@@ -38,14 +39,21 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
     line(panels[1], [solution.duty for solution in solutions])
     line(panels[2], [np.max(motion.force[..., 1::2]) for motion in motions])
     for joint, (name, color) in enumerate((("hip", LEFT), ("knee", RIGHT))):
-        line(panels[3], [np.max(np.abs(motion.tau[..., joint::2])) for motion in motions], label=name, color=color)
+        line(
+            panels[3],
+            [np.max(np.abs(motion.tau[..., joint::2])) for motion in motions],
+            label=name,
+            color=color,
+        )
     line(panels[4], [1e3 * np.max(motion.q[..., springs]) for motion in motions])
     line(panels[5], [cost_of_transport(solution) for solution in solutions])
     for axes, along in (
         (panels[6], [motion.q[..., 1] for motion in motions]),
         (panels[7], [np.rad2deg(motion.q[..., 2]) for motion in motions]),
     ):
-        low, high = ([extreme(values) for values in along] for extreme in (np.min, np.max))
+        low, high = (
+            [extreme(values) for values in along] for extreme in (np.min, np.max)
+        )
         axes.fill_between(speeds, low, high, color=LEFT, alpha=0.2, linewidth=0)
         line(axes, low)
         line(axes, high)
@@ -77,6 +85,19 @@ def _mark_level(axes: Axes, level: float, text: str) -> None:
     """A dashed line across, with its name, and room above it."""
     axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
     axes.set_ylim(top=max(axes.get_ylim()[1], 1.15 * level))
-    box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    box = {
+        "boxstyle": "square,pad=0.15",
+        "facecolor": "white",
+        "edgecolor": "none",
+        "alpha": 0.85,
+    }
     at = (0.02, level)
-    axes.annotate(text, at, xycoords=("axes fraction", "data"), ha="left", va="center", color=QUIET, bbox=box)
+    axes.annotate(
+        text,
+        at,
+        xycoords=("axes fraction", "data"),
+        ha="left",
+        va="center",
+        color=QUIET,
+        bbox=box,
+    )

@@ -28,9 +28,15 @@ def test_pushes_come_at_eight_phases_from_eight_sides_with_a_turn_to_each_side(a
     assert len(pushes) == len(set(pushes)) == 128
     assert collections.Counter(push.turn for push in pushes) == {0.5: 64, -0.5: 64}
     times = sorted({push.time for push in pushes})
-    assert [time - times[0] for time in times] == pytest.approx([STRIDE * phase / 8 for phase in range(8)])
+    assert [time - times[0] for time in times] == pytest.approx(
+        [STRIDE * phase / 8 for phase in range(8)]
+    )
     assert {round(push.forward**2 + push.left**2, 12) for push in pushes} == {2.25}
-    last = max(one.schedule.duration - one.world.pushes[0].time for one in asked if one.world.pushes)
+    last = max(
+        one.schedule.duration - one.world.pushes[0].time
+        for one in asked
+        if one.world.pushes
+    )
     assert last >= 3.0  # s, in which a robot may still fall
 
 
@@ -50,13 +56,21 @@ def test_a_small_robot_has_small_disturbances():
     assert asked[-1].world.roughness == pytest.approx(0.05 * go1.size.length, rel=0.02)
 
 
-def test_the_sheet_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits):
-    steady, fallen = make_run(duration=2.0, speed=10.74), make_run(duration=2.0, speed=10.74, fell_at=1.5)
+def test_the_sheet_from_runs_that_are_known(
+    make_policy, make_run, monkeypatch, assert_fits
+):
+    steady, fallen = (
+        make_run(duration=2.0, speed=10.74),
+        make_run(duration=2.0, speed=10.74, fell_at=1.5),
+    )
     monkeypatch.setattr(module, "simulate", lambda *_: iter([steady]))
     monkeypatch.setattr(
         module,
         "simulate_all",
-        lambda measure, _, asked: [measure(one, fallen if "turning left" in one.group else steady) for one in asked],
+        lambda measure, _, asked: [
+            measure(one, fallen if "turning left" in one.group else steady)
+            for one in asked
+        ],
     )
     policy, setup = make_policy(), Setup()
     evaluation = disturbances(policy, ramp_to_disturbances(policy, setup), setup)

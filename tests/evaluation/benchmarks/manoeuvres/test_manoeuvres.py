@@ -24,7 +24,12 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     verdict,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment, Braking, ManoeuvreOutcome, Pushed
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
+    Assessment,
+    Braking,
+    ManoeuvreOutcome,
+    Pushed,
+)
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
@@ -47,11 +52,17 @@ def group(asked, name):
 
 
 def outcome(passed=True, fell_at=None, **fields):
-    said = {"group": "a", "asked": "1", "rule": "none", "did": "x", "measured": Pushed(0.1)}
+    said = {
+        "group": "a",
+        "asked": "1",
+        "rule": "none",
+        "did": "x",
+        "measured": Pushed(0.1),
+    }
     return ManoeuvreOutcome(**(said | {"passed": passed, "fell_at": fell_at} | fields))
 
 
-# --- What is asked ---------------------------------------------------------------------------------------------
+# --- What is asked --------------------------------------------------------------------
 
 
 def test_every_manoeuvre_is_asked_once(asked):
@@ -62,38 +73,66 @@ def test_every_manoeuvre_is_asked_once(asked):
 
 def test_a_brake_falls_from_the_speed_at_the_deceleration(asked):
     for name, speed in (("Brake from 10.74 m/s", 10.74), ("Brake from the top", 15.0)):
-        for brake, deceleration in zip(group(asked, name), (2.0, 4.0, 6.0, 8.0), strict=True):
+        for brake, deceleration in zip(
+            group(asked, name), (2.0, 4.0, 6.0, 8.0), strict=True
+        ):
             since = brake.assess.keywords["since"]
             assert brake.schedule.command(since)[0] == pytest.approx(speed)
-            assert brake.schedule.command(since + 1.0)[0] == pytest.approx(speed - deceleration)
-            assert brake.schedule.steady_from == pytest.approx(since + speed / deceleration)
-            assert brake.schedule.duration == pytest.approx(brake.schedule.steady_from + 2.0)
+            assert brake.schedule.command(since + 1.0)[0] == pytest.approx(
+                speed - deceleration
+            )
+            assert brake.schedule.steady_from == pytest.approx(
+                since + speed / deceleration
+            )
+            assert brake.schedule.duration == pytest.approx(
+                brake.schedule.steady_from + 2.0
+            )
 
 
 def test_a_turn_is_asked_by_its_lateral_acceleration(asked):
     for speed in (3, 6, 10, 13):
         turns = group(asked, f"Turn at {speed} m/s")
         last = [turn.schedule.command(turn.schedule.duration) for turn in turns]
-        np.testing.assert_allclose([speed * command[2] for command in last], (1.0, 2.0, 3.0, 4.0))
-        assert all(turn.schedule.steady_from + 1.0 == pytest.approx(turn.assess.keywords["since"]) for turn in turns)
+        np.testing.assert_allclose(
+            [speed * command[2] for command in last], (1.0, 2.0, 3.0, 4.0)
+        )
+        assert all(
+            turn.schedule.steady_from + 1.0
+            == pytest.approx(turn.assess.keywords["since"])
+            for turn in turns
+        )
 
 
 def test_pushes_come_from_eight_directions_at_speed(asked):
     for size in (0.5, 1.0, 1.5):
-        pushes = [manoeuvre.world.pushes[0] for manoeuvre in group(asked, f"Push of {size:g} m/s")]
-        angles = [math.degrees(math.atan2(push.left, push.forward)) % 360.0 for push in pushes]
+        pushes = [
+            manoeuvre.world.pushes[0]
+            for manoeuvre in group(asked, f"Push of {size:g} m/s")
+        ]
+        angles = [
+            math.degrees(math.atan2(push.left, push.forward)) % 360.0 for push in pushes
+        ]
         np.testing.assert_allclose(angles, 45.0 * np.arange(8), atol=1e-9)
-        np.testing.assert_allclose([math.hypot(push.left, push.forward) for push in pushes], size)
+        np.testing.assert_allclose(
+            [math.hypot(push.left, push.forward) for push in pushes], size
+        )
 
 
-def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(asked, make_policy, make_run, monkeypatch):
+def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(
+    asked, make_policy, make_run, monkeypatch
+):
     launches, runs = group(asked, "Launch, friction 0.8"), group(asked, "Slope")
     assert all(launch.schedule.target[0] == 15.0 for launch in (*launches, *runs))
-    assert {m.assess.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
+    assert {
+        m.assess.keywords[name]
+        for m, name in ((launches[0], "speed"), (runs[0], "level"))
+    } == {14.0}
     for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
         run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
         monkeypatch.setattr(module, "simulate", lambda *_, run=run: iter([run]))
-        assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(speed)
+        assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(
+            speed
+        )
 
 
 def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
@@ -105,23 +144,42 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
     assert [robot.friction for robot in slippery] == [0.6] * 5
     late = [(m.hardware or BUILT).losses for m in group(asked, "Latency")]
     assert [losses.latency for losses in late] == [0.005, 0.010, 0.015]
-    assert all(dataclasses.replace(losses, latency=0.005) == BUILT.losses for losses in late)
+    assert all(
+        dataclasses.replace(losses, latency=0.005) == BUILT.losses for losses in late
+    )
     assert {m.group for m in asked if m.operator != operator} == {"Straight for 100 m"}
     straight = group(asked, "Straight for 100 m")
-    assert [m.operator.lane_gain for m in straight] == [0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.4]
+    assert [m.operator.lane_gain for m in straight] == [
+        0.4,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.4,
+    ]
     assert [m.operator.limit for m in straight] == [0.5] * 6 + [0.0]
     biases = [0.0, 0.0, 0.05, -0.05, 0.5, -0.5, 0.0]
     np.testing.assert_allclose([math.degrees(m.gyro_bias) for m in straight], biases)
-    assert [m.world.roughness for m in group(asked, "Rough ground")] == [0.01, 0.02, 0.03]
+    assert [m.world.roughness for m in group(asked, "Rough ground")] == [
+        0.01,
+        0.02,
+        0.03,
+    ]
     assert {m.world.seed for m in group(asked, "Rough ground")} == {3}
-    np.testing.assert_allclose([math.degrees(m.world.slope) for m in group(asked, "Slope")], (2.0, 4.0, -2.0, -4.0))
+    np.testing.assert_allclose(
+        [math.degrees(m.world.slope) for m in group(asked, "Slope")],
+        (2.0, 4.0, -2.0, -4.0),
+    )
 
 
-# --- How they are run ------------------------------------------------------------------------------------------
+# --- How they are run -----------------------------------------------------------------
 
 
 def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_run):
-    manoeuvre = dataclasses.replace(asked[0], assess=lambda run: Assessment(True, "well", Pushed(0.0)))
+    manoeuvre = dataclasses.replace(
+        asked[0], assess=lambda run: Assessment(True, "well", Pushed(0.0))
+    )
     for fell_at, passed, did in ((None, True, "well"), (3.5, False, "fell")):
         came = outcome_of(manoeuvre, make_run(fell_at=fell_at))
         assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
@@ -135,22 +193,44 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     """Two short stands of a robot whose policy is all zeros: it holds its pose."""
     zeros = functools.partial(np.zeros, dtype=np.float32)
     layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
-    policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
-    still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
+    policy = dataclasses.replace(
+        make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers
+    )
+    still = [
+        m
+        for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0)
+        if m.group.startswith("Stand")
+    ]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
     done = simulate_all(outcome_of, policy, short)
-    assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
-    unlike = [dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}") for n in (3, 5, 2, 4)]
-    assert simulate_all(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
+    assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [
+        (m.group, m.asked, True, None) for m in short
+    ]
+    unlike = [
+        dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}")
+        for n in (3, 5, 2, 4)
+    ]
+    assert simulate_all(told_and_lasted, policy, unlike) == [
+        ("3", 30),
+        ("5", 50),
+        ("2", 20),
+        ("4", 40),
+    ]
     assert simulate_all(told_and_lasted, policy, []) == []
 
 
-# --- What is shown ---------------------------------------------------------------------------------------------
+# --- What is shown --------------------------------------------------------------------
 
 
-def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits, tmp_path):
+def test_the_whole_benchmark_from_runs_that_are_known(
+    make_policy, make_run, monkeypatch, assert_fits, tmp_path
+):
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
-    monkeypatch.setattr(module, "simulate_all", lambda measure, _, asked: [measure(one, fast) for one in asked])
+    monkeypatch.setattr(
+        module,
+        "simulate_all",
+        lambda measure, _, asked: [measure(one, fast) for one in asked],
+    )
     monkeypatch.setattr(module, "simulate", lambda *_: iter([fast]))
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
     evaluation = manoeuvres(policy, ramp_to_topspeed(policy, setup), setup)
@@ -160,18 +240,29 @@ def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, mon
     assert evaluation.results["passes"]["Turn at 3 m/s"] == "0 of 4"
     assert evaluation.results["did"]["Push of 1 m/s"]["↑"] == "0.0 m"
     assert evaluation.conditions["rough ground's seed"] == "5"
-    assert evaluation.verdict == f"{evaluation.results['passed']} of 95 manoeuvres passed, without a fall."
+    assert (
+        evaluation.verdict
+        == f"{evaluation.results['passed']} of 95 manoeuvres passed, without a fall."
+    )
     assert len(evaluation.tables[0].lines) == 95
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
     metrics = evaluation.metrics
-    assert from_json(ManoeuvreMetrics, json.loads(json.dumps(to_json(metrics), allow_nan=False))) == metrics
+    assert (
+        from_json(
+            ManoeuvreMetrics, json.loads(json.dumps(to_json(metrics), allow_nan=False))
+        )
+        == metrics
+    )
     assert folder.write_report(evaluation, tmp_path, video=False) is None
     assert folder.read_report(tmp_path).results["manoeuvres"]["of"] == 95
 
 
 def test_the_hardest_is_the_last_before_the_first_that_fails():
-    tries = [outcome(passed, asked=asked) for asked, passed in (("2", True), ("4", True), ("6", False), ("8", True))]
+    tries = [
+        outcome(passed, asked=asked)
+        for asked, passed in (("2", True), ("4", True), ("6", False), ("8", True))
+    ]
     assert hardest(tries) == "4"
     assert hardest(tries[2:]) == "-"
 
@@ -185,18 +276,30 @@ def test_falls_and_passes_are_counted():
 
 def test_the_figure_is_red_where_a_manoeuvre_failed():
     braking = Braking(4.0, 10.0, 1.4, None, 19.0)
-    tries = [outcome(), outcome(False, did="no stop"), outcome(False, 2.0, group="b", did="fell", measured=braking)]
+    tries = [
+        outcome(),
+        outcome(False, did="no stop"),
+        outcome(False, 2.0, group="b", did="fell", measured=braking),
+    ]
     figure = manoeuvres_figure(tries)
     (axes,) = figure.axes
-    red = [patch for patch in axes.patches if to_hex(patch.get_facecolor()).upper() == FALL]
+    red = [
+        patch for patch in axes.patches if to_hex(patch.get_facecolor()).upper() == FALL
+    ]
     assert len(red) == 1 + 2  # the legend's, and those of the two
-    assert {"no stop", "fell", "1 of 3 passed"} <= {text.get_text() for text in axes.texts}
+    assert {"no stop", "fell", "1 of 3 passed"} <= {
+        text.get_text() for text in axes.texts
+    }
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).width >= 1200
 
 
-@pytest.mark.parametrize("wrong", [{"backend": "mjx"}, {"hold": 3.0}, {"robots": 3}, {"acceleration": 3.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"backend": "mjx"}, {"hold": 3.0}, {"robots": 3}, {"acceleration": 3.0}]
+)
 def test_flags_that_manoeuvres_do_not_know_are_refused(wrong):
-    with pytest.raises(UserError, match=f"--{next(iter(wrong))} is not of --benchmark manoeuvres"):
+    with pytest.raises(
+        UserError, match=f"--{next(iter(wrong))} is not of --benchmark manoeuvres"
+    ):
         choose("manoeuvres", Setup(**wrong))

@@ -1,4 +1,5 @@
-"""Every rule passes a run that keeps it and fails one that does not: runs whose figures are known in closed form."""
+"""Every rule passes a run that keeps it and fails one that does not: runs whose figures
+are known in closed form."""
 
 import math
 
@@ -23,12 +24,14 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
 
 @pytest.fixture
 def moving(make_run):
-    """A run of these forward and leftward speeds (m/s, in its heading's frame) and this yaw rate (rad/s) over time."""
+    """A run of these forward and leftward speeds (m/s, in its heading's frame) and this
+    yaw rate (rad/s) over time."""
 
     def make(duration, forward, left=0.0, yaw_rate=0.0, **changes):
         run = make_run(duration=duration)
         forward, left, yaw_rate = (
-            np.broadcast_to(np.asarray(x, float), run.time.shape) for x in (forward, left, yaw_rate)
+            np.broadcast_to(np.asarray(x, float), run.time.shape)
+            for x in (forward, left, yaw_rate)
         )
         yaw = np.cumsum(yaw_rate) * run.dt
         qpos, qvel = run.qpos.copy(), np.zeros_like(run.qvel)
@@ -44,14 +47,17 @@ def moving(make_run):
 def braked(moving, deceleration, floor=0.0, seconds=12.0):
     """10 m/s for a second, then less."""
     time = np.arange(round(1000 * seconds)) * 1e-3
-    return moving(seconds, np.maximum(10.0 - deceleration * np.maximum(time - 1.0, 0.0), floor))
+    return moving(
+        seconds, np.maximum(10.0 - deceleration * np.maximum(time - 1.0, 0.0), floor)
+    )
 
 
-# --- Braking and launches ------------------------------------------------------------------------------------
+# --- Braking and launches -------------------------------------------------------------
 
 
 def test_a_stop_as_commanded_passes_with_its_distance(moving):
-    """v^2 / 2a = 25 m, less what is left at 0.3 m/s; a mean of 0.25 s may move that by 3 cm."""
+    """v^2 / 2a = 25 m, less what is left at 0.3 m/s; a mean of 0.25 s may move that by
+    3 cm."""
     assessed = assess_braking(braked(moving, 2.0), since=1.0, deceleration=2.0)
     assert (assessed.passed, assessed.said) == (True, "25 m")
     assert assessed.measured.distance == pytest.approx(25.0 - 0.3**2 / 4.0, abs=0.05)
@@ -66,8 +72,14 @@ def test_a_stop_that_takes_too_long_fails(moving):
 
 
 def test_a_robot_that_walks_on_has_not_stopped(moving):
-    assessed = assess_braking(braked(moving, 2.0, floor=0.4), since=1.0, deceleration=2.0)
-    assert (assessed.passed, assessed.said, assessed.measured.distance) == (False, "no stop", None)
+    assessed = assess_braking(
+        braked(moving, 2.0, floor=0.4), since=1.0, deceleration=2.0
+    )
+    assert (assessed.passed, assessed.said, assessed.measured.distance) == (
+        False,
+        "no stop",
+        None,
+    )
     assert assessed.measured.slowest == pytest.approx(0.4)
 
 
@@ -83,13 +95,20 @@ def test_a_launch_passes_from_nine_tenths_of_the_speed_on(make_run):
     assert (assessed.passed, assessed.said) == (True, "3.0 s")
     assert assessed.measured.time == pytest.approx(3.0, abs=0.002)
     assessed = assess_launch(run, speed=10.7, acceleration=3.0)
-    assert (assessed.passed, assessed.said, assessed.measured.time) == (False, "9.6 m/s", None)
+    assert (assessed.passed, assessed.said, assessed.measured.time) == (
+        False,
+        "9.6 m/s",
+        None,
+    )
 
 
-# --- Turns -----------------------------------------------------------------------------------------------------
+# --- Turns ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("rate", "passed"), [(0.5, True), (0.43, True), (0.42, False), (0.57, True), (0.58, False)])
+@pytest.mark.parametrize(
+    ("rate", "passed"),
+    [(0.5, True), (0.43, True), (0.42, False), (0.57, True), (0.58, False)],
+)
 def test_a_turn_is_as_fast_as_told_within_its_error(moving, rate, passed):
     assessed = assess_turn(moving(4.0, 6.0, yaw_rate=rate), yaw_rate=0.5, since=2.0)
     assert assessed.passed is passed
@@ -99,7 +118,9 @@ def test_a_turn_is_as_fast_as_told_within_its_error(moving, rate, passed):
 
 
 def test_a_turn_to_the_wrong_side_or_not_begun_fails(moving):
-    assert not assess_turn(moving(4.0, 6.0, yaw_rate=0.5), yaw_rate=-0.5, since=2.0).passed
+    assert not assess_turn(
+        moving(4.0, 6.0, yaw_rate=0.5), yaw_rate=-0.5, since=2.0
+    ).passed
     short = assess_turn(moving(1.5, 6.0, yaw_rate=0.5), yaw_rate=0.5, since=2.0)
     assert not short.passed
     assert (short.said, short.measured.yaw_rate) == ("not begun", None)
@@ -107,7 +128,8 @@ def test_a_turn_to_the_wrong_side_or_not_begun_fails(moving):
 
 def test_a_turn_that_is_too_slow_ahead_says_its_speed(moving):
     slow, wide = (
-        assess_turn(moving(4.0, 5.0, yaw_rate=rate), yaw_rate=0.5, since=2.0, speed=6.0) for rate in (0.5, 0.4)
+        assess_turn(moving(4.0, 5.0, yaw_rate=rate), yaw_rate=0.5, since=2.0, speed=6.0)
+        for rate in (0.5, 0.4)
     )
     assert (slow.passed, slow.said) == (False, "5.0 m/s")
     assert (wide.passed, wide.said) == (False, "80%")
@@ -123,7 +145,7 @@ def test_a_turn_on_the_spot_keeps_to_it(moving):
     assert far.said == "100%, 0.5 m"
 
 
-# --- Slow motion and standing ------------------------------------------------------------------------------
+# --- Slow motion and standing ---------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -137,20 +159,32 @@ def test_a_turn_on_the_spot_keeps_to_it(moving):
         ((-0.5, 0.0, 0.0), -0.46, 0.0, True),
     ],
 )
-def test_slow_motion_has_the_speed_that_was_told_in_its_direction(moving, command, forward, left, passed):
+def test_slow_motion_has_the_speed_that_was_told_in_its_direction(
+    moving, command, forward, left, passed
+):
     assessed = assess_motion(moving(3.0, forward, left), command=command, since=1.0)
     assert assessed.passed is passed
-    assert assessed.measured.speed == pytest.approx(abs(forward + left) * (1 if passed or forward else -1))
+    assert assessed.measured.speed == pytest.approx(
+        abs(forward + left) * (1 if passed or forward else -1)
+    )
     assert assessed.measured.height == pytest.approx(0.55)
 
 
 def test_a_robot_that_goes_nowhere_has_no_cost(moving):
-    assert assess_motion(moving(3.0, 0.0), command=(1.0, 0.0, 0.0), since=1.0).measured.cost_of_transport is None
-    assert not assess_motion(moving(0.5, 1.0), command=(1.0, 0.0, 0.0), since=1.0).passed
+    assert (
+        assess_motion(
+            moving(3.0, 0.0), command=(1.0, 0.0, 0.0), since=1.0
+        ).measured.cost_of_transport
+        is None
+    )
+    assert not assess_motion(
+        moving(0.5, 1.0), command=(1.0, 0.0, 0.0), since=1.0
+    ).passed
 
 
 def test_a_stand_neither_creeps_nor_chatters(moving):
-    """A sine of 100 Hz and amplitude A has A / sqrt 2 in the mean; one of 0.5 Hz is no chatter."""
+    """A sine of 100 Hz and amplitude A has A / sqrt 2 in the mean; one of 0.5 Hz is no
+    chatter."""
     still, creeping = moving(10.0, 0.0019), moving(10.0, 0.0021)
     assert assess_creep(still).passed
     assessed = assess_creep(creeping)
@@ -160,20 +194,26 @@ def test_a_stand_neither_creeps_nor_chatters(moving):
     for amplitude, passed in ((1.3, True), (1.5, False)):
         assessed = assess_chatter(moving(10.0, 0.0, torque=amplitude * wave + slow))
         assert assessed.passed is passed
-        # 101 samples of the mean leave a hundredth of the wave, and the slow one is bent by 0.4 % within them.
-        assert assessed.measured.chatter == pytest.approx(amplitude / math.sqrt(2.0), rel=0.03)
+        # 101 samples of the mean leave a hundredth of the wave, and the slow one is
+        # bent by 0.4 % within them.
+        assert assessed.measured.chatter == pytest.approx(
+            amplitude / math.sqrt(2.0), rel=0.03
+        )
 
 
-# --- Straightness, pushes, bad ground ---------------------------------------------------------------------------
+# --- Straightness, pushes, bad ground -------------------------------------------------
 
 
 @pytest.mark.parametrize(("left", "passed"), [(0.037, True), (0.040, False)])
 def test_a_straight_run_keeps_its_trunk_in_the_lane(moving, left, passed):
-    """0.61 m less half of the trunk's 0.44 m are 0.39 m: in 10 s of 10 m/s, 0.039 m/s to the left."""
+    """0.61 m less half of the trunk's 0.44 m are 0.39 m: in 10 s of 10 m/s, 0.039 m/s
+    to the left."""
     assessed = assess_straightness(moving(10.01, 10.0, left), length=100.0)
     assert assessed.passed is passed
     assert assessed.measured.reach == pytest.approx(10.0 * left + 0.22, abs=0.002)
-    assert assess_straightness(moving(10.01, 10.0, left), length=100.0, allowed=3.0).passed
+    assert assess_straightness(
+        moving(10.01, 10.0, left), length=100.0, allowed=3.0
+    ).passed
 
 
 def test_a_run_that_does_not_arrive_is_not_straight(moving):
@@ -195,4 +235,9 @@ def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(moving):
 
 
 def test_limits_are_those_of_the_report():
-    assert (rules.STOPPED, rules.BRAKING_DISTANCE, rules.CREEP, rules.ASTRAY) == (0.3, 1.5, 0.02, 3.0)
+    assert (rules.STOPPED, rules.BRAKING_DISTANCE, rules.CREEP, rules.ASTRAY) == (
+        0.3,
+        1.5,
+        0.02,
+        3.0,
+    )

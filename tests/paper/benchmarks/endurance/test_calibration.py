@@ -1,4 +1,5 @@
-"""The motor that heats as the paper's: what one number fixes, and what it leaves open."""
+"""The motor that heats as the paper's: what one number fixes, and what it leaves
+open."""
 
 import dataclasses
 
@@ -32,7 +33,9 @@ def test_the_calibrated_motor_heats_by_86_times_1_8_kelvins():
     assert dataclasses.replace(motor, winding_to_case=None) == MOTOR
     assert rise(network(motor), np.array([HEAT])) == pytest.approx(154.8, rel=1e-9)
     # A straight line between steps of two seconds: off by some a r (2 s)^2 / 8, 4 ms.
-    assert seconds_to(network(motor), np.array([HEAT]), 179.8) == pytest.approx(86.0, rel=1e-4)
+    assert seconds_to(network(motor), np.array([HEAT]), 179.8) == pytest.approx(
+        86.0, rel=1e-4
+    )
 
 
 def test_a_motor_that_is_given_stays_as_it_is():
@@ -46,7 +49,8 @@ def test_a_gait_too_gentle_for_the_copper_is_given_less_of_it(heat):
     assert motor.winding_to_case == WAYS[1]
     assert motor.winding_capacity < MOTOR.winding_capacity
     if heat:
-        assert rise(network(motor), np.array([heat])) == pytest.approx(RISE, rel=1e-3)  # next to nothing is given away
+        # next to nothing is given away
+        assert rise(network(motor), np.array([heat])) == pytest.approx(RISE, rel=1e-3)
 
 
 def test_the_most_copper_is_that_of_a_winding_that_gives_nothing_away():
@@ -61,12 +65,18 @@ def test_the_most_copper_is_that_of_a_winding_that_gives_nothing_away():
 def test_all_of_the_family_heat_alike_in_the_mean_and_one_of_them_the_straightest():
     members = family(MOTOR, HEAT, TOP_HEAT)
     for member in members:
-        n = Network.from_spec(MOTOR, member.winding_to_case).replace(winding_capacity=member.winding_capacity)
+        n = Network.from_spec(MOTOR, member.winding_to_case).replace(
+            winding_capacity=member.winding_capacity
+        )
         assert rise(n, np.array([HEAT])) == pytest.approx(RISE, rel=1e-3)
-        assert member.at_top == pytest.approx(float(seconds_to(n, np.array([TOP_HEAT]), MOTOR.limit)[0]), rel=1e-9)
+        assert member.at_top == pytest.approx(
+            float(seconds_to(n, np.array([TOP_HEAT]), MOTOR.limit)[0]), rel=1e-9
+        )
         time, t = course(n, np.array([HEAT]), 86.0)
         slope, level = np.polyfit(time, t.winding[:, 0], 1)
-        assert member.bend == pytest.approx(np.std(t.winding[:, 0] - slope * time - level), abs=1e-6)
+        assert member.bend == pytest.approx(
+            np.std(t.winding[:, 0] - slope * time - level), abs=1e-6
+        )
     ways = [member.winding_to_case for member in members]
     assert ways == sorted(ways)  # the more copper, the less is given away
     best = straightest(members)

@@ -1,11 +1,19 @@
-"""Forces in three dimensions: they add up, and are what other algorithms of MuJoCo's find."""
+"""Forces in three dimensions: they add up, and are what other algorithms of MuJoCo's
+find."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from bp2_rl.paper.benchmarks.mechanism import forces as module
-from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, OF_LEG, TERMS, THROUGH, TRUNK, decompose_run
+from bp2_rl.paper.benchmarks.mechanism.forces import (
+    HIPS_AND_KNEES,
+    OF_LEG,
+    TERMS,
+    THROUGH,
+    TRUNK,
+    decompose_run,
+)
 from bp2_rl.robot import losses
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.losses import Resistance
@@ -24,7 +32,8 @@ def model():
 
 @pytest.fixture(scope="module")
 def run(model):
-    """A robot that kicks on the ground, stepped by MuJoCo itself; with every loss of the built one."""
+    """A robot that kicks on the ground, stepped by MuJoCo itself; with every loss of
+    the built one."""
     from synthetic import make_run
 
     data = mujoco.MjData(model)
@@ -33,18 +42,34 @@ def run(model):
     data.qvel[:] = rng.normal(size=NV)
     data.qvel[0] += 5.0
     data.qpos[9] = model.joint("FR_knee").range[0] - 0.01  # on its stop
-    qpos, qvel, torque = np.zeros((SAMPLES, 23)), np.zeros((SAMPLES, NV)), np.zeros((SAMPLES, 12))
+    qpos, qvel, torque = (
+        np.zeros((SAMPLES, 23)),
+        np.zeros((SAMPLES, NV)),
+        np.zeros((SAMPLES, 12)),
+    )
     for k in range(SAMPLES):
         torque[k] = 60.0 * np.sin(0.2 * k + np.arange(12))
         qpos[k], qvel[k], data.ctrl[:] = data.qpos, data.qvel, torque[k]
         data.qfrc_applied[:] = _lost(data.qpos, data.qvel, torque[k])
         mujoco.mj_step(model, data)
     long = make_run(duration=1.0)
-    return type(long)(**{
-        **{name: getattr(long, name)[:SAMPLES] for name in ("time", "target", "command", "foot_force")},
-        **{name: getattr(long, name) for name in ("steady_from", "fell_at", "mass", "name", "backend")},
-        "dt": model.opt.timestep, "hardware": BUILT, "qpos": qpos, "qvel": qvel, "torque": torque,
-    })  # fmt: skip
+    return type(long)(
+        **{
+            **{
+                name: getattr(long, name)[:SAMPLES]
+                for name in ("time", "target", "command", "foot_force")
+            },
+            **{
+                name: getattr(long, name)
+                for name in ("steady_from", "fell_at", "mass", "name", "backend")
+            },
+            "dt": model.opt.timestep,
+            "hardware": BUILT,
+            "qpos": qpos,
+            "qvel": qvel,
+            "torque": torque,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +100,8 @@ def test_terms_and_sources_add_up_in_every_millisecond(forces):
 
 
 def test_inertial_forces_are_those_of_the_motion_that_followed(model, run, forces):
-    """M dv/dt of the recorded velocities; Euler's method takes dampers implicitly, at the velocity after the step."""
+    """M dv/dt of the recorded velocities; Euler's method takes dampers implicitly, at
+    the velocity after the step."""
     change = np.diff(run.qvel, axis=0)
     for k in range(SAMPLES - 1):
         data, momentum = at(model, run, k), np.zeros(NV)
@@ -83,11 +109,15 @@ def test_inertial_forces_are_those_of_the_motion_that_followed(model, run, force
         inertial = forces.terms[0, k] + forces.terms[1, k]
         # Warm starts of the solver differ, hence its tolerance and not rounding.
         np.testing.assert_allclose(
-            momentum + model.dof_damping * change[k], inertial, atol=1e-5 * np.max(np.abs(inertial))
+            momentum + model.dof_damping * change[k],
+            inertial,
+            atol=1e-5 * np.max(np.abs(inertial)),
         )
 
 
-def test_velocity_forces_change_the_kinetic_energy_of_constant_velocities(model, run, forces):
+def test_velocity_forces_change_the_kinetic_energy_of_constant_velocities(
+    model, run, forces
+):
     """v . C is half of v . dM/dt v, whatever coordinates turn with the body."""
     for k in range(0, SAMPLES, 7):
         energy, step, M, data = [], 1e-6, np.zeros((NV, NV)), mujoco.MjData(model)
@@ -97,20 +127,31 @@ def test_velocity_forces_change_the_kinetic_energy_of_constant_velocities(model,
             mujoco.mj_forward(model, data)
             mujoco.mj_fullM(model, data, M)
             energy.append(0.5 * run.qvel[k] @ M @ run.qvel[k])
-        C = forces.terms[TERMS.index("centrifugal"), k] + forces.terms[TERMS.index("Coriolis"), k]
+        C = (
+            forces.terms[TERMS.index("centrifugal"), k]
+            + forces.terms[TERMS.index("Coriolis"), k]
+        )
         # A central difference over 1 us: 1e-6 of the energy's size over the step.
-        assert run.qvel[k] @ C == pytest.approx((energy[1] - energy[0]) / (2 * step), rel=1e-5, abs=1e-3)
+        assert run.qvel[k] @ C == pytest.approx(
+            (energy[1] - energy[0]) / (2 * step), rel=1e-5, abs=1e-3
+        )
 
 
 def test_the_torque_on_a_still_trunk_is_that_of_inverse_dynamics(model, run, forces):
-    """Newton and Euler's recursion with the trunk's acceleration taken away, which knows no mass matrix."""
+    """Newton and Euler's recursion with the trunk's acceleration taken away, which
+    knows no mass matrix."""
     for k in range(0, SAMPLES, 7):
         data, needed = at(model, run, k), np.zeros(NV)
         data.qacc[TRUNK] = 0.0
         mujoco.mj_rne(model, data, 1, needed)
         needed += model.dof_armature * data.qacc  # which the recursion leaves out
-        given = sum(forces.terms[TERMS.index(name), k] for name in ("passive", "ground reaction", "stops"))
-        np.testing.assert_allclose(forces.fixed[k], (needed - given)[HIPS_AND_KNEES], atol=1e-6)
+        given = sum(
+            forces.terms[TERMS.index(name), k]
+            for name in ("passive", "ground reaction", "stops")
+        )
+        np.testing.assert_allclose(
+            forces.fixed[k], (needed - given)[HIPS_AND_KNEES], atol=1e-6
+        )
 
 
 def test_the_mass_matrix_joins_no_two_legs(model, run):
@@ -121,13 +162,21 @@ def test_the_mass_matrix_joins_no_two_legs(model, run):
             assert one == other or not np.any(M[one, other])
 
 
-@pytest.mark.parametrize(("source", "name"), [(0, "own leg"), (3, "same pair"), (1, "other pair"), (2, "other pair")])
-def test_what_one_leg_does_to_another_has_the_name_of_their_relation(model, run, source, name):
-    """Nothing is accelerated but one leg, and the trunk by it; looked at is FR's hip."""
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [(0, "own leg"), (3, "same pair"), (1, "other pair"), (2, "other pair")],
+)
+def test_what_one_leg_does_to_another_has_the_name_of_their_relation(
+    model, run, source, name
+):
+    """Nothing is accelerated but one leg, and the trunk by it; looked at is FR's
+    hip."""
     M, a = np.zeros((NV, NV)), np.zeros(NV)
     mujoco.mj_fullM(model, at(model, run, 5), M)
     a[OF_LEG[source]] = (3.0, -20.0, 40.0, 5.0)
-    a[TRUNK] = -np.linalg.solve(M[TRUNK, TRUNK], M[TRUNK, OF_LEG[source]] @ a[OF_LEG[source]])
+    a[TRUNK] = -np.linalg.solve(
+        M[TRUNK, TRUNK], M[TRUNK, OF_LEG[source]] @ a[OF_LEG[source]]
+    )
     within, through = module._sources(M, a, np.zeros((len(TERMS), NV)))
     hip = through[:, 0]
     assert abs(hip[THROUGH.index(name)]) > 1e-3

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from bp2_rl.paper.benchmarks.stability.coordinates import BODY, Coordinates, angles_of, quaternion_of
+from bp2_rl.paper.benchmarks.stability.coordinates import (
+    BODY,
+    Coordinates,
+    angles_of,
+    quaternion_of,
+)
 from bp2_rl.paper.benchmarks.stability.group import GroupState
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
@@ -19,10 +24,18 @@ def moment(robots=3, depth=2) -> GroupState:
     qpos[:, 3:7] = quaternion_of(*(drawn() for _ in range(3)))
     position = drawn(depth, 12)
     return GroupState(
-        qpos=qpos, qvel=drawn(22), torque=drawn(12), warmstart=drawn(22), phase=np.full(robots, 0.3),
-        action=drawn(12), seen=drawn(0, 47), steps=np.full(robots, 60.0), command=drawn(3), position=position,
+        qpos=qpos,
+        qvel=drawn(22),
+        torque=drawn(12),
+        warmstart=drawn(22),
+        phase=np.full(robots, 0.3),
+        action=drawn(12),
+        seen=drawn(0, 47),
+        steps=np.full(robots, 60.0),
+        command=drawn(3),
+        position=position,
         velocity=drawn(depth, 12),
-    )  # fmt: skip
+    )
 
 
 def test_angles_and_quaternions_are_mujocos():
@@ -36,7 +49,9 @@ def test_angles_and_quaternions_are_mujocos():
         mujoco.mju_mulQuat(expected, before, turn)
     found = quaternion_of(*(np.array([angle]) for angle in (yaw, pitch, roll)))
     np.testing.assert_allclose(found[0], expected, atol=1e-15)
-    np.testing.assert_allclose(np.ravel(angles_of(found)), (yaw, pitch, roll), atol=1e-12)
+    np.testing.assert_allclose(
+        np.ravel(angles_of(found)), (yaw, pitch, roll), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("steered", [False, True])
@@ -60,7 +75,9 @@ def test_nobody_knows_where_it_is_nor_unless_steered_which_way_it_heads():
     turned.qpos[:, 3:7] = quaternion_of(yaw + 0.7, pitch, roll)
     vx, vy = here.qvel[0, :2]
     turned.qvel[0, :2] = cos * vx - sin * vy, sin * vx + cos * vy
-    np.testing.assert_allclose(coordinates.read(turned), coordinates.read(here), atol=1e-12)
+    np.testing.assert_allclose(
+        coordinates.read(turned), coordinates.read(here), atol=1e-12
+    )
     steered = Coordinates(True, torque=True, older=0, scale=0.5)
     assert np.abs(steered.read(turned) - steered.read(here)).max() > 0.5
 
@@ -71,13 +88,16 @@ def test_an_action_moves_the_target_that_it_made():
     vector = coordinates.read(base)
     vector[:, BODY] += 0.2
     then = coordinates.write(vector, base)
-    np.testing.assert_allclose(then.position[0, -1] - base.position[0, -1], [0.1] + [0.0] * 11, atol=1e-15)
+    np.testing.assert_allclose(
+        then.position[0, -1] - base.position[0, -1], [0.1] + [0.0] * 11, atol=1e-15
+    )
     np.testing.assert_array_equal(then.position[0, 0], base.position[0, 0])
     np.testing.assert_array_equal(then.torque, base.torque)
 
 
 @pytest.mark.parametrize(
-    ("robot", "memory", "size"), [(IDEAL, 0, BODY + 12), (BUILT, 1, BODY + 24), (BUILT, 2, BODY + 36)]
+    ("robot", "memory", "size"),
+    [(IDEAL, 0, BODY + 12), (BUILT, 1, BODY + 24), (BUILT, 2, BODY + 36)],
 )
 def test_torque_and_older_targets_count_where_they_act(robot, memory, size):
     assert Coordinates.of(EnvConfig(), robot, memory, steered=False).size == size

@@ -41,12 +41,14 @@ def test_each_robot_runs_as_it_would_alone(hardware):
     assert not fell.any()
     run = log.trajectory(1)
     assert len(run) == len(alone)
-    # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
+    # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at
+    # each control step.
     np.testing.assert_allclose(run.qpos, alone.qpos, atol=2e-5)
     np.testing.assert_allclose(run.command, alone.command, atol=1e-6)
     np.testing.assert_allclose(run.target, alone.target, atol=1e-5)
     pressed = np.abs(run.foot_force - alone.foot_force)
-    assert np.quantile(pressed, 0.99) < 1.0  # N; at a touchdown a hair's breadth is more
+    # N; at a touchdown a hair's breadth is more
+    assert np.quantile(pressed, 0.99) < 1.0
     assert run.mass == pytest.approx(alone.mass)
     assert np.all(np.diff(log.clock[0]) >= -1e-6)
     assert log.clock[0, -1] % 1.0 == pytest.approx(moment.phase[0], abs=0.01)
@@ -60,7 +62,9 @@ def test_a_run_in_two_parts_is_the_run(hardware):
     half, *_ = robots.run(robots.standing(1, first), commands[:40])
     rest, *_ = robots.run(half, commands[40:])
     for name, value in vars(whole).items():
-        np.testing.assert_allclose(vars(rest)[name], value, rtol=0.0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(
+            vars(rest)[name], value, rtol=0.0, atol=1e-9, err_msg=name
+        )
     assert whole.position.shape == (1, robots.memory, 12)
 
 
@@ -70,17 +74,27 @@ def test_noise_is_the_seeds_own_and_spares_those_without():
     share = np.array([1.0, 1.0, 0.0])
 
     def at_end(seed):
-        return robots.run(robots.standing(3, first), commands[:30], seed=seed, noisy=share)[0].qpos
+        return robots.run(
+            robots.standing(3, first), commands[:30], seed=seed, noisy=share
+        )[0].qpos
 
     # The reference alone takes no notice of sensors: an answering policy does.
     answering = RobotGroup(
-        lambda observation: 0.1 * observation[..., 5:17], CONFIG, hardware=IDEAL, noise=RandomizationConfig()
+        lambda observation: 0.1 * observation[..., 5:17],
+        CONFIG,
+        hardware=IDEAL,
+        noise=RandomizationConfig(),
     )
     np.testing.assert_array_equal(at_end(1), at_end(2))
     one, other = (
-        answering.run(answering.standing(3, first), commands[:30], seed=seed, noisy=share)[0].qpos for seed in (1, 2)
+        answering.run(
+            answering.standing(3, first), commands[:30], seed=seed, noisy=share
+        )[0].qpos
+        for seed in (1, 2)
     )
-    again = answering.run(answering.standing(3, first), commands[:30], seed=1, noisy=share)[0].qpos
+    again = answering.run(
+        answering.standing(3, first), commands[:30], seed=1, noisy=share
+    )[0].qpos
     np.testing.assert_array_equal(one, again)
     assert np.abs(one[0] - one[1]).max() > 1e-4
     assert np.abs(one[:2] - other[:2]).max() > 1e-4

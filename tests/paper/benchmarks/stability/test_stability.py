@@ -1,4 +1,5 @@
-"""The benchmark on gaits whose sections, spectra and touchdowns are known, and what it says of them."""
+"""The benchmark on gaits whose sections, spectra and touchdowns are known, and what it
+says of them."""
 
 import dataclasses
 import math
@@ -35,14 +36,23 @@ FREQUENCY = 4.0  # Hz
 @pytest.fixture
 def make_steady(make_run):
     def make(seed=0, noise=0.02, duration=12.0) -> Steady:
-        """Pitch beats twice a stride, roll and yaw once; noise of a stride is that of its first sample."""
-        run = make_run(duration=duration, speed=5.0, acceleration=1e6, frequency=FREQUENCY, duty=0.3)
+        """Pitch beats twice a stride, roll and yaw once; noise of a stride is that of
+        its first sample."""
+        run = make_run(
+            duration=duration,
+            speed=5.0,
+            acceleration=1e6,
+            frequency=FREQUENCY,
+            duty=0.3,
+        )
         clock, rng = FREQUENCY * run.time, np.random.default_rng(seed)
         turn, qvel = 2.0 * np.pi * clock, run.qvel.copy()
         qvel[:, 3] = 0.4 * np.sin(turn)
         qvel[:, 4] = 0.6 * np.cos(2.0 * turn) + 0.2 * np.cos(turn)
         qvel[:, 5] = 0.1 * np.cos(turn)
-        qvel[:, 3:6] += noise * rng.standard_normal((200, 3))[np.floor(clock + 0.5).astype(int)]
+        qvel[:, 3:6] += (
+            noise * rng.standard_normal((200, 3))[np.floor(clock + 0.5).astype(int)]
+        )
         return Steady(dataclasses.replace(run, qvel=qvel), clock)
 
     return make
@@ -53,13 +63,17 @@ def test_sections_show_the_noise_and_not_the_stride(make_steady):
     stroke, landing = measure_sections(noisy, quiet)
     for section in (stroke, landing):
         assert section.strides in (46, 47, 48)
-        assert np.median(section.scatter) == pytest.approx(0.02 * math.sqrt(3.0), rel=0.15)
+        assert np.median(section.scatter) == pytest.approx(
+            0.02 * math.sqrt(3.0), rel=0.15
+        )
         assert max(section.over_scatter) < 4.0 * section.floor
         assert section.quiet_scatter is not None
         assert section.inliers == pytest.approx(0.95, abs=4 * section.inlier_error)
     assert stroke.quiet_scatter == pytest.approx(0.0, abs=1e-9)
     orbit = math.sqrt(0.5 * (0.4**2 + 0.6**2 + 0.2**2 + 0.1**2))
-    np.testing.assert_allclose(stroke.over_orbit, np.array(stroke.moved) / orbit, rtol=0.02)
+    np.testing.assert_allclose(
+        stroke.over_orbit, np.array(stroke.moved) / orbit, rtol=0.02
+    )
 
 
 def test_signals_beat_once_or_twice_a_stride_and_leak_what_was_put_in(make_steady):
@@ -91,7 +105,7 @@ def test_without_robots_there_is_nothing_to_measure():
     assert to_show([], None, 0.25).noisy == ()
 
 
-# --- The whole benchmark, with made-up runs ----------------------------------------------------------------------
+# --- The whole benchmark, with made-up runs -------------------------------------------
 
 
 @pytest.fixture
@@ -101,23 +115,50 @@ def asked(monkeypatch, make_steady):
 
     def run(policy, one):
         tries.append(one)
-        noisy, quiet = [make_steady(seed, duration=6.0) for seed in range(2)], make_steady(noise=0.0, duration=6.0)
+        noisy, quiet = (
+            [make_steady(seed, duration=6.0) for seed in range(2)],
+            make_steady(noise=0.0, duration=6.0),
+        )
         radius = RadiusMetrics("deviations of 1", 300, 0.9, 0.85, 0.95, 0.1)
         returns = MapMetrics(
-            56, radius, (radius, radius), radius, (1e-3, 1.0), ((1.0, 0.9, 0.8), (1.0, 1.1, 0.9)),
-            (1e-3, 1e-2), (0.1, None), 1e-3, 0.91,
-        )  # fmt: skip
-        pushes = tuple(PushMetrics(p, w, 1.0 + p, 1.25 + p) for p in (0.0, 0.5) for w in np.linspace(0, 5, 4).tolist())
+            56,
+            radius,
+            (radius, radius),
+            radius,
+            (1e-3, 1.0),
+            ((1.0, 0.9, 0.8), (1.0, 1.1, 0.9)),
+            (1e-3, 1e-2),
+            (0.1, None),
+            1e-3,
+            0.91,
+        )
+        pushes = tuple(
+            PushMetrics(p, w, 1.0 + p, 1.25 + p)
+            for p in (0.0, 0.5)
+            for w in np.linspace(0, 5, 4).tolist()
+        )
         metrics = SpeedMetrics(
-            asked=one.asked, commanded=one.speed, ticks=one.ticks, period=one.period, speed=one.speed, robots=2, fell=0,
-            sections=measure_sections(noisy, quiet), signals=measure_signals(noisy, quiet),
-            landings=measure_landings(noisy, quiet, 0.25), returns=None if one.extent is module.QUICK else returns,
+            asked=one.asked,
+            commanded=one.speed,
+            ticks=one.ticks,
+            period=one.period,
+            speed=one.speed,
+            robots=2,
+            fell=0,
+            sections=measure_sections(noisy, quiet),
+            signals=measure_signals(noisy, quiet),
+            landings=measure_landings(noisy, quiet, 0.25),
+            returns=None if one.extent is module.QUICK else returns,
             pushes=pushes,
-        )  # fmt: skip
+        )
         return SpeedResult(metrics, to_show(noisy, quiet, 0.25))
 
     monkeypatch.setattr(module, "try_speed", run)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(
+        module,
+        "in_parallel",
+        lambda run, policy, tasks: [run(policy, task) for task in tasks],
+    )
     return tries
 
 
@@ -126,7 +167,9 @@ def evaluate(make_policy, setup):
     return stability(policy, ramp_to_stability(policy, setup), setup)
 
 
-def test_the_papers_speed_and_the_top_are_run_at_whole_strides(make_policy, asked, assert_fits):
+def test_the_papers_speed_and_the_top_are_run_at_whole_strides(
+    make_policy, asked, assert_fits
+):
     evaluation = evaluate(make_policy, DeepSetup(robot="ideal", seed=3))
     assert [one.asked for one in asked] == [10.74, 15.5]
     assert all(one.robot == IDEAL and one.seed == 3 for one in asked)
@@ -135,14 +178,26 @@ def test_the_papers_speed_and_the_top_are_run_at_whole_strides(make_policy, aske
     assert "radius 0.90 (0.85 to 0.95)" in evaluation.verdict
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert [picture.name for picture in evaluation.pictures] == [
-        "sections", "spectra", "touchdowns", "returns", "pushes",
-    ]  # fmt: skip
-    assert all(len(line) == len(table.head) for table in evaluation.tables for line in table.lines)
-    assert from_json(StabilityMetrics, to_json(evaluation.metrics)) == evaluation.metrics
+        "sections",
+        "spectra",
+        "touchdowns",
+        "returns",
+        "pushes",
+    ]
+    assert all(
+        len(line) == len(table.head)
+        for table in evaluation.tables
+        for line in table.lines
+    )
+    assert (
+        from_json(StabilityMetrics, to_json(evaluation.metrics)) == evaluation.metrics
+    )
     assert_fits(evaluation)
 
 
-def test_the_quick_version_runs_the_papers_speed_alone_and_faster(make_policy, asked, assert_fits):
+def test_the_quick_version_runs_the_papers_speed_alone_and_faster(
+    make_policy, asked, assert_fits
+):
     evaluation = evaluate(make_policy, DeepSetup(quick=True, robots=3))
     (one,) = asked
     assert (one.asked, one.rise.acceleration, one.robot) == (10.74, 5.0, BUILT)
@@ -163,7 +218,9 @@ def test_a_map_that_may_not_contract_is_no_good_result(make_policy, asked, monke
         assert found.metrics.returns is not None
         wide = dataclasses.replace(found.metrics.returns.under_noise, high=1.01)
         returns = dataclasses.replace(found.metrics.returns, under_noise=wide)
-        return dataclasses.replace(found, metrics=dataclasses.replace(found.metrics, returns=returns))
+        return dataclasses.replace(
+            found, metrics=dataclasses.replace(found.metrics, returns=returns)
+        )
 
     monkeypatch.setattr(module, "try_speed", grows)
     assert not evaluate(make_policy, DeepSetup()).good
@@ -174,7 +231,14 @@ def test_all_may_fall(make_policy, asked, monkeypatch, assert_fits):
 
     def falls(policy, one):
         metrics = dataclasses.replace(
-            run(policy, one).metrics, speed=None, fell=2, sections=(), signals=(), landings=(), returns=None, pushes=()
+            run(policy, one).metrics,
+            speed=None,
+            fell=2,
+            sections=(),
+            signals=(),
+            landings=(),
+            returns=None,
+            pushes=(),
         )
         return SpeedResult(metrics, to_show([], None, 0.25))
 
@@ -182,7 +246,11 @@ def test_all_may_fall(make_policy, asked, monkeypatch, assert_fits):
     evaluation = evaluate(make_policy, DeepSetup())
     assert not evaluation.good
     assert evaluation.verdict.startswith("10.74 m/s: 2 of 2 fell; ")
-    assert all(len(line) == len(table.head) for table in evaluation.tables for line in table.lines)
+    assert all(
+        len(line) == len(table.head)
+        for table in evaluation.tables
+        for line in table.lines
+    )
     assert_fits(evaluation)
 
 
