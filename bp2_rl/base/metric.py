@@ -1,0 +1,163 @@
+"""Figures of merit, each declared once: a field of a dataclass says its label, unit, format
+and meaning, and whether a policy's card keeps its value.
+
+Reports, cards and tables are made from the declaration::
+
+    @dataclasses.dataclass(frozen=True)
+    class SpringMetrics:
+        travel: float = metric("Peak spring travel", "mm", ".0f", "of all springs")
+        hits: int = metric("Stop hits", form="d", card=True)
+
+    rows_of(SpringMetrics(0.031, 2))  # (Row("Peak spring travel", "31 mm", ...), ...)
+    card_of(SpringMetrics(0.031, 2))  # {"hits": 2}
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+NOT_MEASURED = "-"
+# A value is held in SI units and shown in these.
+SCALES = {"mm": 1e3, "ms": 1e3, "kW": 1e-3, "deg": 180.0 / math.pi}
+
+
+class Row(NamedTuple):
+    """One figure of merit as a report shows it."""
+
+    label: str
+    value: str
+    meaning: str
+
+
+class Table(NamedTuple):
+    """A table of text; all columns but the first (and the last, if `words`) are numbers."""
+
+    title: str
+    head: Sequence[str]
+    lines: Sequence[Sequence[str]]
+    words: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """How one figure of merit is called and shown.
+
+    Attributes:
+        label: its name for a reader.
+        unit: the unit that is shown; values are in SI units (see `SCALES`).
+        form: a format such as ".2f", or a function from the value to its text.
+        meaning: its definition in a few words; `{m.name}` stands for another field of
+            the same dataclass.
+        card: whether a policy's card keeps the value, under the field's name; or the
+            name under which the card keeps it.
+        shown: whether it is shown, given the dataclass that holds it.
+    """
+
+    label: str
+    unit: str = ""
+    form: str | Callable[[Any], str] = ".2f"
+    meaning: str = ""
+    card: bool | str = False
+    shown: Callable[[Any], bool] = lambda _: True
+
+    @property
+    def head(self) -> str:
+        """The head of the column that holds this metric for many subjects."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def show(self, value: Any, *, unit: bool = True) -> str:
+        """Format a value, with its unit unless that stands in the head of its column."""
+        if callable(self.form):
+            return self.form(value)
+        if isinstance(value, int | float) and self.unit in SCALES:
+            value = value * SCALES[self.unit]
+        return show(value, self.form, self.unit if unit else "")
+
+
+def metric(*declared: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
+    """Declare a dataclass field as a `Metric`; arguments as of `Metric`, and `default`."""
+    return dataclasses.field(
+        default=default, metadata={"metric": Metric(*declared, **more)}
+    )
+
+
+def metrics_of(holder: Any) -> dict[str, Metric]:
+    """Return the metrics that a dataclass, or an instance, declares, by field name."""
+    fields = dataclasses.fields(holder)
+    return {f.name: f.metadata["metric"] for f in fields if "metric" in f.metadata}
+
+
+def rows_of(holder: Any) -> tuple[Row, ...]:
+    """Return a row for each metric of a dataclass, and of dataclasses in its fields."""
+    return tuple(
+        Row(one.label, one.show(value), one.meaning.format(m=held))
+        for held, _, one, value in _walk(holder)
+        if one.shown(held)
+    )
+
+
+def card_of(holder: Any) -> dict[str, Any]:
+    """Return the values that a policy's card keeps, rounded to four digits."""
+    kept = (
+        (name if one.card is True else one.card, value)
+        for _, name, one, value in _walk(holder)
+        if one.card
+    )
+    return rounded({str(name): value for name, value in kept})
+
+
+def table_of(
+    title: str, subjects: Sequence[Any], *names: str, words: bool = False
+) -> Table:
+    """Return a table with a line for each subject and a column for each of its metrics.
+
+    Args:
+        title: what stands above the table.
+        subjects: dataclasses of one kind, at least one.
+        names: the fields to show, in this order; by default all metrics.
+        words: whether the last column holds text.
+    """
+    declared = metrics_of(subjects[0])
+    chosen = {
+        name: declared[name]
+        for name in names or declared
+        if declared[name].shown(subjects[0])
+    }
+    lines = [
+        [one.show(getattr(s, name), unit=False) for name, one in chosen.items()]
+        for s in subjects
+    ]
+    return Table(title, [one.head for one in chosen.values()], lines, words)
+
+
+def show(value: Any, form: str, unit: str = "") -> str:
+    """Format a value with its unit; a dash stands for None."""
+    return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
+
+
+def show_fall(fell_at: float | None) -> str:
+    """Say when a robot fell, in s, or that none fell."""
+    return "none" if fell_at is None else f"at {fell_at:.2f} s"
+
+
+def rounded(value: Any) -> Any:
+    """Round numbers to four digits, in lists and dicts too; infinite ones become None."""
+    if isinstance(value, float):
+        return float(f"{value:.4g}") if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: rounded(entry) for name, entry in value.items()}
+    return (
+        [rounded(entry) for entry in value]
+        if isinstance(value, list | tuple)
+        else value
+    )
+
+
+def _walk(holder: Any) -> Iterator[tuple[Any, str, Metric, Any]]:
+    for field in dataclasses.fields(holder):
+        value = getattr(holder, field.name)
+        if declared := field.metadata.get("metric"):
+            yield holder, field.name, declared, value
+        elif dataclasses.is_dataclass(value):
+            yield from _walk(value)

@@ -1,0 +1,55 @@
+import dataclasses
+import math
+
+from bp2_rl.base.metric import (
+    Row,
+    card_of,
+    metric,
+    rounded,
+    rows_of,
+    show_fall,
+    table_of,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spring:
+    name: str = metric("Spring", form="s")
+    travel: float = metric("Travel", "mm", ".0f", "of {m.name}", card=True)
+    slip: float | None = metric(
+        "Slip", "m/s", meaning="median", card="slip_median", default=None
+    )
+    hits: int = metric(
+        "Hits", form="d", default=0, shown=lambda spring: spring.hits > 0
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    fell_at: float | None = metric("Fall", form=show_fall)
+    spring: Spring | None = None
+    note: str = ""
+
+
+def test_a_field_declares_its_row_its_column_and_its_place_on_the_card():
+    run = Run(1.5, Spring("FR", 0.0314159))
+    assert rows_of(run) == (
+        Row("Fall", "at 1.50 s", ""),
+        Row("Spring", "FR", ""),
+        Row("Travel", "31 mm", "of FR"),
+        Row("Slip", "-", "median"),
+    )
+    assert card_of(run) == {"travel": 0.03142, "slip_median": None}
+    assert rows_of(Run(None)) == (Row("Fall", "none", ""),)
+
+
+def test_a_table_has_the_units_in_its_head():
+    springs = [Spring("FR", 0.02, 0.5, 2), Spring("FL", 0.03)]
+    table = table_of("Springs", springs)
+    assert table.head == ["Spring", "Travel [mm]", "Slip [m/s]", "Hits"]
+    assert table.lines == [["FR", "20", "0.50", "2"], ["FL", "30", "-", "0"]]
+    assert table_of("Springs", springs, "name", "hits").head == ["Spring", "Hits"]
+
+
+def test_numbers_are_rounded_wherever_they_stand():
+    assert rounded({"a": [1.23456, math.inf], "b": 7}) == {"a": [1.235, None], "b": 7}
