@@ -26,10 +26,16 @@ from bp2_rl.robot.coordinates import compression_rates, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.gait import contacts, touchdowns
-from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics
+from bp2_rl.simulation.metrics import (
+    BURST,
+    HARD,
+    PLATE,
+    Account,
+    GroundMetrics,
+    PowerMetrics,
+)
+from bp2_rl.simulation.samples import Samples, window_means
 from bp2_rl.simulation.simulator import CONVERGED
-from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import window_means
 
 CAUSES = (
     "copper",
@@ -42,9 +48,6 @@ CAUSES = (
     "stops",
     "legs",
 )
-PLATE = 0.005  # s, over which a force plate averages: it follows some 100 Hz
-HARD = 5.0  # m/s, above which a spring that tops out does so hard
-BURST = 0.05  # s, over which a battery's burst is averaged
 
 
 class Ledger(NamedTuple):
@@ -74,13 +77,13 @@ class SoleAccount(NamedTuple):
     velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
 
 
-def account(run: Trajectory) -> Account:
+def account(run: Samples) -> Account:
     """Look at a run, or a part of it."""
     ledger, soles = replay(run)
     return Account(_power(run, ledger), _ground(run, soles))
 
 
-def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
+def replay(run: Samples) -> tuple[Ledger, SoleAccount]:
     """Take every sample but the last through MuJoCo's forward dynamics."""
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
@@ -187,7 +190,7 @@ def split_constraints(
             )
 
 
-def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
+def _power(run: Samples, ledger: Ledger) -> PowerMetrics:
     terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     beyond = beyond_envelope(run)
     seconds = (len(run) - 2) * run.dt
@@ -218,7 +221,7 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
     )
 
 
-def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
+def beyond_envelope(run: Samples) -> Float[np.ndarray, "M 12"]:
     """How far outside the envelope each torque is at the start or the end of its
     millisecond, Nm, whichever is more.
 
@@ -234,7 +237,7 @@ def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
     return excess
 
 
-def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
+def _ground(run: Samples, soles: SoleAccount) -> GroundMetrics:
     standing = contacts(run)[:-1]
     touching = run.foot_force[:-1, :, 2] > 0.0
     speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)
@@ -279,7 +282,9 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
         ),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
-        top_outs=len(tops) / (len(onto) * run.dt),
+        top_outs=len(tops) / (len(onto) * run.dt)
+        if run.hardware.anatomy.sprung
+        else None,
         hard_top_outs=float(np.sum(tops > HARD)) / (len(onto) * run.dt),
         top_out_mean=float(np.mean(tops)) if len(tops) else None,
         top_out_speed=float(np.max(tops, initial=0.0)),

@@ -29,8 +29,8 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import best_window, steady_window
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window, steady_window
 
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride

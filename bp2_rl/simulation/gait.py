@@ -1,7 +1,6 @@
 """How the legs of a run worked: which feet stood when, strides, springs, and the room
 between legs."""
 
-import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -10,7 +9,8 @@ from jaxtyping import Bool
 
 from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import Clearance, clearance
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.metrics import LegMetrics
+from bp2_rl.simulation.samples import Samples
 
 TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
 LIFT_FORCE = 0.02  # ... until it presses less than this
@@ -20,20 +20,7 @@ SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
 CHUNK = 512
 
 
-@dataclasses.dataclass(frozen=True)
-class LegMetrics:
-    """One leg: gait over the steady window, extremes over the whole run."""
-
-    name: str
-    duty_factor: float  # stance over stride
-    stride_frequency: float | None  # Hz; None with fewer than two touchdowns
-    peak_foot_force: float  # N, magnitude
-    peak_spring_travel: float  # m, of the spring
-    on_stop: float  # share of time with the spring on its stop
-    stop_hits: int  # times it came onto it
-
-
-def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
+def contacts(run: Samples) -> Bool[np.ndarray, "N 4"]:
     """Which feet stand, from their normal forces: with hysteresis, and without bounces
     and scuffs."""
     weight = run.mass * conventions.GRAVITY
@@ -73,12 +60,12 @@ def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
-def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
+def on_stop(run: Samples) -> Bool[np.ndarray, "N 4"]:
     """When each spring presses on its stop at full travel."""
     return run.spring_compression > run.hardware.spring_travel
 
 
-def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
+def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
     """How far legs are from each other and from the trunk at each of the samples, m,
     each " N"; solid or not."""
     joints, compression = (
@@ -92,7 +79,7 @@ def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
     return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 
 
-def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
+def leg_metrics(run: Samples, steady: Samples) -> tuple[LegMetrics, ...]:
     """Duty factor and stride frequency over the steady window's whole strides, and each
     leg's extremes."""
     standing = contacts(steady)
@@ -131,7 +118,7 @@ def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
 
 
 def evenness(
-    steady: Trajectory, legs: Sequence[LegMetrics]
+    steady: Samples, legs: Sequence[LegMetrics]
 ) -> tuple[float | None, float | None]:
     """How far front and rear legs are from half a cycle between left and right (cycles,
     the greater of both), and which share of the vertical impulse one side has more than

@@ -6,8 +6,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.metric import metric
 from bp2_rl.robot.kinematics import foot_position
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.samples import Samples
 
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 
@@ -17,15 +18,27 @@ class Lane:
     """How much of the track's width was used, from the line through the start along the
     first heading."""
 
-    trunk_offset: float  # m, greatest, of the trunk's centre
-    # m, greatest, of the trunk's sides: 0.44 m wide, 0.80 m long, at its heading
-    trunk_reach: float
-    foot_reach: float  # m, greatest, of the feet's outer edges
-    kept: bool  # all of it stayed within half a lane's width to either side
+    trunk_offset: float = metric(
+        "Trunk off the line", "m", meaning="greatest, of its centre"
+    )
+    # of the trunk's corners: BP2's is 0.44 m wide, 0.80 m long, at its heading
+    trunk_reach: float = metric(
+        "Trunk's side", "m", meaning="greatest distance from the line", card=True
+    )
+    foot_reach: float = metric(
+        "Feet's outer edge", "m", meaning="greatest distance from the line", card=True
+    )
+    used: float = metric(
+        "Lane used",
+        form=".0%",
+        meaning=f"of \u00b1{LANE_WIDTH / 2:.2f} m, by trunk and feet",
+    )
+    # all of it stayed within half a lane's width to either side
+    kept: bool = metric("Lane kept", card="lane_kept", shown=False)
 
 
 def track_position(
-    run: Trajectory,
+    run: Samples,
 ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
     """The trunk's centre along the line through its start along its first heading, and
     to the left of it, m."""
@@ -33,7 +46,7 @@ def track_position(
     return along[:, 0], left[:, 0]
 
 
-def time_at(run: Trajectory, distance: float) -> float | None:
+def time_at(run: Samples, distance: float) -> float | None:
     """When the trunk's centre first was so far ahead, s, interpolated between samples;
     None if it never was."""
     along = track_position(run)[0]
@@ -44,16 +57,17 @@ def time_at(run: Trajectory, distance: float) -> float | None:
     return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
 
 
-def measure_lane(run: Trajectory) -> Lane:
-    """How far trunk and feet came from the line."""
+def measure_lane(run: Samples) -> Lane:
+    """Measure how far trunk and feet came from the line."""
     trunk, feet = (
         float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run))
     )
     offset = float(np.max(np.abs(track_position(run)[1])))
-    return Lane(offset, trunk, feet, kept=max(trunk, feet) <= LANE_WIDTH / 2)
+    used = max(trunk, feet) / (LANE_WIDTH / 2)
+    return Lane(offset, trunk, feet, used, kept=used <= 1.0)
 
 
-def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+def trunk_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
     """Where the trunk's rightmost and leftmost corners are, m to the left of the
     line."""
     turned = run.heading - run.heading[0]
@@ -62,7 +76,7 @@ def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
     return track_position(run)[1][:, None] + half[:, None] * np.array([-1.0, 1.0])
 
 
-def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+def foot_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
     """Where the rightmost and leftmost edges of the feet's spheres are, m to the left
     of the line."""
     left = _on_track(run, foot_centres(run)[:, :, :2])[1]
@@ -72,7 +86,7 @@ def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
     )
 
 
-def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
+def foot_centres(run: Samples) -> Float[np.ndarray, "N 4 3"]:
     """Centres of the feet's spheres in the world, m: a radius above the soles, up the
     lower legs."""
     joints = run.joint_position.reshape(-1, 4, 3)
@@ -87,7 +101,7 @@ def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
 
 
 def _on_track(
-    run: Trajectory, points: Float[np.ndarray, "N n 2"]
+    run: Samples, points: Float[np.ndarray, "N n 2"]
 ) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
     """Points of the ground along the line through the start and to the left of it,
     m."""

@@ -20,7 +20,11 @@ class Spring:
         "Slip", "m/s", meaning="median", card="slip_median", default=None
     )
     hits: int = metric(
-        "Hits", form="d", default=0, shown=lambda spring: spring.hits > 0
+        "Hits",
+        form="d",
+        meaning=lambda spring: f"{spring.hits} times",
+        default=0,
+        shown=lambda spring: spring.hits > 0,
     )
 
 
@@ -41,6 +45,13 @@ def test_a_field_declares_its_row_its_column_and_its_place_on_the_card():
     )
     assert card_of(run) == {"travel": 0.03142, "slip_median": None}
     assert rows_of(Run(None)) == (Row("Fall", "none", ""),)
+    hit = Spring("FL", 0.03, hits=2)
+    assert rows_of(hit, "hits", "name") == (
+        Row("Hits", "2", "2 times"),
+        Row("Spring", "FL", ""),
+    )
+    assert card_of(run, "fell_at") == {}
+    assert card_of(hit, "travel", "hits") == {"travel": 0.03}
 
 
 def test_a_table_has_the_units_in_its_head():

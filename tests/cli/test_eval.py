@@ -16,7 +16,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
-from bp2_rl.evaluation.benchmarks.topspeed import topspeed
+from bp2_rl.evaluation.benchmarks.run import topspeed
 from bp2_rl.learning.policy import make_policy, save_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]

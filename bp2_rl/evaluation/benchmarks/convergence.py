@@ -35,7 +35,7 @@ from bp2_rl.evaluation.benchmarks.outcome import (
     show_fall,
 )
 from bp2_rl.learning.policy import Policy
-from bp2_rl.simulation.metrics import RIPPLE, measure
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -118,7 +118,7 @@ def as_it_is(_: RunRequest, run: Trajectory) -> Trajectory:
 
 def compare(runs: dict[str, Trajectory]) -> ConvergenceMetrics:
     """Speeds of each run beside those of the first."""
-    measured = {name: measure(run) for name, run in runs.items()}
+    measured = {name: run.metrics for name, run in runs.items()}
     first = next(iter(measured.values()))
     variants = tuple(
         NumericsVariant(

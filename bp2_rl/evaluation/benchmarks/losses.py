@@ -35,12 +35,11 @@ from bp2_rl.evaluation.benchmarks.outcome import (
     show,
     show_fall,
 )
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
-from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -167,7 +166,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def speed_held(_: RunRequest, run: Trajectory) -> Tried:
     """How it ran."""
-    ran = measure(run)
+    ran = run.metrics
     return Tried(ran.mean_speed, ran.fell_at)
 
 

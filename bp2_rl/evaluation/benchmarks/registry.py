@@ -16,9 +16,13 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
+from bp2_rl.evaluation.benchmarks.run import (
+    ramp_to_sprint,
+    ramp_to_topspeed,
+    sprint,
+    topspeed,
+)
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
-from bp2_rl.evaluation.benchmarks.sprint import race, sprint
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.schedule import Ramp
 
@@ -52,7 +56,7 @@ BENCHMARKS = {
         ),
     ),
     "sprint": Benchmark(
-        race,
+        ramp_to_sprint,
         sprint,
         (
             "backend",

@@ -30,7 +30,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec

@@ -27,17 +27,17 @@ from bp2_rl.evaluation.benchmarks.outcome import (
     rounded,
     show,
 )
-from bp2_rl.evaluation.benchmarks.sprint import (
+from bp2_rl.evaluation.benchmarks.run import (
     TRACK,
     SprintMetrics,
     describe_race,
-    measure_sprint,
-    race,
+    ramp_to_sprint,
+    ramp_to_topspeed,
+    sprint_metrics,
 )
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec, times
-from bp2_rl.simulation.metrics import RunMetrics, measure
+from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -146,7 +146,7 @@ class SensitivityMetrics:
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
-    sprint, robot = race(policy, setup), robot_of(policy, setup)
+    sprint, robot = ramp_to_sprint(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
     held = [
         RunRequest(ramp, other, setup.operator, name=name)
@@ -181,14 +181,14 @@ def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
     """What a robot did at its top speed, or in the race."""
     if one.finish == TRACK:
         assert isinstance(one.schedule, Ramp)
-        return measure_sprint(run, one.schedule.acceleration)
-    return measure(run)
+        return sprint_metrics(run, one.schedule.acceleration)
+    return run.metrics
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
     """The schedule of the runs at top speed; that of the sprints is looked at, too,
     before any robot runs."""
-    race(policy, setup)
+    ramp_to_sprint(policy, setup)
     return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+from bp2_rl.base.metric import table_of_rows
 from bp2_rl.base.templates import render
-from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.report.pictures import data_url
 from bp2_rl.evaluation.report.player.content import describe
 
@@ -25,7 +26,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
         evaluation=evaluation,
         tiles=_tiles(evaluation),
         tables=(
-            Table("Measures", MEASURES, evaluation.rows, words=True),
+            table_of_rows("Measures", evaluation.rows),
             *evaluation.tables,
         ),
         run=None if run is None else describe(run),

@@ -12,8 +12,11 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     top_speed,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import (
+    SPRINT_ACCELERATION,
+    ramp_to_sprint,
+    ramp_to_topspeed,
+)
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.schedule import Ramp
@@ -104,16 +107,19 @@ def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothi
     )
     control = policy.card.env.control
     assert math.isfinite(control.launching)
-    ramp = race(blank, Setup())
+    ramp = ramp_to_sprint(blank, Setup())
     assert (ramp.acceleration, ramp.launching_speed) == (
         control.launching,
         control.launching_speed,
     )
     assert ramp.duration == pytest.approx(30.0)
-    assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
+    assert ramp_to_sprint(blank, Setup(acceleration=3.0)).acceleration == 3.0
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (
+    assert (
+        ramp_to_sprint(old, Setup()).acceleration,
+        ramp_to_sprint(old, Setup()).launching,
+    ) == (
         SPRINT_ACCELERATION,
         math.inf,
     )

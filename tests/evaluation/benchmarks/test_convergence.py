@@ -16,7 +16,7 @@ from bp2_rl.evaluation.benchmarks.convergence import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.simulation.simulator import CONVERGED
 
 

@@ -50,16 +50,16 @@ from bp2_rl.evaluation.benchmarks.outcome import (
     rounded,
     show,
 )
-from bp2_rl.evaluation.benchmarks.sprint import TRACK
+from bp2_rl.evaluation.benchmarks.run import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
+from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window
 from bp2_rl.simulation.world import EVEN, World
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"

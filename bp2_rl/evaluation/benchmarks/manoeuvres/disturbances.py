@@ -35,7 +35,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold

@@ -9,11 +9,12 @@ from jaxtyping import Float
 
 from bp2_rl.base.plotting import moving_mean
 from bp2_rl.robot import conventions
-from bp2_rl.simulation.metrics import RIPPLE, mean_powers
+from bp2_rl.simulation.measuring import mean_powers
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.schedule import Command
 from bp2_rl.simulation.track import LANE_WIDTH, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window
 
 STOPPED = 0.3  # m/s: slower is at rest
 BRAKING_DISTANCE = 1.5  # times v^2 / 2a, at most

@@ -9,7 +9,7 @@ from typing import Any
 
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
-from bp2_rl.evaluation.benchmarks.sprint import TRACK, time_limit
+from bp2_rl.evaluation.benchmarks.run import TRACK, time_limit
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig

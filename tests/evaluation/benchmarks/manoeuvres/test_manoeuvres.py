@@ -33,7 +33,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
