@@ -52,7 +52,7 @@ def measured(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MUJOCO_GL", "")
         # s: it stands anyway
-        patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)
+        patch.setattr("bp2_rl.evaluation.benchmarks.run.TIME_LIMIT", 1.5)
         # drawing takes longest
         patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")
         for flags in (

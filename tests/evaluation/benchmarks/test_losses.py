@@ -82,6 +82,11 @@ def test_each_loss_is_tried_alone_left_out_and_added(
         assert ideal - loss.alone.speed == pytest.approx(0.1, abs=0.01)
         assert loss.without.speed - built == pytest.approx(0.1, abs=0.01)
         assert ideal - loss.added.speed == pytest.approx(i / 10, abs=0.02)
+    assert metrics.losses[0].cost == price(metrics.ideal, metrics.losses[0].alone)
+    # BP2 ran 13.2 m/s on a treadmill, 10.74 m/s outdoors
+    still = metrics.losses[0].without.speed
+    assert metrics.over_treadmill == pytest.approx(still - 13.2)
+    assert metrics.over_outdoors == pytest.approx(built - 10.74)
     assert metrics.losses[0].optimiser == greatest_speeds()["ideal + air"]
     assert evaluation.good
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}

@@ -41,13 +41,25 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
     assert choose(name, chosen) == {name: chosen}
 
 
-@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3))])
-def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
+@pytest.mark.parametrize(
+    ("name", "flag", "wrong"),
+    [
+        ("topspeed", "robots", Setup(robots=3)),
+        ("sprint", "hold", Setup(hold=3.0)),
+        ("sprint", "robots", Setup(robots=3)),
+        ("convergence", "backend", Setup(backend="mjx")),
+        ("sensitivity", "backend", Setup(backend="mjx")),
+        ("manoeuvres", "backend", Setup(backend="mjx")),
+        ("manoeuvres", "hold", Setup(hold=3.0)),
+        ("manoeuvres", "acceleration", Setup(acceleration=3.0)),
+    ],
+)
+def test_a_flag_that_a_benchmark_does_not_know_is_refused(name, flag, wrong):
     with pytest.raises(
         UserError,
-        match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed",
+        match=f"--{flag} is not of --benchmark {name}, which takes .*--speed",
     ):
-        choose("topspeed", wrong)
+        choose(name, wrong)
 
 
 def test_a_refused_flag_is_written_as_it_is_typed():

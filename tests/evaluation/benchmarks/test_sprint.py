@@ -10,7 +10,6 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import run as module
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.run import (
     SprintLaunch,
     SprintMetrics,
@@ -243,16 +242,6 @@ def test_a_sprint_starts_as_its_card_says(make_policy):
 def test_a_start_that_takes_longer_than_the_race_is_refused(make_policy):
     with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
         ramp_to_sprint(make_policy(), Setup(speed=10.0, acceleration=0.3))
-
-
-@pytest.mark.parametrize(
-    ("flag", "wrong"), [("hold", Setup(hold=3.0)), ("robots", Setup(robots=3))]
-)
-def test_flags_of_others_are_refused(flag, wrong):
-    with pytest.raises(
-        UserError, match=f"--{flag} is not of --benchmark sprint, which takes .*--speed"
-    ):
-        choose("sprint", wrong)
 
 
 @pytest.mark.parametrize("fell_at", [None, 0.002])

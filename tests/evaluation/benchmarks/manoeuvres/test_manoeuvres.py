@@ -9,7 +9,6 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FALL
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.manoeuvres import benchmark as module
@@ -32,7 +31,6 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -293,13 +291,3 @@ def test_the_figure_is_red_where_a_manoeuvre_failed():
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).width >= 1200
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"backend": "mjx"}, {"hold": 3.0}, {"robots": 3}, {"acceleration": 3.0}]
-)
-def test_flags_that_manoeuvres_do_not_know_are_refused(wrong):
-    with pytest.raises(
-        UserError, match=f"--{next(iter(wrong))} is not of --benchmark manoeuvres"
-    ):
-        choose("manoeuvres", Setup(**wrong))
