@@ -7,6 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
+from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres
 from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
@@ -15,7 +16,6 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
-from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.run import (
     ramp_to_sprint,
     ramp_to_topspeed,

@@ -11,6 +11,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_robot,
     top_speed,
 )
+from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.losses import ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
     ManoeuvreSizes,
@@ -18,7 +19,6 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
     sizes_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint, time_limit
 from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
 from bp2_rl.robot.hardware import BUILT, IDEAL, Losses
