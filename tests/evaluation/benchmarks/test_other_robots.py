@@ -13,14 +13,14 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.losses import ramp_to_losses
-from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint, time_limit
+from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
+from bp2_rl.evaluation.benchmarks.tries.tasks import (
     ManoeuvreSizes,
     all_manoeuvres,
     sizes_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint, time_limit
-from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
 from bp2_rl.robot.hardware import BUILT, IDEAL, Losses
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts

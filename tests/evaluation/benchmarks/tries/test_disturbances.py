@@ -4,13 +4,13 @@ import collections
 
 import pytest
 
-from bp2_rl.evaluation.benchmarks.manoeuvres import disturbances as module
-from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
-    all_disturbances,
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.tries import benchmark as module
+from bp2_rl.evaluation.benchmarks.tries.benchmark import (
     disturbances,
     ramp_to_disturbances,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.tries.tasks import all_disturbances
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.named import find_robot
 from bp2_rl.simulation.operator import HEADING_HOLD
