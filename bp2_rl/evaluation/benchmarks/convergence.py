@@ -68,7 +68,7 @@ class NumericsVariant:
     fell_at: float | None = metric("Fall", form=show_fall)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ConvergenceMetrics:
     """All runs, the usual one first."""
 
@@ -147,7 +147,11 @@ def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
         for name, m in zip(NUMERICS, ran, strict=True)
     )
     greatest = max(abs(variant.mean_speed_change) for variant in variants)
-    return ConvergenceMetrics(first.commanded_speed, greatest, variants)
+    return ConvergenceMetrics(
+        commanded_speed=first.commanded_speed,
+        greatest_change=greatest,
+        variants=variants,
+    )
 
 
 def summarise_convergence(metrics: ConvergenceMetrics) -> str:

@@ -72,7 +72,7 @@ def _within(quantiles: Quantiles | None, unit: str) -> str:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RobustnessMetrics:
     """How a fleet fared, and each of its robots; None where all fell."""
 

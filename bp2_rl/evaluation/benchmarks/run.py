@@ -30,7 +30,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
-from bp2_rl.evaluation.benchmarks.sprint_figure import caption, sprint_figure
+from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
 from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
@@ -210,7 +210,7 @@ class SprintLaunch:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SprintMetrics:
     """The race, and the same run by the measures of any other."""
 
@@ -238,7 +238,6 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     run = run_once(policy, ramp, setup, finish=TRACK)
     metrics = sprint_metrics(run, ramp.acceleration)
-    picture = Picture("sprint", caption(run.hardware), sprint_figure(run, metrics.time))
     own = "time", "launch", "lane", "sprint_acceleration"
     good = f"{TRACK:g} m in the time allowed, with trunk and feet inside one lane"
     return Evaluation(
@@ -257,7 +256,7 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
             "Fall",
             "Peak motor power",
         ),
-        pictures=(picture, *run_pictures(run)),
+        pictures=(*sprint_pictures(run, metrics.time), *run_pictures(run)),
         metrics=metrics,
         results=card_of(metrics, *own)
         | {"splits": [float(f"{split.time:.4g}") for split in metrics.splits]}

@@ -165,7 +165,7 @@ class RobotMetrics:
 Range = tuple[float, float]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SensitivityMetrics:
     """All robots, the assumed one first; ranges are over those that did not fall, None
     if all did."""

@@ -19,7 +19,7 @@ from bp2_rl.evaluation.benchmarks.run import (
     sprint_metrics,
     summarise_sprint,
 )
-from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
+from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
 from bp2_rl.evaluation.races import BOLT_SPLITS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
@@ -249,14 +249,15 @@ def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, f
     run = (
         make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
     )
-    figure = sprint_figure(run, sprint_metrics(run, 5.0).time)
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+    race, times = sprint_pictures(run, sprint_metrics(run, 5.0).time)
+    assert [axes.get_title(loc="left") for axes in race.figure.axes] == [
         "Speed",
         "Lane of 1.22 m",
-        "Time over 100 m",
     ]
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).width >= 1200
-    names = [label.get_text() for label in figure.axes[2].get_yticklabels()]
-    assert ("this policy" in names) == (fell_at is None)
+    for picture in (race, times):
+        buffer = io.BytesIO()
+        picture.figure.savefig(buffer, format="png")
+        assert Image.open(buffer).width >= 1200
+    ranked = [label.get_text() for label in times.figure.axes[0].get_yticklabels()]
+    assert ("this policy, 11 s" in ranked) == (fell_at is None)
+    assert ranked[0] == "Bolt, Berlin 2009, 9.58 s"

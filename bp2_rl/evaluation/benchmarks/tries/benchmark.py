@@ -74,7 +74,7 @@ def _show_figures(measured: Figures) -> str:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TryOutcome:
     """What came of one try."""
 
