@@ -182,8 +182,7 @@ def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that judges so many policies at a time, each in a
-    process.
+    """A `learning.exports.Judge` that judges `places` policies at a time, in processes.
 
     A process makes a policy's launches side by side: three take a quarter longer than
     one.

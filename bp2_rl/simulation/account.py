@@ -66,7 +66,7 @@ class Ledger(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
-        """What the balance lacks."""
+        """The error of the balance of powers, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
 
@@ -78,7 +78,7 @@ class SoleAccount(NamedTuple):
 
 
 def account(run: Samples) -> Account:
-    """Look at a run, or a part of it."""
+    """Compute the account of a run, or of a part of a run."""
     ledger, soles = replay(run)
     return Account(_power(run, ledger), _ground(run, soles))
 
@@ -172,7 +172,7 @@ def split_constraints(
     legs: Float[np.ndarray, " nv"],
     stops: Float[np.ndarray, " nv"],
 ) -> None:
-    """The constraints' forces on the coordinates by what exerts them."""
+    """Split the constraints' forces on the coordinates by ground, legs and stops."""
     if data.nefc == 0:
         return
     limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
@@ -222,8 +222,9 @@ def _power(run: Samples, ledger: Ledger) -> PowerMetrics:
 
 
 def beyond_envelope(run: Samples) -> Float[np.ndarray, "M 12"]:
-    """How far outside the envelope each torque is at the start or the end of its
-    millisecond, Nm, whichever is more.
+    """Return how far each torque is outside the envelope within its millisecond, Nm.
+
+    The start or the end of the millisecond counts, whichever is more.
 
     The voltage is that of the millisecond. The first sample, before which no torque is
     known, and the last are left out.
@@ -294,8 +295,7 @@ def _ground(run: Samples, soles: SoleAccount) -> GroundMetrics:
 
 
 def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """For each stance, by its first sample, the last sample before its foot touched the
-    ground at all."""
+    """Return the last sample before each stance in which the foot was in the air."""
     return np.array(
         [start - int(np.argmax(~touching[start::-1])) for start in starts], int
     )

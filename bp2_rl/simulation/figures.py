@@ -191,8 +191,7 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Draw the last strides of one diagonal pair: hip and knee with the policy's targets,
-    and any springs' travel."""
+    """Draw the joints and springs of one diagonal pair over the last strides."""
     strides = _last_strides(run)
     angle, target = (
         np.rad2deg(x).reshape(-1, 4, 3)

@@ -1,5 +1,4 @@
-"""How the legs of a run worked: which feet stood when, strides, springs, and the room
-between legs."""
+"""The gait of a run: stances, strides, springs, and the room between legs."""
 
 import itertools
 from collections.abc import Sequence
@@ -21,8 +20,10 @@ CHUNK = 512
 
 
 def contacts(run: Samples) -> Bool[np.ndarray, "N 4"]:
-    """Which feet stand, from their normal forces: with hysteresis, and without bounces
-    and scuffs."""
+    """Return which feet stand, from their normal forces.
+
+    There is hysteresis, and bounces and scuffs do not count.
+    """
     weight = run.mass * conventions.GRAVITY
     force = run.foot_force[:, :, 2]
     decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
@@ -44,8 +45,7 @@ def contacts(run: Samples) -> Bool[np.ndarray, "N 4"]:
 def _without_short_spells(
     states: Bool[np.ndarray, " N"], value: bool, samples: int
 ) -> Bool[np.ndarray, " N"]:
-    """Flip every spell of `value` that is shorter than so many samples and lies between
-    two others."""
+    """Flip every inner spell of `value` that is shorter than `samples`."""
     bounds = np.flatnonzero(np.diff(states)) + 1
     states = states.copy()
     for start, stop in itertools.pairwise(bounds):
@@ -55,19 +55,17 @@ def _without_short_spells(
 
 
 def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Indices of the first samples of the stances (or of any other spells of True) that
-    begin within the run."""
+    """Return the first samples of the spells of True that begin within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
 def on_stop(run: Samples) -> Bool[np.ndarray, "N 4"]:
-    """When each spring presses on its stop at full travel."""
+    """Return when each spring presses on its stop at full travel."""
     return run.spring_compression > run.hardware.spring_travel
 
 
 def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
-    """How far legs are from each other and from the trunk at each of the samples, m,
-    each " N"; solid or not."""
+    """Return the clearances of the legs at each of the samples, m, solid or not."""
     joints, compression = (
         run.joint_position[samples].reshape(-1, 4, 3),
         run.spring_compression[samples],
@@ -80,8 +78,7 @@ def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
 
 
 def leg_metrics(run: Samples, steady: Samples) -> tuple[LegMetrics, ...]:
-    """Duty factor and stride frequency over the steady window's whole strides, and each
-    leg's extremes."""
+    """Compute each leg's gait over the steady window's whole strides, and its extremes."""
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
     compression = np.max(run.spring_compression, axis=0)
@@ -110,7 +107,7 @@ def leg_metrics(run: Samples, steady: Samples) -> tuple[LegMetrics, ...]:
 
 
 def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
-    """Hz, mean of the legs that made a stride; None where none did."""
+    """Return the mean of the legs' stride frequencies, Hz; None without a stride."""
     frequencies = [
         leg.stride_frequency for leg in legs if leg.stride_frequency is not None
     ]
@@ -120,9 +117,11 @@ def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
 def evenness(
     steady: Samples, legs: Sequence[LegMetrics]
 ) -> tuple[float | None, float | None]:
-    """How far front and rear legs are from half a cycle between left and right (cycles,
-    the greater of both), and which share of the vertical impulse one side has more than
-    the other.
+    """Compute how even the gait is between left and right.
+
+    Returns how far front and rear legs are from half a cycle between left and right
+    (cycles, the greater of both), and which share of the vertical impulse one side has
+    more than the other.
 
     A leg's phase is that of its vertical force's centroid on the circle of a stride.
     """

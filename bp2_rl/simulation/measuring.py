@@ -147,7 +147,7 @@ class EnvelopeUse(NamedTuple):
 
 
 def envelope_use(run: Samples, motors: actuator.Actuator | None = None) -> EnvelopeUse:
-    """Compare every applied torque with the torque-speed envelope at the same instant.
+    """Compare every applied torque with the torque-speed envelope of its instant.
 
     `motors` are those of each sample where they changed with time.
     """

@@ -51,8 +51,7 @@ class LegMetrics:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PowerMetrics:
-    """The bus, and where its energy went, over the whole of a run or a part of it;
-    W."""
+    """The powers of the bus over a run, and where its energy went; W."""
 
     # at either end of a millisecond; 0: never
     beyond: float = metric(
@@ -103,8 +102,7 @@ class PowerMetrics:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GroundMetrics:
-    """What happens under the feet, and at the ends of the springs' and the joints'
-    travel."""
+    """The contacts of the feet, and of springs and joints with their stops."""
 
     plate_force: float = metric(
         "Force plate",
@@ -188,14 +186,14 @@ class GroundMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class Account:
-    """What `account` finds: both of the steady window."""
+    """The account of power and ground over the steady window."""
 
     power: PowerMetrics
     ground: GroundMetrics
 
 
 def _is_sprung(run: "RunMetrics") -> bool:
-    """Return whether the robot has springs: in a run each of them is compressed."""
+    """Return whether the robot has springs: a run compresses each spring."""
     return run.peak_spring_travel > 0.0
 
 

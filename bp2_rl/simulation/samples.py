@@ -1,4 +1,4 @@
-"""The samples of a run, one a physics step, and the parts of it that are measured."""
+"""The samples of a run, one a physics step, and the windows that are measured."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ Run = TypeVar("Run", bound="Samples")
 
 
 def shapes_of(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
-    """Return the shape of one sample of each array of a robot's run."""
+    """Return the shapes of one sample, by array, for a robot."""
     nq = hardware.anatomy.nq
     return {
         "time": (),
@@ -35,7 +35,7 @@ def shapes_of(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
 
 @dataclasses.dataclass(frozen=True)
 class Samples:
-    """The samples of one run, and the facts needed to measure it.
+    """The samples of one run, and the facts that its measures need.
 
     Sample k is the state at `time[k]`, with the torque, the target and the command that
     acted from there to the next sample and the ground's forces under that torque. A run

@@ -1,5 +1,4 @@
-"""Where a run went along the straight line through its start, and how much of a lane it
-used."""
+"""The track of a run: its way along the line of its start, and its use of a lane."""
 
 import dataclasses
 
@@ -40,15 +39,19 @@ class Lane:
 def track_position(
     run: Samples,
 ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """The trunk's centre along the line through its start along its first heading, and
-    to the left of it, m."""
+    """Return the trunk's centre along the line of its start and to the left, m.
+
+    The line goes through the start along the first heading.
+    """
     along, left = _on_track(run, run.qpos[:, None, :2])
     return along[:, 0], left[:, 0]
 
 
 def time_at(run: Samples, distance: float) -> float | None:
-    """When the trunk's centre first was so far ahead, s, interpolated between samples;
-    None if it never was."""
+    """Return when the trunk's centre first was `distance` (m) ahead, s.
+
+    The time is interpolated between samples; None if the robot never arrived.
+    """
     along = track_position(run)[0]
     there = int(np.argmax(along >= distance))
     if along[there] < distance:
@@ -68,8 +71,7 @@ def measure_lane(run: Samples) -> Lane:
 
 
 def trunk_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
-    """Where the trunk's rightmost and leftmost corners are, m to the left of the
-    line."""
+    """Return the trunk's rightmost and leftmost corners, m to the left of the line."""
     turned = run.heading - run.heading[0]
     half_length, half_width = run.hardware.anatomy.footprint
     half = half_width * np.abs(np.cos(turned)) + half_length * np.abs(np.sin(turned))
@@ -77,8 +79,7 @@ def trunk_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
 
 
 def foot_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
-    """Where the rightmost and leftmost edges of the feet's spheres are, m to the left
-    of the line."""
+    """Return the rightmost and leftmost edges of the feet, m to the left of the line."""
     left = _on_track(run, foot_centres(run)[:, :, :2])[1]
     radius = run.hardware.anatomy.geometry.foot_radius
     return np.stack(
@@ -87,8 +88,10 @@ def foot_edges(run: Samples) -> Float[np.ndarray, "N 2"]:
 
 
 def foot_centres(run: Samples) -> Float[np.ndarray, "N 4 3"]:
-    """Centres of the feet's spheres in the world, m: a radius above the soles, up the
-    lower legs."""
+    """Return the centres of the feet's spheres in the world, m.
+
+    A centre is a radius above the sole, up the lower leg.
+    """
     joints = run.joint_position.reshape(-1, 4, 3)
     feet = foot_position(
         joints,
@@ -103,8 +106,7 @@ def foot_centres(run: Samples) -> Float[np.ndarray, "N 4 3"]:
 def _on_track(
     run: Samples, points: Float[np.ndarray, "N n 2"]
 ) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
-    """Points of the ground along the line through the start and to the left of it,
-    m."""
+    """Return the points' coordinates along the line of the start and to its left, m."""
     x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
     cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
     return cos * x + sin * y, cos * y - sin * x

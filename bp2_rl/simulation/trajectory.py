@@ -1,4 +1,4 @@
-"""What a run leaves to look at: its samples, its figures of merit, and its file."""
+"""A run to look at: its samples, its figures of merit and its file."""
 
 import dataclasses
 import functools
@@ -98,7 +98,7 @@ class Trajectory(Samples):
 
 @dataclasses.dataclass(frozen=True)
 class _Facts:
-    """What a trajectory's file holds beside its arrays."""
+    """The facts in a trajectory's file beside the arrays."""
 
     dt: float
     steady_from: float

@@ -1,5 +1,4 @@
-"""Whether a speed comes from the numerics: the top-speed run under finer physics, and
-under motors as fine."""
+"""The convergence benchmark: the top-speed run under finer physics and finer motors."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -131,7 +130,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
-    """Put the speeds of each run beside those of the first."""
+    """Compare the speeds of each run with the first run's."""
     first = ran[0]
     variants = tuple(
         NumericsVariant(

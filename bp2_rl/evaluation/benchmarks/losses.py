@@ -1,5 +1,4 @@
-"""What each loss costs: the same policy from the ideal robot to the built one, a loss
-at a time.
+"""The losses benchmark: the price of each loss between the ideal and the built robot.
 
 A robot of a file is the built one; the ideal one is that robot without its losses.
 """

@@ -1,5 +1,7 @@
-"""What may be chosen about a benchmark; read before JAX is imported, so that a mistake
-is answered at once."""
+"""The flags of the benchmarks.
+
+They are read before JAX is imported, so that a mistake is answered at once.
+"""
 
 import dataclasses
 from typing import Annotated
@@ -64,7 +66,7 @@ class Setup(Bounded, path="--"):
 
     @property
     def noise_seed(self) -> int | None:
-        """What the sensors' noise is drawn from; None: sensors without noise."""
+        """The seed of the sensors' noise; None: sensors without noise."""
         return (self.seed or 0) if self.sensor_noise else None
 
     @property

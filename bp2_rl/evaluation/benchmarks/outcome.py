@@ -1,4 +1,4 @@
-"""What a benchmark hands to the terminal, the page, the file and a policy's card."""
+"""The outcome of a benchmark, for the terminal, the page, the file and the card."""
 
 import dataclasses
 from typing import Any, NamedTuple

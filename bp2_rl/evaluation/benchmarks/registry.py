@@ -1,5 +1,4 @@
-"""What a policy is put to: each benchmark runs it under a stated schedule and measures
-what comes of it."""
+"""The list of the benchmarks: their schedules, their runs and their flags."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -32,7 +31,7 @@ Flags = TypeVar("Flags", bound=Setup)
 
 @dataclasses.dataclass(frozen=True)
 class Benchmark(Generic[Flags]):
-    """What a policy is told, how it is run and measured, and which flags it knows."""
+    """One benchmark: its schedule, its measurement and its flags."""
 
     schedule: Callable[[Policy, Flags], Ramp]
     run: Callable[[Policy, Ramp, Flags], Evaluation]
@@ -59,8 +58,9 @@ BENCHMARKS = {
 def choose(
     name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS
 ) -> dict[str, Setup]:
-    """Return the benchmarks of this name, each with what is chosen of it; `all` gives
-    each the flags that it knows.
+    """Return the setups of the benchmarks that `name` means, by benchmark.
+
+    `all` gives each benchmark the flags that the benchmark knows.
 
     Raises:
         UserError: no benchmark of this name, or a flag that it does not know.

@@ -179,7 +179,9 @@ class Split:
 
 @dataclasses.dataclass(frozen=True)
 class SprintLaunch:
-    """The first `LAUNCH_DISTANCE` metres; None where the robot did not come so far.
+    """The launch: the first `LAUNCH_DISTANCE` metres of a race.
+
+    Its figures are None where the robot did not finish these metres.
 
     The paper gives mean accelerations (BP2 2.38, a trained sprinter 4.8 m/s2) without a
     definition. Here it is the speed on reaching the mark, a mean over the `RIPPLE`

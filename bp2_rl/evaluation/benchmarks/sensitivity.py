@@ -1,4 +1,4 @@
-"""What of a speed rests on the robot that was assumed: the same policy on others.
+"""The sensitivity benchmark: one policy on robots other than the one assumed.
 
 Physics and motors change; the policy, its reference motion and its controller stay as
 they are.
@@ -158,7 +158,7 @@ class RobotMetrics:
 
     @property
     def upright(self) -> bool:
-        """Whether it fell in neither run."""
+        """Whether the robot fell in neither run."""
         return self.fell_at is None and self.fell_in_sprint_at is None
 
 
@@ -242,8 +242,10 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
-    """Return the schedule of the runs at top speed; that of the sprints is looked at,
-    too, before any robot runs."""
+    """Return the schedule of the runs at top speed.
+
+    The schedule of the sprints is checked, too, before any robot runs.
+    """
     ramp_to_sprint(policy, setup)
     return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 

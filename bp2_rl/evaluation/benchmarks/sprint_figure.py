@@ -28,8 +28,7 @@ POLICY = "this policy"
 
 
 def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
-    """Draw a race, and its time (s) over 100 m, if it arrived, beside those of
-    others."""
+    """Draw a race, and its time (s) beside the times of other athletes."""
     race = (
         f"The race: speed over distance (faint: each millisecond; bold: {RIPPLE:g}-s mean) with the mean speeds of "
         "Bolt's 10-m splits of 2009, his reaction time of 0.146 s included; and the lane seen from above."

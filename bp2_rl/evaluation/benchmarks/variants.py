@@ -1,5 +1,4 @@
-"""A policy over a list of variants, of its robot or of the physics: what is kept of each
-run, and the picture of all."""
+"""Variants of the robot or of the physics: their measurement and their picture."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -18,7 +17,7 @@ HEIGHT = 0.3  # inches, of a line
 
 
 class VariantRun(NamedTuple):
-    """What is kept of a variant's run."""
+    """The measurement of a variant's run."""
 
     metrics: RunMetrics
     time_100m: float | None  # s; None if it did not come so far

@@ -12,8 +12,7 @@ PAGE, VIDEO, STILL, TRAJECTORY = "index.html", "run.mp4", "run.jpg", "trajectory
 
 
 def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None) -> str:
-    """The report as one HTML page; only the film and the trajectory stay files beside
-    it.
+    """Return the report as one HTML page, with only film and trajectory beside it.
 
     Args:
         evaluation: what to show.
@@ -38,7 +37,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
 
 
 def overview(evaluations: Sequence[Evaluation]) -> str:
-    """One page that leads to the page of every benchmark."""
+    """Return a page that leads to the page of every benchmark."""
     return render(
         "evaluation/report/overview.html",
         evaluations=evaluations,

@@ -1,4 +1,4 @@
-"""What a policy cannot do yet: manoeuvres, and harder disturbances, many.
+"""The manoeuvres and the disturbances: tries that show the limits of a policy.
 
 Every try has a rule that a reader would expect a running robot to keep; a robot that
 falls fails. Manoeuvres are braking, launches, turns, slow motion, standing,
@@ -76,7 +76,7 @@ def _show_figures(measured: Figures) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TryOutcome:
-    """What came of one try."""
+    """The outcome of one try."""
 
     group: str = metric("Manoeuvre", form="s")
     asked: str = metric("Asked", form="s")
@@ -105,7 +105,7 @@ class Tries:
 
     @property
     def passes(self) -> dict[str, str]:
-        """How many of each group passed, in words."""
+        """The number of tries that passed in each group, in words."""
         return {name: share_passed(group) for name, group in self.groups.items()}
 
 

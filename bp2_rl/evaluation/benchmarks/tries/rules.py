@@ -32,7 +32,7 @@ Figures = dict[str, float | None]
 
 @dataclasses.dataclass(frozen=True)
 class Assessment:
-    """What a rule says of a run, and the figures that the rule looked at."""
+    """The judgement of a rule about a run, with the figures that the rule looked at."""
 
     passed: bool
     said: str  # what it did, in a word

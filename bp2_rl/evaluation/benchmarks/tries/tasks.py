@@ -1,5 +1,4 @@
-"""What is tried: what the robot is told, on what ground, with what motors, and which
-rule it must keep."""
+"""The tries: their commands, ground, motors and rules, as data."""
 
 import dataclasses
 import functools
@@ -71,8 +70,9 @@ MOST_TURNING = 1.5
 def sizes_of(
     robot: HardwareSpec, top: float, cruise: float, commands: CommandConfig
 ) -> ManoeuvreSizes:
-    """Return BP2's sizes, or those of another robot: shares of its top speed, and what
-    is similar at its own size.
+    """Return the sizes of the manoeuvres of a robot; BP2 has its own.
+
+    Another robot's are shares of its top speed, and what is similar at its size.
 
     Args:
         robot: the robot that runs.
