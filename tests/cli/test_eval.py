@@ -107,9 +107,7 @@ def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(
     }
     monkeypatch.setattr("bp2_rl.evaluation.benchmarks.registry.BENCHMARKS", benchmarks)
     # drawing takes longest
-    monkeypatch.setattr(
-        "bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b""
-    )
+    monkeypatch.setattr("bp2_rl.evaluation.report.page._saved", lambda *_, **__: b"")
     flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]
     out = ""
     for _ in range(2):  # the second replaces the first

@@ -54,7 +54,7 @@ def measured(tmp_path_factory):
         # s: it stands anyway
         patch.setattr("bp2_rl.evaluation.benchmarks.run.TIME_LIMIT", 1.5)
         # drawing takes longest
-        patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")
+        patch.setattr("bp2_rl.evaluation.report.page._saved", lambda *_, **__: b"")
         for flags in (
             ["--hold", "1.2", "--out", str(folder / "report")],
             ["--benchmark", "sprint", "--out", str(folder / "race")],

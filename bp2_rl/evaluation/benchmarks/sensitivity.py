@@ -63,19 +63,18 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     changed."""
     changed = assumed.changed
 
-    def stops(factor: float) -> HardwareSpec:
-        compression, rebound = (
-            factor * assumed.spring_stop_stiffness,
-            factor * assumed.rebound_stiffness,
-        )
-        return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
+    stop, rebound = assumed.spring_stop_stiffness, assumed.rebound_stiffness
 
     def losing(**parameters: float) -> HardwareSpec:
         return changed(losses=dataclasses.replace(assumed.losses, **parameters))
 
     springs = {
-        "spring stops x 2": stops(2.0),
-        "spring stops x 10": stops(10.0),
+        "spring stops x 2": changed(
+            spring_stop_stiffness=2.0 * stop, rebound_stiffness=2.0 * rebound
+        ),
+        "spring stops x 10": changed(
+            spring_stop_stiffness=10.0 * stop, rebound_stiffness=10.0 * rebound
+        ),
         "rebound undamped": changed(rebound_damping=0.0),
         "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
         "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
@@ -185,11 +184,13 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run every robot at several commands, race each, and compare."""
     race, robot = ramp_to_sprint(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
-    ramps = [dataclasses.replace(ramp, to=share * ramp.target[0]) for share in COMMANDS]
+    commands = [share * ramp.target[0] for share in COMMANDS]
     requests = [
-        RunRequest(one, other, setup.operator, name=name)
+        RunRequest(
+            dataclasses.replace(ramp, to=speed), other, setup.operator, name=name
+        )
         for name, other in robots.items()
-        for one in ramps
+        for speed in commands
     ]
     requests += [
         RunRequest(race, other, setup.operator, finish=TRACK, name=name)
@@ -200,7 +201,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     count = len(COMMANDS)
     metrics = compare_robots(
         [
-            robot_metrics(name, held[count * i : count * (i + 1)], raced[i])
+            robot_metrics(name, commands, held[count * i : count * (i + 1)], raced[i])
             for i, name in enumerate(robots)
         ],
         ramp.target[0],
@@ -251,16 +252,27 @@ def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
 
 
 def robot_metrics(
-    name: str, held: Sequence[VariantRun], raced: VariantRun
+    name: str,
+    commands: Sequence[float],
+    held: Sequence[VariantRun],
+    raced: VariantRun,
 ) -> RobotMetrics:
-    """Return what is compared of a robot: of the fastest of its runs without a fall, or
-    of the first where it fell in all, and of the race."""
-    ran = [one.metrics for one in held]
-    upright = [m for m in ran if m.fell_at is None] or ran[:1]
-    best = max(upright, key=lambda m: m.best_speed or 0.0)
+    """Return the metrics of a robot's fastest run without a fall, and of its race.
+
+    A robot that fell at every command is told of by its run at the first.
+
+    Args:
+        name: of the robot.
+        commands: m/s, that it was told.
+        held: its run at each command.
+        raced: its run over 100 m.
+    """
+    ran = list(zip(commands, (one.metrics for one in held), strict=True))
+    upright = [run for run in ran if run[1].fell_at is None] or ran[:1]
+    told, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
     return RobotMetrics(
         name=name,
-        told=best.commanded_speed,
+        told=told,
         best_speed=best.best_speed,
         mean_speed=best.mean_speed if best.fell_at is None else None,
         fell_at=best.fell_at,

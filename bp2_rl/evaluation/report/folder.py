@@ -18,8 +18,15 @@ from bp2_rl.base.folders import open_report
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
-from bp2_rl.evaluation.report.page import PAGE, STILL, TRAJECTORY, VIDEO, overview, page
-from bp2_rl.evaluation.report.pictures import png
+from bp2_rl.evaluation.report.page import (
+    PAGE,
+    STILL,
+    TRAJECTORY,
+    VIDEO,
+    overview,
+    page,
+    png,
+)
 from bp2_rl.simulation.film import NoVideo, make_video
 
 METRICS = "metrics.json"

@@ -97,17 +97,16 @@ def test_what_was_found_decisive_is_among_the_robots():
 def test_a_robot_is_shown_at_the_command_under_which_it_ran_fastest(make_run):
     """Told 6 m/s it falls, told 5 it runs 4.5, told 4 it runs 4."""
 
-    def ran(told, speed, **changes):
+    def ran(speed, **changes):
         run = make_run(speed=speed, acceleration=10.0, **changes)
-        metrics = dataclasses.replace(run.metrics, commanded_speed=told)
-        return VariantRun(metrics, None, lane_kept=True)
+        return VariantRun(run.metrics, None, lane_kept=True)
 
-    fell = ran(6.0, 5.9, duration=4.0, fell_at=4.0)
-    found = robot_metrics("weak", [fell, ran(5.0, 4.5), ran(4.0, 4.0)], fell)
+    fell, told = ran(5.9, duration=4.0, fell_at=4.0), (6.0, 5.0, 4.0)
+    found = robot_metrics("weak", told, [fell, ran(4.5), ran(4.0)], fell)
     assert (found.told, found.best_speed) == (5.0, pytest.approx(4.5))
     assert (found.fell_at, found.fell_in_sprint_at) == (None, 4.0)
     assert not found.lane_kept
-    lost = robot_metrics("lost", [fell, fell], fell)
+    lost = robot_metrics("lost", told, [fell, fell, fell], fell)
     assert (lost.told, lost.mean_speed, lost.fell_at) == (6.0, None, 4.0)
 
 

@@ -148,17 +148,18 @@ def assess_motion(run: Samples, *, command: Command, since: float) -> Assessment
     return Assessment(passed, f"{speed:.2f} m/s", measured)
 
 
-def assess_creep(run: Samples) -> Assessment:
-    """Return whether the robot stays within `CREEP` of where it was."""
-    creep, chatter = _wander(run), _chatter(run)
-    measured: Figures = {"creep": creep, "chatter": chatter}
-    return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)
+def assess_stand(run: Samples, *, quiet: bool) -> Assessment:
+    """Return whether the robot stays within `CREEP` of where it was; or whether its
+    motors are `quiet`, below `CHATTER`.
 
-
-def assess_chatter(run: Samples) -> Assessment:
-    """Return whether the motors are quiet: less than `CHATTER`."""
-    creep, chatter = _wander(run), _chatter(run)
+    Measured: the greatest distance from the start, `creep` (m), and the root mean
+    square of what varies faster than in `CHATTER_WINDOW`, of all motors, `chatter` (Nm).
+    """
+    ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
+    creep, chatter = _wander(run), float(np.sqrt(np.mean(ripple**2)))
     measured: Figures = {"creep": creep, "chatter": chatter}
+    if not quiet:
+        return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)
     most = CHATTER * run.hardware.size.torque
     said = f"{chatter:.{1 if most == CHATTER else 2}f} Nm"
     return Assessment(chatter < most, said, measured)
@@ -208,13 +209,6 @@ def _smooth(
     run: Samples, values: Float[np.ndarray, "N ..."]
 ) -> Float[np.ndarray, "N ..."]:
     return moving_mean(values, round(RIPPLE / run.dt))
-
-
-def _chatter(run: Samples) -> float:
-    """Return the root mean square of what varies faster than in `CHATTER_WINDOW`, of
-    all motors, Nm."""
-    ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
-    return float(np.sqrt(np.mean(ripple**2)))
 
 
 def _wander(run: Samples) -> float:

@@ -6,7 +6,6 @@ would.
 """
 
 import base64
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -31,7 +30,7 @@ SHAPES = {
 }
 
 
-def describe(run: Trajectory) -> dict[str, Any]:
+def describe(run: Trajectory) -> dict[str, object]:
     """Return the data of a run for the page, ready for JSON, a sample a control step."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
@@ -66,7 +65,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def robot(hardware: HardwareSpec) -> dict[str, Any]:
+def robot(hardware: HardwareSpec) -> dict[str, object]:
     """Return the robot's links, each hung on an earlier one, and geoms; lengths in m."""
     model = load_model(hardware)
     links, meshes = [], {}
@@ -116,7 +115,7 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
     }
 
 
-def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
+def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, object]:
     vertices, faces = mesh_of(model, mesh)
     return {
         "vertices": [_rounded(vertex) for vertex in vertices],
@@ -128,18 +127,18 @@ def _rounded(values: np.ndarray) -> list[float]:
     return [round(float(value), 6) for value in values]
 
 
-def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
+def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
     return _channel(values.astype("<f4"), "f4", np.ones(1))
 
 
-def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
+def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
     """Encode each column in 65,535 steps around 0; what is not a number becomes 0."""
     values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
     scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
     return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)
 
 
-def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, Any]:
+def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, object]:
     data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
     return {
         "type": kind,
