@@ -56,7 +56,7 @@ def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
 
 
 def test_the_policy_is_run_under_every_numerics(
-    make_policy, runs, monkeypatch, assert_fits
+    make_policy, runs, simulated, assert_fits
 ):
     asked = []
 
@@ -64,11 +64,7 @@ def test_the_policy_is_run_under_every_numerics(
         asked.append((one.schedule, one.numerics))
         return runs[one.name]
 
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
-    )
+    simulated(module, run)
     policy, setup = make_policy(), Setup(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
@@ -85,19 +81,12 @@ def test_the_policy_is_run_under_every_numerics(
     assert (numerics[1].iterations, numerics[1].line_search_iterations) == (200, 100)
     assert "but for '0.25 ms, motors too'" in evaluation.conditions["simulator"]
     assert evaluation.good
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
 
 
-def test_too_great_a_change_is_no_good_verdict(
-    make_policy, runs, make_run, monkeypatch
-):
+def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, simulated):
     slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries],
-    )
+    simulated(module, lambda one: slower[one.name])
     setup = Setup(speed=6.0)
     assert not convergence(
         make_policy(), ramp_to_topspeed(make_policy(), setup), setup

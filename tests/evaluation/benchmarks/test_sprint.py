@@ -221,7 +221,6 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
     assert evaluation.good
     assert evaluation.results["time_100m"] == 11.0
     assert evaluation.results["splits"][0] == 2.0
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
     assert from_json(SprintMetrics, to_json(evaluation.metrics)) == evaluation.metrics
 

@@ -6,6 +6,7 @@ would.
 """
 
 import base64
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -30,7 +31,7 @@ SHAPES = {
 }
 
 
-def describe(run: Trajectory) -> dict[str, object]:
+def describe(run: Trajectory) -> dict[str, Any]:
     """Return the data of a run for the page, ready for JSON, a sample a control step."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
@@ -65,7 +66,7 @@ def describe(run: Trajectory) -> dict[str, object]:
     }
 
 
-def robot(hardware: HardwareSpec) -> dict[str, object]:
+def robot(hardware: HardwareSpec) -> dict[str, Any]:
     """Return the robot's links, each hung on an earlier one, and geoms; lengths in m."""
     model = load_model(hardware)
     links, meshes = [], {}

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from bp2_rl.evaluation.benchmarks.tries import rules
 from bp2_rl.evaluation.benchmarks.tries.rules import (
     assess_braking,
     assess_launch,
@@ -237,12 +236,3 @@ def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(moving):
     assert not assess_run(moving(2.0, 8.9), level=10.0).passed
     short = assess_run(moving(0.5, 10.0), level=10.0)
     assert (short.passed, short.measured["speed"]) == (False, None)
-
-
-def test_limits_are_those_of_the_report():
-    assert (rules.STOPPED, rules.BRAKING_DISTANCE, rules.CREEP, rules.ASTRAY) == (
-        0.3,
-        1.5,
-        0.02,
-        3.0,
-    )
