@@ -104,7 +104,8 @@ def draw_operating_points(
             axes.plot(speeds, np.transpose(cold), color=INK, linewidth=1.1)
             axes.plot(speeds, np.transpose(hot), color=FALL, linewidth=1.6)
             motor = f"{conventions.MOTOR_NAMES[i]} to {end.winding[i]:.0f} °C"
-            axes.set(title=f"{motor}, {_title(end)}", xlabel="Joint speed [rad/s]")
+            title = f"{motor}, at {end.speed:.1f} m/s"
+            axes.set(title=title, xlabel="Joint speed [rad/s]")
             figure.colorbar(points, ax=axes, label="Time [s]")
         row[0].set_ylabel("Joint torque [Nm]")
     return figure

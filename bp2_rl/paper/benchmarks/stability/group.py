@@ -1,14 +1,12 @@
-"""A group: robots of one kind whose complete state can be read, changed and continued
-from, run in C MuJoCo."""
+"""Robots in C MuJoCo whose complete state can be read, changed and continued from."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from bp2_rl.env.controller import ControllerState
 from bp2_rl.env.termination import fall
@@ -29,8 +27,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 @dataclasses.dataclass(frozen=True)
 class GroupState:
-    """Complete state of N robots between two control steps: a run can be continued from
-    it."""
+    """Complete state of N robots between two control steps, to continue a run from."""
 
     qpos: Float[np.ndarray, "N 23"]
     qvel: Float[np.ndarray, "N 22"]
@@ -51,16 +48,11 @@ class GroupState:
         """Number of robots."""
         return len(self.qpos)
 
-    def of(self, robots: Any) -> "GroupState":
-        """Return the state of these robots, by any index of NumPy's; a robot may come
-        more than once."""
+    def of(self, robots: Sequence[int] | Int[np.ndarray, " M"]) -> "GroupState":
+        """Return the state of the robots with these indices, which may repeat."""
         return GroupState(
             **{name: np.array(value[robots]) for name, value in vars(self).items()}
         )
-
-    def replace(self, **changes: Any) -> "GroupState":
-        """Return this state with some fields replaced."""
-        return dataclasses.replace(self, **changes)
 
 
 def join(*states: GroupState) -> GroupState:
@@ -75,8 +67,7 @@ def join(*states: GroupState) -> GroupState:
 
 @dataclasses.dataclass(frozen=True)
 class GroupRecording:
-    """What a group did, sampled each millisecond; samples after a robot's fall mean
-    nothing."""
+    """A group's run, sampled each millisecond, of each robot until its fall."""
 
     samples: Recording  # (N, T, ...)
     # cycles of the controller's clock, counted on and on

@@ -1,5 +1,7 @@
 """A group against runs of single robots."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from runs import run_one
@@ -107,7 +109,9 @@ def test_the_fallen_are_told_and_stay_down():
     start = robots.standing(2, first)
     qvel = start.qvel.copy()
     qvel[1, 3] = 30.0  # rad/s of roll
-    moment, fell, log = robots.run(start.replace(qvel=qvel), commands, record=True)
+    moment, fell, log = robots.run(
+        dataclasses.replace(start, qvel=qvel), commands, record=True
+    )
     assert log is not None
     assert fell.tolist() == [False, True]
     run = log.trajectory(1)
