@@ -152,11 +152,10 @@ def say_stability(speed: SpeedMetrics) -> str:
 
 
 def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
-    """Return the tables of a speed's sections, touchdowns, map and pushes."""
+    """Return the tables of a speed's touchdowns, map and pushes."""
     found = speed.returns
     radii = [found.under_noise, found.deviations] if found else []
     details = {
-        "Sections of the trunk's angular velocity": speed.sections,
         "Touchdowns": speed.landings,
         "Map from stride to stride": [one for one in radii if one is not None],
         "Largest push survived": speed.pushes,

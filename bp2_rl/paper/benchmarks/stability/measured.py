@@ -1,11 +1,10 @@
-"""Steady running under noise, stride after stride: sections of the trunk's rates,
-touchdowns, and all other metrics of stability.
+"""Metrics of stability, and their measurement in steady running under noise.
 
 Definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -25,37 +24,23 @@ from bp2_rl.robot import conventions
 from bp2_rl.simulation.gait import TOUCH_FORCE, contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 
-LANDED = conventions.LEGS.index("RR")
 LOOPS = 5  # strides that are drawn all along
-
-
-def show_median(form: str) -> Callable[[Sequence[float]], str]:
-    """Return a formatter that shows the median of several robots' values."""
-    return lambda values: format(float(np.median(values)), form)
 
 
 @dataclasses.dataclass(frozen=True)
 class SectionMetrics:
-    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point a
-    stride."""
+    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point each
+    time that the clock's phase is 0."""
 
-    taken: str = metric("When", form="s")
-    strides: int = metric("Strides", form="d")  # a robot
+    strides: int  # a robot
     # rad/s, of the centre from the first third to the last, each robot's
-    moved: tuple[float, ...] = metric("Drift [rad/s]", form=show_median(".3f"))
+    moved: tuple[float, ...]
     # rad/s, each robot's root mean square distance from its centre
-    scatter: tuple[float, ...] = metric("Scatter [rad/s]", form=show_median(".3f"))
-    over_scatter: tuple[float, ...] = metric("D_c*", form=show_median(".3f"))
-    floor: float = metric("Floor", form=".3f")  # of D_c* for independent points
-    # moved over the root mean square of the angular velocity throughout the stride
-    over_orbit: tuple[float, ...] = metric("Over the orbit", form=show_median(".3f"))
-    # share, all robots' points about their own centres
-    inliers: float = metric("Inliers", form=".1%")
-    # of a Gaussian's share, one standard deviation
-    inlier_error: float = metric("Error", form=".1%")
-    # of the robot without noise; None if it fell
-    quiet_moved: float | None = metric("Drift, no noise", "rad/s", ".3f")
-    quiet_scatter: float | None = metric("Scatter, no noise", "rad/s", ".3f")
+    scatter: tuple[float, ...]
+    over_scatter: tuple[float, ...]  # D_c*, each robot's
+    floor: float  # of D_c* for independent points
+    inliers: float  # share, all robots' points about their own centres
+    inlier_error: float  # of a Gaussian's share, one standard deviation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +52,6 @@ class LandingMetrics:
     jitter: float = metric("Jitter", "ms")
     variability: float = metric("CV_f", form=".4f")
     floor: float = metric("Sampling alone", form=".4f")  # of CV_f
-    quiet_jitter: float | None = metric("Jitter, no noise", "ms")
-    quiet_variability: float | None = metric("CV_f, no noise", form=".4f")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,6 +121,7 @@ class SpeedMetrics:
     drift: float | None = metric(
         "Drift", "rad/s", ".3f", "D_c*, not divided by the scatter", card=True
     )
+    scatter: float | None = metric("Scatter", "rad/s", ".3f", "about the mean, RMS")
     inliers: float | None = metric(
         "Inliers", form=".1%", meaning="any Gaussian has 95 %", card=True
     )
@@ -210,10 +194,6 @@ class Steady:
         """Return the angular velocity each time the clock's phase is 0, rad/s."""
         return sample(self.angular_velocity, whole_cycles(self.clock))
 
-    def at_landing(self) -> Float[np.ndarray, "n 3"]:
-        """Return the angular velocity each time RR lands, rad/s."""
-        return sample(self.angular_velocity, self.landings(LANDED))
-
     def landings(self, leg: int) -> Float[np.ndarray, " n"]:
         """Return the samples at which a leg touches down, interpolated to where its
         force passes the threshold of `contacts`."""
@@ -234,53 +214,27 @@ class Steady:
         return jitter(at * self.run.dt, phases, period, self.run.dt)
 
 
-def measure_sections(
-    noisy: Sequence[Steady], quiet: Steady | None
-) -> tuple[SectionMetrics, ...]:
-    """Return the sections of robots that did not fall, by when they are taken."""
-    taken = {
-        "the clock's phase is 0": Steady.at_phase_zero,
-        "RR touches down": Steady.at_landing,
-    }
-    found = [_section(when, noisy, quiet, at) for when, at in taken.items()]
-    return tuple(section for section in found if section is not None)
-
-
-def _section(
-    taken: str,
-    noisy: Sequence[Steady],
-    quiet: Steady | None,
-    take: Callable[[Steady], Float[np.ndarray, "n 3"]],
-) -> SectionMetrics | None:
-    sections = [take(one) for one in noisy]
+def measure_section(noisy: Sequence[Steady]) -> SectionMetrics | None:
+    """Return the section of robots that did not fall; None with too few strides."""
+    sections = [one.at_phase_zero() for one in noisy]
     if not sections or min(map(len, sections)) < LEAST_POINTS:
         return None
     drifts = [centroid_drift(points) for points in sections]
-    squares = [np.mean(np.sum(one.angular_velocity**2, axis=1)) for one in noisy]
     own = [points - np.mean(points, axis=0) for points in sections]
     pooled = inliers(np.concatenate(own))
-    still = take(quiet) if quiet is not None else np.zeros((0, 3))
-    still_drift = centroid_drift(still) if len(still) >= LEAST_POINTS else None
     return SectionMetrics(
-        taken=taken,
         strides=min(drift.points for drift in drifts),
         moved=tuple(drift.moved for drift in drifts),
         scatter=tuple(drift.scatter for drift in drifts),
         over_scatter=tuple(drift.over_scatter for drift in drifts),
         floor=max(drift.floor for drift in drifts),
-        over_orbit=tuple(
-            drift.moved / float(np.sqrt(square))
-            for drift, square in zip(drifts, squares, strict=True)
-        ),
         inliers=pooled.share,
         inlier_error=pooled.error,
-        quiet_moved=still_drift and still_drift.moved,
-        quiet_scatter=still_drift and still_drift.scatter,
     )
 
 
 def measure_landings(
-    noisy: Sequence[Steady], quiet: Steady | None, period: float
+    noisy: Sequence[Steady], period: float
 ) -> tuple[LandingMetrics, ...]:
     """Return how every leg's touchdowns keep time, but of legs that hardly land."""
     found = []
@@ -289,7 +243,6 @@ def measure_landings(
         if not times:
             continue
         turns = np.exp(2j * np.pi * np.array([time.phase for time in times]))
-        still = quiet and quiet.timing(leg, period)
         found.append(
             LandingMetrics(
                 leg=name,
@@ -297,8 +250,6 @@ def measure_landings(
                 jitter=float(np.median([time.jitter for time in times])),
                 variability=float(np.median([time.variability for time in times])),
                 floor=times[0].floor,
-                quiet_jitter=still and still.jitter,
-                quiet_variability=still and still.variability,
             )
         )
     return tuple(found)

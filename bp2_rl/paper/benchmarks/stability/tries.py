@@ -17,7 +17,7 @@ from bp2_rl.paper.benchmarks.stability.measured import (
     SpeedResult,
     Steady,
     measure_landings,
-    measure_sections,
+    measure_section,
     show_sections,
 )
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Coordinates, Orbit
@@ -129,14 +129,13 @@ def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
         strides = [state.of(upright) for state in starts]
         found = measure_returns(policy, one, last.of([-1]), strides)
         pushes = push_all(policy, one, passed)
-    metrics = summarize(one, noisy, quiet, found, pushes)
+    metrics = summarize(one, noisy, found, pushes)
     return SpeedResult(metrics, show_sections(noisy, quiet, one.period))
 
 
 def summarize(
     one: StabilityTry,
     noisy: Sequence[Steady],
-    quiet: Steady | None,
     found: MapMetrics | None,
     pushes: tuple[PushMetrics, ...],
 ) -> SpeedMetrics:
@@ -145,13 +144,11 @@ def summarize(
     Args:
         one: the speed.
         noisy: robots with noise.
-        quiet: the robot without noise.
         found: the return map.
         pushes: the largest pushes survived.
     """
-    sections = measure_sections(noisy, quiet)
-    landings = measure_landings(noisy, quiet, one.period)
-    section, radius = sections[0] if sections else None, found and found.under_noise
+    section, landings = measure_section(noisy), measure_landings(noisy, one.period)
+    radius = found and found.under_noise
     speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
     return SpeedMetrics(
         asked=one.asked,
@@ -165,13 +162,14 @@ def summarize(
         drift_over_scatter=section and float(np.median(section.over_scatter)),
         floor=section and section.floor,
         drift=section and float(np.median(section.moved)),
+        scatter=section and float(np.median(section.scatter)),
         inliers=section and section.inliers,
         radius_under_noise=radius and radius.radius,
         radius_interval=radius and (radius.low, radius.high),
         touchdown_jitter=max((leg.jitter for leg in landings), default=None),
         variability=max((leg.variability for leg in landings), default=None),
         weakest_push=min((push.survived for push in pushes), default=None),
-        sections=sections,
+        sections=(section,) if section else (),
         landings=landings,
         returns=found,
         pushes=pushes,

@@ -20,7 +20,7 @@ from bp2_rl.paper.benchmarks.stability.measured import (
     StabilityMetrics,
     Steady,
     measure_landings,
-    measure_sections,
+    measure_section,
     show_sections,
 )
 from bp2_rl.paper.benchmarks.stability.tries import summarize
@@ -56,37 +56,30 @@ def make_steady(make_run):
 
 
 def test_sections_show_the_noise_and_not_the_stride(make_steady):
-    noisy, quiet = [make_steady(seed) for seed in range(4)], make_steady(noise=0.0)
-    stroke, landing = measure_sections(noisy, quiet)
-    for section in (stroke, landing):
-        assert section.strides in (46, 47, 48)
-        assert np.median(section.scatter) == pytest.approx(
-            0.02 * math.sqrt(3.0), rel=0.15
-        )
-        assert max(section.over_scatter) < 4.0 * section.floor
-        assert section.quiet_scatter is not None
-        assert section.inliers == pytest.approx(0.95, abs=4 * section.inlier_error)
-    assert stroke.quiet_scatter == pytest.approx(0.0, abs=1e-9)
-    orbit = math.sqrt(0.5 * (0.4**2 + 0.6**2 + 0.2**2 + 0.1**2))
-    np.testing.assert_allclose(
-        stroke.over_orbit, np.array(stroke.moved) / orbit, rtol=0.02
-    )
+    section = measure_section([make_steady(seed) for seed in range(4)])
+    assert section is not None
+    assert section.strides in (46, 47, 48)
+    assert np.median(section.scatter) == pytest.approx(0.02 * math.sqrt(3.0), rel=0.15)
+    assert max(section.over_scatter) < 4.0 * section.floor
+    assert section.inliers == pytest.approx(0.95, abs=4 * section.inlier_error)
+    quiet = measure_section([make_steady(noise=0.0)])
+    assert quiet is not None
+    assert quiet.scatter == pytest.approx((0.0,), abs=1e-9)
 
 
 def test_touchdowns_that_keep_time_jitter_by_less_than_a_sample(make_steady):
-    landings = measure_landings([make_steady()], None, 1.0 / FREQUENCY)
+    landings = measure_landings([make_steady()], 1.0 / FREQUENCY)
     assert [landing.leg for landing in landings] == ["FR", "FL", "RR", "RL"]
     for landing, phase in zip(landings, (0.5, 0.0, 0.0, 0.5), strict=True):
         # Force passes 5 % of the weight some ms after the touchdown itself.
         assert 0.0 <= (landing.phase - phase) % 1.0 < 0.02
         assert landing.jitter < 2e-4
         assert landing.floor == pytest.approx(1e-3 * FREQUENCY / math.sqrt(6.0))
-        assert landing.quiet_jitter is None
 
 
 def test_without_robots_there_is_nothing_to_measure():
-    assert measure_sections([], None) == ()
-    assert measure_landings([], None, 0.25) == ()
+    assert measure_section([]) is None
+    assert measure_landings([], 0.25) == ()
     assert show_sections([], None, 0.25).noisy == ()
 
 
@@ -114,7 +107,7 @@ def asked(monkeypatch, make_steady):
         found = None if one.extent is module.QUICK else returns
         extent = dataclasses.replace(one.extent, robots=2)
         one = dataclasses.replace(one, extent=extent)
-        metrics = summarize(one, noisy, quiet, found, pushes)
+        metrics = summarize(one, noisy, found, pushes)
         return SpeedResult(metrics, show_sections(noisy, quiet, 0.25))
 
     monkeypatch.setattr(module, "try_speed", run)
@@ -185,7 +178,7 @@ def test_a_map_that_may_not_contract_is_no_good_result(make_policy, asked, monke
 def test_all_may_fall(make_policy, asked, monkeypatch, assert_fits):
     def falls(policy, one):
         extent = dataclasses.replace(one.extent, robots=2)
-        metrics = summarize(dataclasses.replace(one, extent=extent), [], None, None, ())
+        metrics = summarize(dataclasses.replace(one, extent=extent), [], None, ())
         return SpeedResult(metrics, show_sections([], None, 0.25))
 
     monkeypatch.setattr(module, "try_speed", falls)
