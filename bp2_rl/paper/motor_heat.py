@@ -1,5 +1,4 @@
-"""Heat in the motors: a winding and a case each, and what their temperatures make of
-the torque-speed envelope.
+"""Heat in the motors, and the torque-speed envelope of warm motors.
 
 Pure and batched; NumPy and JAX arrays alike. Temperatures are in C; T_0 is that of the
 published envelope.
@@ -47,8 +46,7 @@ HALVINGS = 30
 
 
 class Network(struct.PyTreeNode):
-    """The heat's way out of a motor; numbers, or arrays that broadcast against the
-    motors."""
+    """The heat's way out of a motor, in numbers or arrays that broadcast."""
 
     winding_capacity: Any  # J/K
     winding_to_case: Any  # K/W
@@ -61,8 +59,7 @@ class Network(struct.PyTreeNode):
 
     @classmethod
     def from_spec(cls, heat: MotorHeat, winding_to_case: Any) -> "Network":
-        """Return the network of a motor with this resistance (K/W) between winding and
-        case."""
+        """Return a motor's network with a resistance, K/W, between winding and case."""
         return cls(
             winding_capacity=heat.winding_capacity,
             winding_to_case=winding_to_case,
@@ -107,8 +104,7 @@ def heat_ratio(network: Network, temperatures: Temperatures) -> Motors:
 def heated(
     actuator: Actuator, network: Network, temperatures: Temperatures
 ) -> Actuator:
-    """The motors of that envelope at these temperatures; themselves, to the last bit,
-    at T_0.
+    """Return warm motors; at T_0 the cold ones to the last bit.
 
     `winding_heat` of what is returned is P.
     """
@@ -129,8 +125,10 @@ def heated(
 def warming(
     network: Network, temperatures: Temperatures, cold_heat: Motors
 ) -> Temperatures:
-    """How fast the temperatures rise, K/s, in windings that heat so much (W) at T_0
-    under the same torque."""
+    """Return how fast temperatures rise, K/s.
+
+    `cold_heat` is the windings' heat at T_0 under the same torque, W.
+    """
     n, t = network, temperatures
     out = (t.winding - t.case) / n.winding_to_case
     return Temperatures(
@@ -142,8 +140,7 @@ def warming(
 def advance(
     network: Network, temperatures: Temperatures, cold_heat: Motors, seconds: float
 ) -> Temperatures:
-    """The temperatures so many seconds later, by one Runge-Kutta step of the fourth
-    order.
+    """Return the temperatures `seconds` later, by one Runge-Kutta step of order four.
 
     Args:
         network: the motors.

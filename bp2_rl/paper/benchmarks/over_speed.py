@@ -1,5 +1,4 @@
-"""Figures of merit over speed: rows, cards, tables and panels of runs at several
-speeds."""
+"""Rows, cards, tables and panels of runs at several speeds."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Runs of a policy at several speeds, and the whole strides of each."""
+"""Runs of a policy at several speeds, cut to their whole strides."""
 
 import dataclasses
 import functools
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 @dataclasses.dataclass(frozen=True)
 class AtSpeed:
-    """How a run under one command went."""
+    """A run under one command: its speed, and whether the robot fell."""
 
     commanded_speed: float  # m/s
     speed: float  # m/s, over the strides, or the mean of a run that has none
@@ -61,7 +61,7 @@ def _measure(
 def steady_strides(
     run: Trajectory, ramp: Ramp, most: int | None = None
 ) -> tuple[Trajectory, int] | None:
-    """Return `whole_strides` of the hold behind its `EASING`; None if the robot fell."""
+    """Return `whole_strides` of the hold after `EASING`; None if the robot fell."""
     steady = ramp.steady_from + min(EASING, 0.5 * ramp.hold)
     end = len(run) * run.dt
     if run.fell_at is not None or end - steady <= 2 * run.dt:

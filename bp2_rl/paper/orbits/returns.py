@@ -1,5 +1,4 @@
-"""The return map of a periodic motion: from a state to the state a cycle later, and its
-multipliers.
+"""The return map of a periodic motion, from a state to the state a cycle later.
 
 Multipliers are the eigenvalues of the map's derivative at a fixed point. Where all are
 smaller than 1, small deviations die out; the largest, the radius, says how fast. A map
@@ -34,8 +33,7 @@ def radius(matrix: Float[np.ndarray, "D D"]) -> float:
 
 
 def fit(before: Float[np.ndarray, "N D"], after: Float[np.ndarray, "N D"]) -> Fit:
-    """Fit the linear map from states to those a cycle later with the least squared
-    error.
+    """Fit the linear map from states to those a cycle later by least squares.
 
     Raises:
         ValueError: fewer states than the map has unknowns.
@@ -81,8 +79,9 @@ def bootstrap(
 def interval(
     estimate: float, drawn: Float[np.ndarray, " N"], confidence: float = 0.95
 ) -> tuple[float, float]:
-    """Return the basic bootstrap's interval: truth lies below the estimate as far as
-    draws lie above it.
+    """Return the basic bootstrap's confidence interval of an estimate.
+
+    Truth lies below the estimate as far as draws lie above it.
 
     So a bias is taken out: of a radius it is upwards, as noise moves eigenvalues apart.
     """

@@ -1,5 +1,4 @@
-"""A Poincare section, one point a cycle: whether the points wander or stray; and how
-regularly an event comes that happens once a cycle.
+"""Measures of a Poincare section's points, and of events that come once a cycle.
 
 The paper's centroid drift D_c* has no printed definition. Here it is
 
@@ -67,7 +66,7 @@ def centroid_drift(points: Float[np.ndarray, "N D"]) -> Drift:
 
 @dataclasses.dataclass(frozen=True)
 class Inliers:
-    """How many of a section's points lie where those of a Gaussian would."""
+    """The share of a section's points within the 95 % bound of a Gaussian."""
 
     share: float  # with a squared Mahalanobis distance below `CHI_SQUARE_95`
     # of the share for as many independent Gaussian points, one standard deviation
@@ -116,7 +115,7 @@ def mahalanobis(
     mean: Float[np.ndarray, " D"],
     covariance: Float[np.ndarray, "D D"],
 ) -> Float[np.ndarray, " N"]:
-    """Return squared Mahalanobis distances, over the directions in which points move."""
+    """Return squared Mahalanobis distances; directions without motion do not count."""
     off = points - mean
     return np.sum(off @ np.linalg.pinv(covariance, hermitian=True) * off, axis=1)
 

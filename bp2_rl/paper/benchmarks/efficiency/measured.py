@@ -70,7 +70,7 @@ class Joint:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Energy:
-    """A speed's balance over whole strides; costs are those of transport."""
+    """The balance of energy at one speed over whole strides, as costs of transport."""
 
     strides: int
     weight_speed: float = metric("m g v", "W", ".0f", "power of a cost of 1")
@@ -204,7 +204,7 @@ def _joint(name: str, ledger: Ledger) -> Joint:
 def _efficiency(
     power: Float[np.ndarray, "N M"], copper: Float[np.ndarray, "N M"]
 ) -> float | None:
-    """Return the motors' work over their input while they drive; None if they never do."""
+    """Return the work over the input of motors that drive; None if none does."""
     driving = power > 0.0
     work = float(np.sum(power[driving]))
     return work / (work + float(np.sum(copper[driving]))) if work > 0.0 else None

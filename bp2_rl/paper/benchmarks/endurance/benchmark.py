@@ -1,5 +1,6 @@
-"""The endurance benchmark: a speed is held until a winding is too hot, no torque margin
-is left, or the robot falls.
+"""The endurance benchmark: how long the motors let a robot hold its speed.
+
+A run ends when a winding is too hot, no torque margin is left, or the robot falls.
 
 The motor is calibrated on the paper's 1.8 K/s over 86 s, in this policy's gait at the
 paper's speed: so 86 s are put in there, and not predicted. What is predicted is which

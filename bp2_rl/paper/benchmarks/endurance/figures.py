@@ -71,8 +71,10 @@ def draw_temperatures(
 def draw_operating_points(
     heat: MotorHeat, runs: Sequence[HeatedRun], robot: HardwareSpec
 ) -> Figure:
-    """Draw torque over speed, coloured by time: rows are speeds, columns hip and knee of
-    the hottest leg."""
+    """Draw the hottest leg's torque over speed, coloured by time.
+
+    Rows are speeds, columns the leg's hip and knee.
+    """
     count = len(runs)
     figure = Figure(figsize=(WIDTH, 0.6 + 3.3 * count), layout="constrained")
     panels = figure.subplots(count, 2, sharex=True, sharey=True, squeeze=False)

@@ -80,8 +80,7 @@ class Heating:
     def __call__(
         self, simulator: Simulator, robot: int, torque: Float[np.ndarray, "12"]
     ) -> bool:
-        """Return whether a robot's run ends, after a millisecond under this torque,
-        Nm."""
+        """Return whether a robot's run ends after a millisecond under `torque`, Nm."""
         since, self._step = self._step - self.start, self._step + 1
         if since >= 0:
             self._heat += winding_heat(self.cold, torque)
@@ -238,8 +237,7 @@ class HeatedRun:
 
 
 def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HeatedRun]:
-    """Run robots until their motors are too hot or too weak, they fall, or time is
-    up."""
+    """Run robots until their motors fail, they fall, or their time is up."""
     requests = [one.request(policy.card.env) for one in tries]
     return simulate_all(_measure_heat, policy, requests)
 

@@ -1,5 +1,4 @@
-"""The mechanism benchmark: whose inertia balances whose in the gait that the policy
-really runs, at five speeds.
+"""The mechanism benchmark: whose inertia balances whose in the gait of a policy.
 
 The paper has it that coupling between limbs relieves the motors. In the equations of
 motion that is a question of source: of the inertial torque at a hip that other

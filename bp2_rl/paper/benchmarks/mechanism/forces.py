@@ -1,5 +1,4 @@
-"""What each term of the equations of motion contributes to a run, in three dimensions,
-millisecond by millisecond.
+"""The terms of the equations of motion along a run, in three dimensions.
 
 Mass matrix and bias forces are C MuJoCo's at the recorded states. For every coordinate
 i of `qvel`
@@ -67,8 +66,10 @@ ACROSS = (3, 2, 1, 0)  # FR and RL, FL and RR
 
 @dataclasses.dataclass(frozen=True)
 class Forces:
-    """Terms and sources along a run. T terms (`TERMS`), N milliseconds; joints as in
-    `JOINTS`."""
+    """Terms and sources along a run.
+
+    T terms (`TERMS`), N milliseconds; joints as in `JOINTS`.
+    """
 
     terms: Float[np.ndarray, "T N 22"]  # N, Nm
     within: Float[np.ndarray, "7 N 8"]  # Nm: M_ij a_j, as in `WITHIN`
@@ -77,8 +78,7 @@ class Forces:
 
     @property
     def closure(self) -> Float[np.ndarray, " N"]:
-        """Largest gap in any ms between terms or sources and what they add up to, over
-        the largest term."""
+        """Largest gap in the sums of terms and sources, over the largest term."""
         coupled = self.joints("coupled inertial")
         gaps = (
             np.einsum("t,tki->ki", BALANCE, self.terms),
@@ -100,8 +100,10 @@ class Forces:
 
     @property
     def fixed(self) -> Float[np.ndarray, "N 8"]:
-        """u~: the same on a trunk that is not accelerated, under the same ground
-        forces, Nm."""
+        """u~: torques that a trunk without acceleration would take, Nm.
+
+        The ground forces stay.
+        """
         return self.active - self.trunk
 
     def joints(self, term: str) -> Float[np.ndarray, "N 8"]:
@@ -145,8 +147,10 @@ def _terms(
     M: Float[np.ndarray, "22 22"],
     floor: int,
 ) -> Float[np.ndarray, "T 22"]:
-    """At the state that `mj_forward` was last called with; changes the velocities in
-    `data`."""
+    """Return all terms at the state of the last `mj_forward`.
+
+    Changes the velocities in `data`.
+    """
     terms = np.zeros((len(TERMS), NV))
     main, coupled = split_inertia(M[None], data.qacc[None])
     ground, legs, stops = np.zeros((3, NV))
@@ -188,8 +192,7 @@ def _sources(
     a: Float[np.ndarray, "22"],
     terms: Float[np.ndarray, "T 22"],
 ) -> tuple[Float[np.ndarray, "7 8"], Float[np.ndarray, "8 8"]]:
-    """The coupled inertial torques of hips and knees, and the trunk's part of them, by
-    source."""
+    """Return the coupled torques of hips and knees, and the trunk's part, by source."""
     i = HIPS_AND_KNEES
     partner, first = (
         i.reshape(4, 2)[:, ::-1].ravel(),

@@ -19,8 +19,7 @@ HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)
 
 @dataclasses.dataclass(frozen=True)
 class Motor:
-    """Torques at a kind of joint: u, of the motors, and ũ, which a trunk that is not
-    accelerated would take."""
+    """Torques at a kind of joint: u, and ũ on a trunk that is not accelerated."""
 
     name: str = metric("Joint", form="s")
     peak: float = metric("u peak", "Nm", ".1f")
@@ -31,8 +30,10 @@ class Motor:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Decomposed:
-    """A run's forces over whole strides; shares are of the hips' main inertial torque,
-    mean over its peaks."""
+    """A run's forces over whole strides.
+
+    Shares are of the hips' main inertial torque, mean over its peaks.
+    """
 
     strides: int
     frequency: float  # Hz, of the stride

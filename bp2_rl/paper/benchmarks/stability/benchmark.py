@@ -1,5 +1,6 @@
-"""The stability benchmark: whether a gait repeats itself under noise, what it makes of
-deviations, and how hard it may be pushed.
+"""The stability benchmark: how well a gait repeats itself, and what fells it.
+
+Robots run under noise, from deviations of their gait, and are pushed.
 
 The definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md: the section is
 strobed at the policy's own clock, the transient is dropped, the noise is that of
@@ -148,16 +149,14 @@ def say_stability(speed: SpeedMetrics) -> str:
         return f"{said}{speed.fell} of {speed.robots} fell"
     if speed.returns is None:
         return f"{said}no fall, D_c* {speed.drift_over_scatter:.2f}"
-    return f"{said}radius {speed.returns.under_noise}"
+    return f"{said}radius {speed.returns.radii[0]}"
 
 
 def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
     """Return the tables of a speed's touchdowns, map and pushes."""
-    found = speed.returns
-    radii = [found.under_noise, found.deviations] if found else []
     details = {
         "Touchdowns": speed.landings,
-        "Map from stride to stride": [one for one in radii if one is not None],
+        "Map from stride to stride": speed.returns.radii if speed.returns else (),
         "Largest push survived": speed.pushes,
     }
     return tuple(

@@ -67,7 +67,7 @@ def join(*states: GroupState) -> GroupState:
 
 @dataclasses.dataclass(frozen=True)
 class GroupRecording:
-    """A group's run, sampled each millisecond, of each robot until its fall."""
+    """The samples of a group's run, a millisecond each, to each robot's fall."""
 
     samples: Recording  # (N, T, ...)
     # cycles of the controller's clock, counted on and on
@@ -91,7 +91,7 @@ class GroupRecording:
 
 
 class RobotGroup:
-    """Robots of one kind under one policy.
+    """A group of equal robots under one policy, simulated side by side.
 
     Args:
         policy: observation -> action, for one robot.
@@ -125,8 +125,7 @@ class RobotGroup:
         self._model = self.robot.model()
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
-        """Return the state of settled robots at rest whose next command is
-        `command`."""
+        """Return the state of robots that stand still and are told `command` next."""
         runner = self._runner(np.asarray(command, np.float64)[None])
         return self._state(settled([self.robot]), runner).of(np.zeros(robots, int))
 
@@ -140,8 +139,7 @@ class RobotGroup:
         record: bool = False,
         until: Callable[[int, GroupState], None] | None = None,
     ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording | None]:
-        """Continue for K control steps; return the state then, which robots fell, and a
-        recording if asked for.
+        """Continue for K control steps; return the state, who fell, and a recording.
 
         Robots that fell stay as they are.
 

@@ -29,8 +29,7 @@ LOOPS = 5  # strides that are drawn all along
 
 @dataclasses.dataclass(frozen=True)
 class SectionMetrics:
-    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point each
-    time that the clock's phase is 0."""
+    """A section of the trunk's angular velocity, at the clock's phase 0."""
 
     strides: int  # a robot
     # rad/s, of the centre from the first third to the last, each robot's
@@ -76,9 +75,8 @@ class MapMetrics:
     """The return map: what is left of deviations a stride later."""
 
     coordinates: int
-    under_noise: RadiusMetrics  # stride to stride of the robots with noise
-    # of random deviations as large as the scatter; None of a fit with too few states
-    deviations: RadiusMetrics | None
+    # stride to stride under noise, then of deviations as large as the scatter
+    radii: tuple[RadiusMetrics, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,7 +145,7 @@ class SpeedMetrics:
 
     @property
     def is_steady(self) -> bool:
-        """Whether no robot fell and the map under noise contracts, if it was found."""
+        """True if no robot fell and the map under noise contracts, if it was found."""
         certain = self.radius_interval is None or self.radius_interval[1] < 1.0
         return self.fell == 0 and certain
 
@@ -195,8 +193,10 @@ class Steady:
         return sample(self.angular_velocity, whole_cycles(self.clock))
 
     def landings(self, leg: int) -> Float[np.ndarray, " n"]:
-        """Return the samples at which a leg touches down, interpolated to where its
-        force passes the threshold of `contacts`."""
+        """Return the interpolated samples at which a leg touches down.
+
+        There its force passes the threshold of `contacts`.
+        """
         force = self.run.foot_force[:, leg, 2]
         threshold = TOUCH_FORCE * self.run.mass * conventions.GRAVITY
         starts = touchdowns(contacts(self.run)[:, leg])

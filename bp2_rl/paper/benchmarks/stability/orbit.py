@@ -1,5 +1,6 @@
-"""A policy's gait as a map: from a vector that stands for the closed loop at the
-clock's phase 0 to the vector a cycle later.
+"""A policy's gait as a map of the closed loop's state from one stride to the next.
+
+The map takes a vector at the clock's phase 0 to the vector a cycle later.
 
 Left out of the vector is what the loop does not depend on: place and, without an
 operator, heading. In are the body (height, roll, pitch, joints, springs, and all
@@ -37,8 +38,9 @@ POINTS = 81  # commands that are looked at, and then between two of them
 def whole_strides(
     phase_rate: Callable[[Array], Array], speed: float
 ) -> tuple[float, int] | None:
-    """Find the command (m/s) nearest to a speed whose stride is a whole number of
-    control steps, and that number.
+    """Find the command nearest to a speed whose stride has whole control steps.
+
+    Returns the command, m/s, and the number of control steps.
 
     `phase_rate` is the clock's: cycles a second under a command (3). Only then is the
     closed loop periodic. None where there is none within `REACH`, as for a clock that
@@ -100,8 +102,7 @@ class Coordinates:
     def of(
         cls, config: EnvConfig, hardware: HardwareSpec, memory: int, steered: bool
     ) -> "Coordinates":
-        """Return the coordinates of a policy on a robot whose latency spans `memory`
-        control steps."""
+        """Return the coordinates of a loop whose latency spans `memory` control steps."""
         losses = hardware.losses
         limited = min(losses.bus_power_out, losses.bus_power_in) < 1e9
         has_bus = limited or losses.bus_sag > 0.0
@@ -138,8 +139,7 @@ class Coordinates:
         return np.concatenate(parts, axis=-1)
 
     def write(self, vectors: Float[np.ndarray, "N D"], base: GroupState) -> GroupState:
-        """Return a group in these states; the rest is as in `base`, a group of one, at x
-        = 0."""
+        """Return a group of robots at x = 0 in these states, otherwise as `base`."""
         count = len(vectors)
         ends = np.cumsum([3, 16, 2, 20, 12, 12 * self.torque, 12 * self.older])
         trunk, joints, level, rates, action, torque, older, steered = np.split(
@@ -220,8 +220,7 @@ class Orbit:
     def follow(
         self, states: Float[np.ndarray, "N D"], strides: int
     ) -> Float[np.ndarray, "S N D"]:
-        """Return the states and what becomes of them, stride after stride; NaN from a
-        fall on."""
+        """Return the states, stride after stride; NaN after a fall."""
         chunks = (states[first : first + MOST] for first in range(0, len(states), MOST))
         return np.concatenate(
             [self._follow(chunk, strides) for chunk in chunks], axis=1

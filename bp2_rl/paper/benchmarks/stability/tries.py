@@ -148,7 +148,7 @@ def summarize(
         pushes: the largest pushes survived.
     """
     section, landings = measure_section(noisy), measure_landings(noisy, one.period)
-    radius = found and found.under_noise
+    radius = found and found.radii[0]
     speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
     return SpeedMetrics(
         asked=one.asked,
@@ -182,7 +182,7 @@ def summarize(
 def measure_returns(
     policy: Policy, one: StabilityTry, quiet: GroupState, starts: list[GroupState]
 ) -> MapMetrics | None:
-    """Fit the map about a phase 0 of the robot without noise; None with too few strides.
+    """Fit the map about the robot without noise; None with too few strides.
 
     Coordinates count over their scatter under noise, from stride to stride. They do not
     hold what a policy with a history remembers of the last control steps. Where it has
@@ -203,7 +203,8 @@ def measure_returns(
     off = scales * rng.standard_normal((one.extent.deviations, len(scales)))
     remembers = bool(policy.card.env.control.history)
     deviations = deviation_radius(orbit, scales, off, one.seed, later=remembers)
-    return MapMetrics(coordinates.size, under_noise, deviations)
+    radii = (under_noise, deviations) if deviations else (under_noise,)
+    return MapMetrics(coordinates.size, radii)
 
 
 def deviation_radius(
@@ -214,7 +215,7 @@ def deviation_radius(
     *,
     later: bool,
 ) -> RadiusMetrics | None:
-    """Fit the map to deviations, or to what is left of them a stride later."""
+    """Fit the map to deviations, or to their remains a stride later."""
     *_, before, after = (orbit.follow(orbit.at + off, 1 + later) - orbit.at) / scales
     back = np.all(np.isfinite(after), axis=1)
     what = "deviations as large as the scatter"
@@ -267,8 +268,10 @@ def push(
     sizes: Float[np.ndarray, " N"],
     directions: Float[np.ndarray, " N"],
 ) -> GroupState:
-    """Return these robots after a jump of their velocity, m/s, in directions from
-    forward to the left, rad."""
+    """Return robots after jumps of their velocity, m/s.
+
+    Directions are from forward to the left, rad.
+    """
     qvel, toward = moment.qvel.copy(), yaw_of(moment.qpos[:, 3:7]) + directions
     qvel[:, :2] += sizes[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=-1)
     return dataclasses.replace(moment, qvel=qvel)
@@ -280,7 +283,7 @@ def largest_survived(
     most: float,
     rounds: int,
 ) -> tuple[Float[np.ndarray, " kinds"], Float[np.ndarray, " kinds"]]:
-    """Find by bisection two sizes of each kind of push: one survived, one not.
+    """Find by bisection, for all kinds of push, a size survived and one that is not.
 
     A push of 0 counts as survived, one of `most` as not; the two are most / 2^rounds
     apart. Where survival is not monotonous in the size, one of its ends is found.

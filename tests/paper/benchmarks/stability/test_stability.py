@@ -98,7 +98,7 @@ def asked(monkeypatch, make_steady):
             make_steady(noise=0.0, duration=6.0),
         )
         radius = RadiusMetrics("deviations", 300, 0.9, 0.85, 0.95, 0.1)
-        returns = MapMetrics(56, radius, radius)
+        returns = MapMetrics(56, (radius, radius))
         pushes = tuple(
             PushMetrics(p, w, 1.0 + p, 1.25 + p)
             for p in (0.0, 0.5)
@@ -133,7 +133,9 @@ def test_the_papers_speed_and_the_top_are_run_at_whole_strides(
     assert all(abs(one.speed - one.asked) < 1.5 for one in asked)
     assert evaluation.good
     assert "radius 0.90 (0.85 to 0.95)" in evaluation.verdict
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
+    labels = [row.label for row in evaluation.rows]
+    assert set(evaluation.tiles) <= set(labels)
+    assert len(set(labels)) == len(labels)
     assert [picture.name for picture in evaluation.pictures] == ["sections"]
     card = evaluation.results["at 10.74 m/s"]
     assert (card["radius_under_noise"], card["weakest_push"]) == (0.9, 1.0)
