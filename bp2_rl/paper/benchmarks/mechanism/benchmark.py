@@ -6,10 +6,11 @@ coordinates' accelerations make up for, what is the leg's own, and what comes fr
 legs through the trunk?
 """
 
+import itertools
+
 import numpy as np
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import table_of
 from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
@@ -77,11 +78,6 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     ]
     pictures = []
     if found:
-        motors = tuple(found[-1][1].motors.values())
-        title = (
-            "Torque at joints at the top speed; ũ: on a trunk that is not accelerated"
-        )
-        tables.append(table_of(title, motors))
         pictures.append(Picture("sources", CAPTION, draw_sources(metrics)))
     closure = {"closure": max((f.closure for _, f in found), default=None)}
     return Evaluation(
@@ -147,12 +143,12 @@ def draw_sources(metrics: MechanismMetrics) -> Figure:
     shares.set(title="Covered, by source", ylabel="Share of main torque")
     draw_stacks(legs, speeds, [forces.through for forces in found], PAIR_COLORS)
     legs.set(title="Covered by other legs")
-    for joint, color in (("hip", LEG_COLORS["FR"]), ("knee", LEG_COLORS["RR"])):
-        kinds = [[m for n, m in f.motors.items() if n.endswith(joint)] for f in found]
-        u = [max(motor.peak for motor in motors) for motors in kinds]
-        fixed = [max(motor.fixed_peak for motor in motors) for motors in kinds]
-        lines = [Line(f"{joint}, u", u, color), Line(f"{joint}, ũ", fixed, color, "--")]
-        draw_lines(torques, speeds, lines)
+    styles = itertools.product((LEG_COLORS["FR"], LEG_COLORS["RR"]), ("o-", "--"))
+    lines = [
+        Line(name, [forces.torques[name] for forces in found], *style)
+        for name, style in zip(found[0].torques, styles, strict=True)
+    ]
+    draw_lines(torques, speeds, lines)
     torques.set(title="Greatest torque", ylabel="Torque [Nm]", ylim=(0.0, None))
     letter([shares, legs, torques])
     return figure

@@ -8,24 +8,11 @@ from jaxtyping import Float
 from bp2_rl.base.metric import metric
 from bp2_rl.paper.benchmarks.mechanism.forces import JOINTS, THROUGH, WITHIN, Forces
 from bp2_rl.paper.benchmarks.speeds import AtSpeed
-from bp2_rl.paper.trajectories.coupling import ENDS
 from bp2_rl.paper.trajectories.decomposition import periodic_peaks
 from bp2_rl.robot.conventions import LEGS
 
 STRIDES = 8  # whole ones that are looked at, at most
-MOVED = "hip", "knee"
 HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)
-
-
-@dataclasses.dataclass(frozen=True)
-class Motor:
-    """Torques at a kind of joint: u, and ũ on a trunk that is not accelerated."""
-
-    name: str = metric("Joint", form="s")
-    peak: float = metric("u peak", "Nm", ".1f")
-    fixed_peak: float = metric("ũ peak", "Nm", ".1f")
-    rms: float = metric("u rms", "Nm", ".1f")
-    fixed_rms: float = metric("ũ rms", "Nm", ".1f")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,7 +55,8 @@ class Decomposed:
     saved_at_knees: float = metric(
         "Trunk saves, knees", form="+.0%", meaning="of ũ's peak"
     )
-    motors: dict[str, Motor]  # by end and joint
+    # Nm, greatest at any hip and knee: u, and ũ on a trunk that is not accelerated
+    torques: dict[str, float]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,8 +89,12 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
         return np.mean(np.concatenate(shares, axis=1), axis=1).tolist()
 
     within, through = cover(forces.within), cover(forces.through)
-    kinds = [(f"{end} {j}", j, front) for end, front in ENDS.items() for j in MOVED]
-    motors = {name: _motor(forces, name, joint, front) for name, joint, front in kinds}
+    given = {"u": forces.active, "ũ": forces.fixed}
+    torques = {
+        f"{joint}, {name}": float(np.max(np.abs(torque[:, first::2])))
+        for first, joint in enumerate(("hip", "knee"))
+        for name, torque in given.items()
+    }
     return Decomposed(
         strides=strides,
         frequency=strides / (len(main) * dt),
@@ -113,26 +105,7 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
         legs=sum(through[1:3]),
         within=dict(zip(WITHIN, within, strict=True)),
         through=dict(zip(THROUGH, through, strict=True)),
-        saved_at_hips=_saved(motors, "hip"),
-        saved_at_knees=_saved(motors, "knee"),
-        motors=motors,
+        saved_at_hips=1.0 - torques["hip, u"] / torques["hip, ũ"],
+        saved_at_knees=1.0 - torques["knee, u"] / torques["knee, ũ"],
+        torques=torques,
     )
-
-
-def _motor(forces: Forces, name: str, joint: str, front: bool) -> Motor:
-    columns = [
-        i
-        for i, each in enumerate(JOINTS)
-        if each.endswith(joint) and each.startswith("F") == front
-    ]
-    u, fixed = forces.active[:, columns], forces.fixed[:, columns]
-    peak, fixed_peak = (float(np.max(np.abs(torque))) for torque in (u, fixed))
-    rms, fixed_rms = (float(np.sqrt(np.mean(torque**2))) for torque in (u, fixed))
-    return Motor(name, peak, fixed_peak, rms, fixed_rms)
-
-
-def _saved(motors: dict[str, Motor], joint: str) -> float:
-    """Return the share of the greatest ũ that the trunk's acceleration saves."""
-    chosen = [motor for name, motor in motors.items() if name.endswith(joint)]
-    fixed = max(motor.fixed_peak for motor in chosen)
-    return 1.0 - max(motor.peak for motor in chosen) / fixed if fixed > 0.0 else 0.0

@@ -147,16 +147,16 @@ def say_stability(speed: SpeedMetrics) -> str:
     said = f"{speed.commanded:.2f} m/s: "
     if speed.fell or speed.drift_over_scatter is None:
         return f"{said}{speed.fell} of {speed.robots} fell"
-    if speed.returns is None:
+    if not speed.radii:
         return f"{said}no fall, D_c* {speed.drift_over_scatter:.2f}"
-    return f"{said}radius {speed.returns.radii[0]}"
+    return f"{said}radius {speed.radii[0]}"
 
 
 def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
     """Return the tables of a speed's touchdowns, map and pushes."""
     details = {
         "Touchdowns": speed.landings,
-        "Map from stride to stride": speed.returns.radii if speed.returns else (),
+        "Map from stride to stride": speed.radii,
         "Largest push survived": speed.pushes,
     }
     return tuple(

@@ -71,15 +71,6 @@ class RadiusMetrics:
 
 
 @dataclasses.dataclass(frozen=True)
-class MapMetrics:
-    """The return map: what is left of deviations a stride later."""
-
-    coordinates: int
-    # stride to stride under noise, then of deviations as large as the scatter
-    radii: tuple[RadiusMetrics, ...]
-
-
-@dataclasses.dataclass(frozen=True)
 class PushMetrics:
     """The largest push survived, a jump of the whole robot's velocity."""
 
@@ -140,7 +131,8 @@ class SpeedMetrics:
     )
     sections: tuple[SectionMetrics, ...]
     landings: tuple[LandingMetrics, ...]
-    returns: MapMetrics | None
+    # stride to stride under noise, then of deviations as large as the scatter
+    radii: tuple[RadiusMetrics, ...]
     pushes: tuple[PushMetrics, ...]
 
     @property

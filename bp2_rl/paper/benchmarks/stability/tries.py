@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup, join
 from bp2_rl.paper.benchmarks.stability.measured import (
-    MapMetrics,
     PushMetrics,
     RadiusMetrics,
     SpeedMetrics,
@@ -122,21 +121,22 @@ def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
     fell = fell | down
     upright = np.flatnonzero(~fell[:-1])
     noisy = [Steady(log.trajectory(i), log.clock[i]) for i in upright.tolist()]
-    quiet = found = None
+    quiet: Steady | None = None
+    radii: tuple[RadiusMetrics, ...] = ()
     pushes: tuple[PushMetrics, ...] = ()
     if not fell[-1]:
         quiet = Steady(log.trajectory(extent.robots), log.clock[-1])
         strides = [state.of(upright) for state in starts]
-        found = measure_returns(policy, one, last.of([-1]), strides)
+        radii = measure_returns(policy, one, last.of([-1]), strides)
         pushes = push_all(policy, one, passed)
-    metrics = summarize(one, noisy, found, pushes)
+    metrics = summarize(one, noisy, radii, pushes)
     return SpeedResult(metrics, show_sections(noisy, quiet, one.period))
 
 
 def summarize(
     one: StabilityTry,
     noisy: Sequence[Steady],
-    found: MapMetrics | None,
+    radii: tuple[RadiusMetrics, ...],
     pushes: tuple[PushMetrics, ...],
 ) -> SpeedMetrics:
     """Return the metrics of a speed from the robots that did not fall.
@@ -144,11 +144,11 @@ def summarize(
     Args:
         one: the speed.
         noisy: robots with noise.
-        found: the return map.
+        radii: those of the map from stride to stride, under noise first.
         pushes: the largest pushes survived.
     """
     section, landings = measure_section(noisy), measure_landings(noisy, one.period)
-    radius = found and found.radii[0]
+    radius = radii[0] if radii else None
     speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
     return SpeedMetrics(
         asked=one.asked,
@@ -171,7 +171,7 @@ def summarize(
         weakest_push=min((push.survived for push in pushes), default=None),
         sections=(section,) if section else (),
         landings=landings,
-        returns=found,
+        radii=radii,
         pushes=pushes,
     )
 
@@ -181,8 +181,8 @@ def summarize(
 
 def measure_returns(
     policy: Policy, one: StabilityTry, quiet: GroupState, starts: list[GroupState]
-) -> MapMetrics | None:
-    """Fit the map about the robot without noise; None with too few strides.
+) -> tuple[RadiusMetrics, ...]:
+    """Fit the map to strides under noise and to deviations; () with too few strides.
 
     Coordinates count over their scatter under noise, from stride to stride. They do not
     hold what a policy with a history remembers of the last control steps. Where it has
@@ -198,13 +198,12 @@ def measure_returns(
     after = np.reshape(states[1:], (-1, coordinates.size)) / scales
     under_noise = _radius(before, after, "stride to stride under noise", one.seed)
     if under_noise is None:
-        return None
+        return ()
     rng = np.random.default_rng(one.seed)
     off = scales * rng.standard_normal((one.extent.deviations, len(scales)))
     remembers = bool(policy.card.env.control.history)
     deviations = deviation_radius(orbit, scales, off, one.seed, later=remembers)
-    radii = (under_noise, deviations) if deviations else (under_noise,)
-    return MapMetrics(coordinates.size, radii)
+    return (under_noise, deviations) if deviations else (under_noise,)
 
 
 def deviation_radius(

@@ -13,7 +13,6 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.stability import benchmark as module
 from bp2_rl.paper.benchmarks.stability.benchmark import ramp_to_stability, stability
 from bp2_rl.paper.benchmarks.stability.measured import (
-    MapMetrics,
     PushMetrics,
     RadiusMetrics,
     SpeedResult,
@@ -98,16 +97,15 @@ def asked(monkeypatch, make_steady):
             make_steady(noise=0.0, duration=6.0),
         )
         radius = RadiusMetrics("deviations", 300, 0.9, 0.85, 0.95, 0.1)
-        returns = MapMetrics(56, (radius, radius))
         pushes = tuple(
             PushMetrics(p, w, 1.0 + p, 1.25 + p)
             for p in (0.0, 0.5)
             for w in np.linspace(0, 5, 4).tolist()
         )
-        found = None if one.extent is module.QUICK else returns
+        radii = () if one.extent is module.QUICK else (radius, radius)
         extent = dataclasses.replace(one.extent, robots=2)
         one = dataclasses.replace(one, extent=extent)
-        metrics = summarize(one, noisy, found, pushes)
+        metrics = summarize(one, noisy, radii, pushes)
         return SpeedResult(metrics, show_sections(noisy, quiet, 0.25))
 
     monkeypatch.setattr(module, "try_speed", run)
@@ -180,7 +178,7 @@ def test_a_map_that_may_not_contract_is_no_good_result(make_policy, asked, monke
 def test_all_may_fall(make_policy, asked, monkeypatch, assert_fits):
     def falls(policy, one):
         extent = dataclasses.replace(one.extent, robots=2)
-        metrics = summarize(dataclasses.replace(one, extent=extent), [], None, ())
+        metrics = summarize(dataclasses.replace(one, extent=extent), [], (), ())
         return SpeedResult(metrics, show_sections([], None, 0.25))
 
     monkeypatch.setattr(module, "try_speed", falls)
