@@ -136,9 +136,8 @@ class RobotGroup:
         *,
         seed: int = 0,
         noisy: Float[np.ndarray, " N"] | None = None,
-        record: bool = False,
         until: Callable[[int, GroupState], None] | None = None,
-    ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording | None]:
+    ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording]:
         """Continue for K control steps; return the state, who fell, and a recording.
 
         Robots that fell stay as they are.
@@ -148,64 +147,44 @@ class RobotGroup:
             commands: scheduled at the ends of the control steps, m/s and rad/s.
             seed: of the noise.
             noisy: each robot's share of the noise, 1 by default.
-            record: whether to record.
             until: is shown the number of each control step and the state after it.
         """
         count, steps = len(state), len(commands)
         simulator, runner = self._continued(state)
-        fell, recording = (
-            np.zeros(count, bool),
-            self._recording(simulator, conventions.SUBSTEPS * steps if record else 0),
+        samples = conventions.SUBSTEPS * steps
+        recording = GroupRecording(
+            Recording.empty(simulator.qpos.shape[-1], count, samples),
+            clock=np.zeros((count, samples)),
+            lasted=np.full(count, float(samples)),
+            config=self.robot.config,
+            mass=simulator.mass(0),
         )
-        samples = recording.samples
-        drawn = (
-            () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
-        )
-        keys = (
-            np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count)))
-            if drawn
-            else ()
-        )
+        into, fell, drawn = recording.samples, np.zeros(count, bool), [()] * steps
+        if self._noise is not None:
+            keys = jax.random.split(jax.random.PRNGKey(seed), (steps, count))
+            share = np.ones(count) if noisy is None else noisy
+            drawn = [(key, share) for key in np.asarray(keys)]
         cycles = state.phase
         for k, scheduled in enumerate(commands):
             before = runner.phase
-            targets = runner.tick(
-                simulator.qpos,
-                simulator.qvel,
-                scheduled,
-                *((keys[k], *drawn) if drawn else ()),
-            )
+            targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *drawn[k])
             rate = (runner.phase - before) % 1.0 / conventions.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
-                if record:
-                    samples.qpos[:, i], samples.qvel[:, i] = (
-                        simulator.qpos,
-                        simulator.qvel,
-                    )
-                    samples.target[:, i], samples.command[:, i] = (
-                        position,
-                        runner.command,
-                    )
-                    recording.clock[:, i] = cycles
+                into.qpos[:, i], into.qvel[:, i] = simulator.qpos, simulator.qvel
+                into.target[:, i], into.command[:, i] = position, runner.command
+                recording.clock[:, i] = cycles
                 simulator.millisecond(position, velocity, np.flatnonzero(~fell))
-                if record:
-                    samples.torque[:, i], samples.foot_force[:, i] = (
-                        simulator.torque,
-                        simulator.foot_force,
-                    )
-                down = (
-                    fall(
-                        simulator.qpos, simulator.qvel, self._config.termination
-                    ).happened
-                    & ~fell
-                )
+                into.torque[:, i] = simulator.torque
+                into.foot_force[:, i] = simulator.foot_force
+                now = simulator.qpos, simulator.qvel
+                down = fall(*now, self._config.termination).happened & ~fell
                 recording.lasted[down] = i + 1
                 fell, cycles = fell | down, cycles + rate
             if until is not None:
                 until(k, self._state(simulator, runner))
             if fell.all():
                 break
-        return self._state(simulator, runner), fell, recording if record else None
+        return self._state(simulator, runner), fell, recording
 
     def _continued(self, state: GroupState) -> tuple[Simulator, PolicyRunner]:
         """Return simulator and controllers in this state."""
@@ -236,15 +215,6 @@ class RobotGroup:
             latencies=[self.robot.config.hardware.losses.latency] * count,
             commands=commands,
             noise=self._noise,
-        )
-
-    def _recording(self, simulator: Simulator, samples: int) -> GroupRecording:
-        return GroupRecording(
-            Recording.empty(simulator.qpos.shape[-1], len(simulator), samples),
-            clock=np.zeros((len(simulator), samples)),
-            lasted=np.full(len(simulator), float(samples)),
-            config=self.robot.config,
-            mass=simulator.mass(0),
         )
 
     @staticmethod

@@ -204,18 +204,13 @@ class Orbit:
 
     group: RobotGroup  # without noise
     coordinates: Coordinates
-    speed: float  # m/s, commanded
-    ticks: int  # control steps a stride
+    commands: Float[np.ndarray, "K 3"]  # of a stride
     base: GroupState  # one robot at phase 0; says all that coordinates leave out
 
     @property
     def at(self) -> Float[np.ndarray, " D"]:
         """The base's coordinates."""
         return self.coordinates.read(self.base)[0]
-
-    def commands(self, robots: int) -> Float[np.ndarray, "K N 3"]:
-        """Return the commands of a stride."""
-        return np.tile(np.array([self.speed, 0.0, 0.0]), (self.ticks, robots, 1))
 
     def follow(
         self, states: Float[np.ndarray, "N D"], strides: int
@@ -231,8 +226,9 @@ class Orbit:
     ) -> Float[np.ndarray, "S N D"]:
         moment = self.coordinates.write(states, self.base)
         fallen, passed = np.zeros(len(states), bool), [states]
+        commands = np.repeat(self.commands[:, None], len(states), axis=1)
         for _ in range(strides):
-            moment, fell, _ = self.group.run(moment, self.commands(len(states)))
+            moment, fell, _ = self.group.run(moment, commands)
             fallen |= fell
             reached = self.coordinates.read(moment)
             passed.append(np.where(fallen[:, None], np.nan, reached))

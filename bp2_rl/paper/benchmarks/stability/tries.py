@@ -114,10 +114,8 @@ def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
         one.held(len(share), extent.strides),
         seed=one.seed + 1,
         noisy=share,
-        record=True,
         until=keep,
     )
-    assert log is not None
     fell = fell | down
     upright = np.flatnonzero(~fell[:-1])
     noisy = [Steady(log.trajectory(i), log.clock[i]) for i in upright.tolist()]
@@ -191,7 +189,7 @@ def measure_returns(
     group, steered = one.group(policy), one.operator.limit > 0.0
     coordinates = Coordinates.of(policy.card.env, one.robot, group.memory, steered)
     base = coordinates.write(coordinates.read(quiet), quiet)
-    orbit = Orbit(group, coordinates, one.speed, one.ticks, base)
+    orbit = Orbit(group, coordinates, one.held(1, 1)[:, 0], base)
     states = np.stack([coordinates.read(state) for state in starts])
     scales = np.maximum(np.std(states, axis=(0, 1)), SMALLEST)
     before = np.reshape(states[:-1], (-1, coordinates.size)) / scales

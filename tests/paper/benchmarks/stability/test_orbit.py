@@ -63,7 +63,10 @@ def stand() -> Orbit:
     )
     start = group.standing(1, np.zeros(3))
     return Orbit(
-        group, Coordinates.of(config, IDEAL, group.memory, steered=False), 0.0, 3, start
+        group,
+        Coordinates.of(config, IDEAL, group.memory, steered=False),
+        np.zeros((3, 3)),
+        start,
     )
 
 
@@ -72,7 +75,7 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
     states[1, 0] += 1e-4  # m, higher
     states[2, 21 + 3] = 250.0  # rad/s of pitch: no robot any more
     after = stand.follow(states, 1)[1]
-    alone, *_ = stand.group.run(stand.base, stand.commands(1))
+    alone, *_ = stand.group.run(stand.base, stand.commands[:, None])
     # A batch rounds otherwise than one robot, in float32: by 1e-7 rad in targets, which
     # 250 Nm/rad turn into motion.
     np.testing.assert_allclose(after[0], stand.coordinates.read(alone)[0], atol=1e-3)
@@ -81,7 +84,7 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
     followed = stand.follow(states, 2)
     assert followed.shape == (3, 3, len(stand.at))
     np.testing.assert_allclose(followed[1], after, atol=1e-12)
-    two, *_ = stand.group.run(stand.base, np.concatenate([stand.commands(1)] * 2))
+    two, *_ = stand.group.run(stand.base, np.concatenate([stand.commands[:, None]] * 2))
     np.testing.assert_allclose(
         followed[2, 0], stand.coordinates.read(two)[0], atol=1e-3
     )
@@ -102,12 +105,13 @@ def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
     )
     group = RobotGroup(remembering, config, hardware=IDEAL, operator=nobody)
     coordinates = Coordinates.of(config, IDEAL, group.memory, steered=False)
-    orbit = Orbit(group, coordinates, 0.0, 3, group.standing(1, np.zeros(3)))
+    orbit = Orbit(group, coordinates, np.zeros((3, 3)), group.standing(1, np.zeros(3)))
     off = orbit.at[None] + 0.0
     off[0, 3:19] += 0.05  # rad and m: off the pose that it remembers
     followed = orbit.follow(off, 3)
     whole, *_ = group.run(
-        coordinates.write(off, orbit.base), np.concatenate([orbit.commands(1)] * 3)
+        coordinates.write(off, orbit.base),
+        np.concatenate([orbit.commands[:, None]] * 3),
     )
     np.testing.assert_allclose(followed[3, 0], coordinates.read(whole)[0], atol=1e-3)
     forgets = off
