@@ -46,19 +46,19 @@ HALVINGS = 30
 
 
 class Network(struct.PyTreeNode):
-    """The heat's way out of a motor, in numbers or arrays that broadcast."""
+    """The way of the heat out of a motor, through winding and case."""
 
-    winding_capacity: Any  # J/K
-    winding_to_case: Any  # K/W
-    case_capacity: Any  # J/K
-    case_to_air: Any  # K/W
-    air: Any  # C
-    copper_growth: Any  # 1/K
-    magnet_loss: Any  # 1/K
-    iron_loss: Any  # W
+    winding_capacity: float  # J/K
+    winding_to_case: float  # K/W
+    case_capacity: float  # J/K
+    case_to_air: float  # K/W
+    air: float  # C
+    copper_growth: float  # 1/K
+    magnet_loss: float  # 1/K
+    iron_loss: float  # W
 
     @classmethod
-    def from_spec(cls, heat: MotorHeat, winding_to_case: Any) -> "Network":
+    def from_spec(cls, heat: MotorHeat, winding_to_case: float) -> "Network":
         """Return a motor's network with a resistance, K/W, between winding and case."""
         return cls(
             winding_capacity=heat.winding_capacity,
