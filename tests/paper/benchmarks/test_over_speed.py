@@ -16,7 +16,7 @@ from bp2_rl.paper.benchmarks.efficiency.measured import (
     measure_energy,
 )
 from bp2_rl.paper.benchmarks.mechanism import benchmark as mechanism
-from bp2_rl.paper.benchmarks.mechanism.measured import (
+from bp2_rl.paper.benchmarks.mechanism.forces import (
     MechanismAtSpeed,
     MechanismMetrics,
     measure_forces,

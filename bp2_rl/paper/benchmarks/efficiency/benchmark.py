@@ -28,17 +28,19 @@ from bp2_rl.paper.benchmarks.efficiency.measured import (
     measure_energy,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.over_speed import (
+from bp2_rl.paper.benchmarks.speeds import (
     Line,
     card_over_speed,
+    commands_below,
     describe_speeds,
     draw_lines,
     draw_stacks,
     metrics_table,
     rows_over_speed,
+    run_speeds,
     shares_table,
+    steady_strides,
 )
-from bp2_rl.paper.benchmarks.speeds import commands_below, run_speeds, steady_strides
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.schedule import Ramp

@@ -22,25 +22,27 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.optimiser.figure_style import letter
-from bp2_rl.paper.benchmarks.mechanism.forces import decompose_run
-from bp2_rl.paper.benchmarks.mechanism.measured import (
+from bp2_rl.paper.benchmarks.mechanism.forces import (
     STRIDES,
     MechanismAtSpeed,
     MechanismMetrics,
+    decompose_run,
     measure_forces,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.over_speed import (
+from bp2_rl.paper.benchmarks.speeds import (
     Line,
     card_over_speed,
+    commands_below,
     describe_speeds,
     draw_lines,
     draw_stacks,
     metrics_table,
     rows_over_speed,
+    run_speeds,
     shares_table,
+    steady_strides,
 )
-from bp2_rl.paper.benchmarks.speeds import commands_below, run_speeds, steady_strides
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 

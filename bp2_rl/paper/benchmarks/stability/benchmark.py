@@ -27,7 +27,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.over_speed import table_over_speed
+from bp2_rl.paper.benchmarks.speeds import table_over_speed
 from bp2_rl.paper.benchmarks.stability.measured import (
     SpeedMetrics,
     SpeedResult,

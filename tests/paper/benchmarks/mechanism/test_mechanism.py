@@ -8,8 +8,6 @@ from known_strides import STRIDES, known_forces
 from bp2_rl.paper.benchmarks.mechanism.forces import (
     HIPS_AND_KNEES,
     TERMS,
-)
-from bp2_rl.paper.benchmarks.mechanism.measured import (
     measure_forces,
 )
 from bp2_rl.paper.benchmarks.speeds import whole_strides
