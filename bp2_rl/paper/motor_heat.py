@@ -201,10 +201,12 @@ def calibrated(heat: MotorHeat, cold_heat: float) -> MotorHeat:
 
 def _halve(is_below: Callable[[float], bool], low: float, high: float) -> float:
     """Find by bisection of the logarithm where a value stops being below the answer."""
+    low, high = np.log(low), np.log(high)
     for _ in range(HALVINGS):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if is_below(middle) else (low, middle)
-    return float(np.sqrt(low * high))
+        middle = 0.5 * (low + high)
+        below = is_below(float(np.exp(middle)))
+        low, high = (middle, high) if below else (low, middle)
+    return float(np.exp(0.5 * (low + high)))
 
 
 def rise(network: Network, cold_heat: Motors) -> Motors:
