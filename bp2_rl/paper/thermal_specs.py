@@ -1,5 +1,4 @@
-"""The numbers of a motor's heat, with their sources; the laws are in
-`bp2_rl.paper.motor_heat`."""
+"""The numbers of a motor's heat, with their sources."""
 
 import dataclasses
 from typing import Annotated

@@ -12,11 +12,15 @@ from scipy.linalg import expm
 from bp2_rl.base.errors import UserError
 from bp2_rl.paper.motor_heat import (
     ENVELOPE_TEMPERATURE,
+    RISE,
+    WAYS,
     Network,
     Temperatures,
     advance,
+    calibrated,
     heat_ratio,
     heated,
+    rise,
     warming,
 )
 from bp2_rl.paper.thermal_specs import MotorHeat
@@ -256,3 +260,45 @@ def test_a_motor_that_may_not_even_be_as_warm_as_the_air_is_refused():
         UserError, match=r"--heat.winding-capacity must be from 10 to 1e\+06, got 0"
     ):
         MotorHeat(winding_capacity=0.0)
+
+
+# --- The motor that heats as the paper's ----------------------------------------------
+
+HEAT = 147.0  # W, of a rear hip's winding
+
+
+def network(motor: MotorHeat) -> Network:
+    assert motor.winding_to_case is not None
+    return Network.from_spec(motor, motor.winding_to_case)
+
+
+def test_the_calibrated_motor_heats_by_86_times_1_8_kelvins():
+    motor = calibrated(MOTOR, HEAT)
+    assert dataclasses.replace(motor, winding_to_case=None) == MOTOR
+    assert rise(network(motor), np.array([HEAT])) == pytest.approx(154.8, rel=1e-7)
+    warmed = course(network(motor), np.array([HEAT]), 86.0)
+    # steps of 0.4 s beside those of 2 s: a Runge-Kutta step's error is below 1e-6
+    assert warmed.winding == pytest.approx(25.0 + 154.8, rel=1e-6)
+
+
+def test_a_motor_that_is_given_stays_as_it_is():
+    motor = MotorHeat(winding_to_case=0.7)
+    assert calibrated(motor, HEAT) is motor
+
+
+@pytest.mark.parametrize("heat", [60.0, 130.0])
+def test_a_gait_too_gentle_for_the_copper_is_given_less_of_it(heat):
+    """Of a winding that gives nothing away T - T_0 = (e^(a r0 t) - 1) / a: r0 is 1.408
+    K/s."""
+    motor = calibrated(MOTOR, heat)
+    assert motor.winding_to_case == WAYS[1]
+    a = MOTOR.copper_growth
+    start = np.log1p(a * RISE) / (a * 86.0)
+    assert start == pytest.approx(1.41, abs=0.005)
+    # next to nothing is given away
+    assert motor.winding_capacity == pytest.approx(heat / start, rel=1e-3)
+    assert rise(network(motor), np.array([heat])) == pytest.approx(RISE, rel=1e-7)
+
+
+def test_a_gait_without_heat_is_given_the_least_copper():
+    assert calibrated(MOTOR, 0.0).winding_capacity == pytest.approx(10.0)

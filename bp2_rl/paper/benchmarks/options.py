@@ -1,4 +1,4 @@
-"""What may be chosen about a deep benchmark."""
+"""The flags of the deep benchmarks."""
 
 import dataclasses
 

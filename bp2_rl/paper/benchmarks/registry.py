@@ -15,8 +15,6 @@ BENCHMARKS = {
             "speed",
             "acceleration",
             "hold",
-            "robots",
-            "seed",
             "operator",
             "heat",
             "quick",

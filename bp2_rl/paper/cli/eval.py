@@ -38,17 +38,15 @@ class DeepEvalConfig(EvalConfig):
     """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in
     endurance 180 at most. Not of stability."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn. Of endurance: beside the one measured; by default 8.
-    Of stability: with noise; by default 6."""
+    """How many robots run with noise; by default 6. Of stability alone."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What these robots, in stability the sensors' noise, are drawn from; by default 0.
-    Of endurance and stability."""
+    """What the sensors' noise is drawn from; by default 0. Of stability alone."""
     sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
     heat: MotorHeat = MotorHeat()
     quick: bool = False
     """The short version, in half a minute. Of endurance: heat runs four times as fast
-    as motion, and no scan. Of mechanism and efficiency: two speeds. Of stability: 30
-    strides at 10.74 m/s, no return map, pushes in four directions."""
+    as motion. Of mechanism and efficiency: two speeds. Of stability: 30 strides at
+    10.74 m/s, no return map, pushes in four directions."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,2 +1,1 @@
-"""How a motion repeats itself: sections, spectra, return maps. Arrays in, numbers out;
-it knows of no robot."""
+"""Sections and return maps of motions that repeat themselves, of any system."""

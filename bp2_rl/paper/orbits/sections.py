@@ -1,5 +1,4 @@
-"""A Poincare section: one point a cycle. Whether the points wander, and whether any of
-them stray.
+"""Measures of a Poincare section's points, and of events that come once a cycle.
 
 The paper's centroid drift D_c* has no printed definition. Here it is
 
@@ -26,6 +25,8 @@ CHI_SQUARE_95 = 7.814727903251179
 dimensions."""
 LEAST_POINTS = 6
 """A section of fewer has no thirds to speak of."""
+LEAST_EVENTS = 3
+"""Fewer events have no jitter."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Drift:
 
 
 def centroid_drift(points: Float[np.ndarray, "N D"]) -> Drift:
-    """The drift of a section's points, in the order of time.
+    """Measure the drift of a section's points, in the order of time.
 
     Raises:
         ValueError: fewer than `LEAST_POINTS`.
@@ -65,16 +66,15 @@ def centroid_drift(points: Float[np.ndarray, "N D"]) -> Drift:
 
 @dataclasses.dataclass(frozen=True)
 class Inliers:
-    """How many of a section's points lie where those of a Gaussian would."""
+    """The share of a section's points within the 95 % bound of a Gaussian."""
 
     share: float  # with a squared Mahalanobis distance below `CHI_SQUARE_95`
-    excess: float  # over .95, which any Gaussian has
-    # of that for as many independent Gaussian points, one standard deviation
+    # of the share for as many independent Gaussian points, one standard deviation
     error: float
 
 
 def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
-    """The share of points near a robust mean, which outliers do not pull along.
+    """Measure the share of points near a robust mean, which outliers do not move.
 
     Mean and covariance are those of the points that are inliers themselves, found by
     repetition from the median and all points' covariance on; a covariance of the inner
@@ -95,11 +95,11 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
             break
         inside = again
     share = float(np.mean(inside))
-    return Inliers(share, share - 0.95, math.sqrt(0.95 * 0.05 / len(points)))
+    return Inliers(share, math.sqrt(0.95 * 0.05 / len(points)))
 
 
 def _chi_square_5(x: float) -> float:
-    """Distribution function with five degrees of freedom."""
+    """Return the chi-square distribution of five degrees of freedom at x."""
     return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
         -x / 2.0
     ) * (1.0 + x / 3.0)
@@ -115,14 +115,13 @@ def mahalanobis(
     mean: Float[np.ndarray, " D"],
     covariance: Float[np.ndarray, "D D"],
 ) -> Float[np.ndarray, " N"]:
-    """Squared Mahalanobis distances; directions in which nothing moves do not count."""
+    """Return squared Mahalanobis distances; directions without motion do not count."""
     off = points - mean
     return np.sum(off @ np.linalg.pinv(covariance, hermitian=True) * off, axis=1)
 
 
 def whole_cycles(clock: Float[np.ndarray, " N"]) -> Float[np.ndarray, " M"]:
-    """Where a clock that counts cycles on and on passes whole numbers, in samples,
-    interpolated."""
+    """Return the instants, in samples, at which a clock passes whole cycles."""
     numbers = np.arange(math.ceil(clock[0]), math.floor(clock[-1]) + 1)
     rising = np.maximum.accumulate(clock)
     return np.interp(numbers, rising, np.arange(len(clock)))
@@ -131,7 +130,53 @@ def whole_cycles(clock: Float[np.ndarray, " N"]) -> Float[np.ndarray, " M"]:
 def sample(
     signal: Float[np.ndarray, "N ..."], at: Float[np.ndarray, " M"]
 ) -> Float[np.ndarray, "M ..."]:
-    """A signal at places between its samples, in samples, linearly interpolated."""
+    """Interpolate a signal at places between its samples, counted in samples."""
     left = np.clip(np.floor(at).astype(int), 0, len(signal) - 2)
     share = (at - left).reshape(-1, *(1,) * (signal.ndim - 1))
     return (1.0 - share) * signal[left] + share * signal[left + 1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Jitter:
+    """How regularly an event comes that happens once a cycle."""
+
+    events: int
+    phase: float  # cycles, mean place in the clock's cycle, 0 to 1
+    jitter: float  # s, standard deviation about it
+    # CV_f: standard deviation over mean of the frequency from one event to the next
+    variability: float
+    # what sampling alone makes of that, where events are known to a sample
+    floor: float
+
+
+def jitter(
+    times: Float[np.ndarray, " N"],
+    phases: Float[np.ndarray, " N"],
+    period: float,
+    sampling: float,
+) -> Jitter:
+    """Measure how events keep time with a clock.
+
+    Args:
+        times: of the events, s.
+        phases: of the clock then, cycles; only their fraction counts.
+        period: the clock's, s.
+        sampling: s; an instant known to one sample is off by sampling / sqrt(12), a
+            difference of two by sqrt(2) of that. That is the floor, root mean square
+            over periods that end anywhere within a sample.
+
+    Raises:
+        ValueError: fewer than `LEAST_EVENTS`.
+    """
+    if len(times) < LEAST_EVENTS:
+        raise ValueError(f"{len(times)} events have no jitter: it takes {LEAST_EVENTS}")
+    mean = float(np.angle(np.mean(np.exp(2j * np.pi * phases)))) / (2.0 * np.pi)
+    off = (phases - mean + 0.5) % 1.0 - 0.5
+    frequency = 1.0 / np.diff(times)
+    return Jitter(
+        events=len(times),
+        phase=mean % 1.0,
+        jitter=float(np.std(off)) * period,
+        variability=float(np.std(frequency) / np.mean(frequency)),
+        floor=sampling / math.sqrt(6.0) / period,
+    )

@@ -16,10 +16,7 @@ def test_help_says_what_the_flags_do_here(capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "--backend" not in said
     assert "--sensor-noise" not in said
-    assert (
-        f"beside the one measured; by default {endurance.ROBOTS}. Of stability: with noise; by default {FULL.robots}."
-        in said
-    )
+    assert f"run with noise; by default {FULL.robots}" in said
     assert (
         f"by default {efficiency.HOLD:g} in efficiency and {mechanism.HOLD:g} in mechanism"
         in said

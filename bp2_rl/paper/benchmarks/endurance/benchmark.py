@@ -1,5 +1,6 @@
-"""How long the motors last: a speed is held until a winding is too hot, no torque
-margin is left, or the robot falls.
+"""The endurance benchmark: how long the motors let a robot hold its speed.
+
+A run ends when a winding is too hot, no torque margin is left, or the robot falls.
 
 The motor is calibrated on the paper's 1.8 K/s over 86 s, in this policy's gait at the
 paper's speed: so 86 s are put in there, and not predicted. What is predicted is which
@@ -8,11 +9,25 @@ motor gets hottest, how long it lasts at other speeds, and what ends it.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from bp2_rl.base.metric import Row, Table, card_of, rounded, rows_of
+from bp2_rl.base.plotting import (
+    FAINT,
+    FALL,
+    INK,
+    LEG_COLORS,
+    WIDTH,
+    mark_level,
+    styled,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
+    describe_rise,
     describe_simulator,
     describe_subject,
     robot_of,
@@ -20,25 +35,25 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.endurance import figures, tables
-from bp2_rl.paper.benchmarks.endurance.calibration import calibrated, family, seconds_to
 from bp2_rl.paper.benchmarks.endurance.heating import (
+    EASING,
+    MARGIN,
+    UPDATE,
+    WINDOW,
     EnduranceResult,
+    HeatedRun,
+    HeatingCourse,
     HeatingTry,
     run_hot,
 )
-from bp2_rl.paper.benchmarks.endurance.measured import (
-    EnduranceAtSpeed,
-    EnduranceMetrics,
-    HeldSpeed,
-    RandomRobot,
-)
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.motor_heat import Network
+from bp2_rl.paper.benchmarks.speeds import table_over_speed
+from bp2_rl.paper.motor_heat import RISE, Network, Temperatures, calibrated, heated
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.robot.bp2 import ENDURANCE_TIME
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.schedule import Ramp
 
 SPEED = bp2.OUTDOOR_TOP_SPEED
@@ -46,21 +61,63 @@ LONGEST = 2.0 * bp2.ENDURANCE_TIME + 8.0  # s
 # of the accelerated runs: heat over seconds wavers, so a faster pace samples too few of
 # them
 PACE = 4.0
-LIMITLESS = 1000.0  # C: copper melts at 1085
 # s of cold running; a hip's heat wavers by a tenth from one second to the next
 CALIBRATION = 12.0
-ROBOTS = 8  # drawn
-SCAN = 4.0, 6.0, 8.0, 9.5, 12.0, 14.0  # m/s, commands
 REAR_HIPS = (
     conventions.MOTOR_NAMES.index("RR_hip"),
     conventions.MOTOR_NAMES.index("RL_hip"),
 )
+TILES = "Lasted", "Ended by", "Hottest motor", "Mean rate"
+ENDS = {
+    "winding": "{} too hot",
+    "torque margin": "{} too weak",
+    "fall": "fell",
+    "none": "not ended",
+}
+DASHES = {"hip": "-", "knee": "--", "abad": ":"}
+PAPER = LEG_COLORS["FL"]
+
+TEMPERATURES = (
+    "The windings' temperatures; circles: the hottest one where heat runs faster than motion; yellow: the paper's rear "
+    "hip, 1.8 K/s for 86 s, on which the motor is calibrated."
+)
+OPERATING = (
+    "Torque over speed of the hottest motor's hip and knee, by the millisecond and coloured by time; black: the cold "
+    "envelope, red: the one at the end."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldSpeed:
+    """How long one speed was held."""
+
+    # with heat as fast as motion; None in the quick version
+    full: EnduranceResult | None
+    accelerated: EnduranceResult  # with heat faster than motion
+    course: HeatingCourse  # of the full run where there is one
+
+    @property
+    def result(self) -> EnduranceResult:
+        """The run that counts."""
+        return self.full or self.accelerated
+
+
+@dataclasses.dataclass(frozen=True)
+class EnduranceMetrics:
+    """How long each speed was held, and by which motors."""
+
+    heat: MotorHeat  # as calibrated
+    is_input: bool  # whether the heating rate at the paper's speed was put in
+    # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was
+    # calibrated on
+    cold_heat: float
+    held: tuple[HeldSpeed, ...]  # the paper's speed, then the top
 
 
 def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     """Calibrate the motor, then hold the paper's speed and the top one."""
-    robot, top = robot_of(policy, setup), ramp.target[0]
-    commands = tuple(dict.fromkeys((SPEED, top)))
+    robot = robot_of(policy, setup)
+    commands = tuple(dict.fromkeys((SPEED, ramp.target[0])))
     gait = HeatingTry(
         robot,
         setup.operator,
@@ -69,138 +126,70 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         math.inf,
         longest=0.0,
         pace=1.0,
-    ).at(SPEED)
-    scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
-    others = (
-        ()
-        if setup.quick
-        else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
+        cold_window=CALIBRATION,
     )
-    tries = [
-        dataclasses.replace(gait, cold_window=CALIBRATION),
-        *(gait.at(speed) for speed in scan),
-        *(dataclasses.replace(gait, robot=other) for other in others),
-    ]
-    ran = [run.endured for run in run_hot(policy, tries)]
-    cold, of_others = ran[: 1 + len(scan)], ran[1 + len(scan) :]
-    cold_heat = max(cold[0].first.heat[hip] for hip in REAR_HIPS)
+    (cold,) = run_hot(policy, [gait.at(SPEED)])
+    cold_heat = max(cold.endured.first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
-    full = dataclasses.replace(
-        gait, network=_network(heat), limit=heat.limit, longest=ramp.hold
+    full = HeatingTry(
+        robot, setup.operator, ramp, _network(heat), heat.limit, ramp.hold, pace=1.0
     )
     fast = dataclasses.replace(full, pace=PACE)
-    kinds = (
-        [fast]
-        if setup.quick
-        else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
-    )
-    hot = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
-    by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
-    runs, accelerated = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
-    limitless = (
-        [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]
+    kinds = [fast] if setup.quick else [full, fast]
+    ran = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
+    runs, accelerated = ran[: len(commands)], ran[-len(commands) :]
+    held = tuple(
+        HeldSpeed(None if setup.quick else run.endured, quick.endured, run.course)
+        for run, quick in zip(runs, accelerated, strict=True)
     )
     metrics = EnduranceMetrics(
-        heat=heat,
-        is_input=setup.heat.winding_to_case is None,
-        cold_heat=cold_heat,
-        held=tuple(
-            HeldSpeed(
-                full=None if setup.quick else run.endured,
-                accelerated=fast.endured,
-                limitless=beyond,
-                by_cold_gait=_seconds_to_limit(run.endured, heat),
-                course=run.course,
-            )
-            for run, fast, beyond in zip(runs, accelerated, limitless, strict=True)
-        ),
-        speeds=tuple(
-            _at_speed(run, heat)
-            for run in sorted(
-                (*cold, *(run.endured for run in runs[1:])),
-                key=lambda run: run.commanded_speed,
-            )
-        ),
-        drawn=tuple(
-            RandomRobot(
-                other.friction,
-                other.mass_scale / robot.mass_scale,
-                other.parameter("peak_torque") / robot.parameter("peak_torque"),
-                other.losses.latency,
-                _at_speed(run, heat),
-            )
-            for other, run in zip(others, of_others, strict=True)
-        ),
-        family=family(setup.heat, cold_heat, max(runs[-1].endured.first.heat)),
+        heat, setup.heat.winding_to_case is None, cold_heat, held
     )
-    said = conditions(
-        policy,
-        tables.describe_course(ramp, commands),
-        describe_simulator("mujoco", robot),
-        setup,
-    )
+    put_in = "put in" if metrics.is_input else "predicted"
     return Evaluation(
         benchmark="endurance",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"motor heat": tables.describe_heat(metrics)},
-        verdict=tables.verdict(metrics),
-        good=all(held.result.cause != "fall" for held in metrics.held),
-        rows=tables.endurance_rows(metrics),
-        tiles=tables.TILES,
+        conditions=conditions(
+            policy,
+            describe_course(ramp, commands),
+            describe_simulator("mujoco", robot),
+            setup,
+        )
+        | {"motor heat": describe_heat(metrics)},
+        verdict=say_endurance(metrics),
+        good=all(one.result.cause != "fall" for one in held),
+        rows=(
+            Row("Paper's 86 s", put_in, "what follows is at 10.74 m/s"),
+            *rows_of(held[0].result),
+        ),
+        tiles=TILES,
         pictures=(
             Picture(
                 "temperatures",
-                figures.TEMPERATURES,
-                figures.temperature_figure(metrics, accelerated),
+                TEMPERATURES,
+                draw_temperatures(heat, runs, accelerated),
             ),
             Picture(
                 "operating_points",
-                figures.OPERATING,
-                figures.operating_figure(metrics, runs, robot),
-            ),
-            Picture("margin", figures.MARGIN_CAPTION, figures.margin_figure(metrics)),
-            Picture("endurance", figures.ENDURANCE, figures.endurance_figure(metrics)),
-            Picture(
-                "calibration", figures.CALIBRATION, figures.calibration_figure(metrics)
+                OPERATING,
+                draw_operating_points(heat, runs, robot),
             ),
         ),
         metrics=metrics,
-        results=tables.endurance_results(metrics),
-        tables=tables.endurance_tables(metrics),
-    )
-
-
-def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpec, ...]:
-    """Robots drawn evenly from the ranges of training: friction, mass, strength and
-    latency."""
-    rng, ranges = np.random.default_rng(seed), RandomizationConfig()
-    drawn = [
-        [
-            float(rng.uniform(*bounds))
-            for bounds in (
-                ranges.friction,
-                ranges.mass,
-                ranges.strength,
-                ranges.latency,
-            )
-        ]
-        for _ in range(count)
-    ]
-    return tuple(
-        dataclasses.replace(
-            robot,
-            friction=robot.friction * friction,
-            mass_scale=robot.mass_scale * mass,
-            peak_torque=robot.parameter("peak_torque") * strength,
-            losses=dataclasses.replace(robot.losses, latency=latency),
-        )
-        for friction, mass, strength, latency in drawn
+        results={
+            "at_10.74": _card(held[0]),
+            "at_top": _card(held[-1]),
+            "calibrated_on_86_s": metrics.is_input,
+            "winding_capacity": rounded(heat.winding_capacity),
+            "winding_to_case": rounded(heat.winding_to_case),
+        },
+        tables=(speed_table(held), *(motor_table(one.result) for one in held)),
     )
 
 
 def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
-    """The schedule to the top speed; it is held for so long at most."""
+    """Return the schedule to the top speed; its hold is the longest run."""
     return ramp_to_topspeed(policy, setup, hold=LONGEST)
 
 
@@ -208,24 +197,160 @@ def _network(heat: MotorHeat) -> Network:
     return Network.from_spec(heat, heat.winding_to_case or 1.0)
 
 
-def _at_speed(cold: EnduranceResult, heat: MotorHeat) -> EnduranceAtSpeed:
-    most = int(np.argmax(cold.first.heat))
-    return EnduranceAtSpeed(
-        commanded_speed=cold.commanded_speed,
-        speed=cold.first.speed,
-        motor=conventions.MOTOR_NAMES[most],
-        heat=cold.first.heat[most],
-        torque=cold.first.torque[most],
-        seconds=_seconds_to_limit(cold, heat),
-        fell=cold.cause == "fall" and cold.seconds == 0.0,
+def say_endurance(metrics: EnduranceMetrics) -> str:
+    """Say in one sentence how long each speed was held, and what ended it."""
+    results = [held.result for held in metrics.held]
+    return "; ".join(
+        f"{end.commanded_speed:g} m/s: {end.seconds:.0f} s, {ENDS[end.cause].format(end.motor)}"
+        for end in results
     )
 
 
-def _seconds_to_limit(run: EnduranceResult, heat: MotorHeat) -> float | None:
-    """By the heat of the cold gait alone; None of a robot that never got into it."""
-    if run.cause == "fall" and run.seconds == 0.0:
-        return None
-    first = float(
-        np.min(seconds_to(_network(heat), np.array(run.first.heat), heat.limit))
+def speed_table(held: tuple[HeldSpeed, ...]) -> Table:
+    """Return the table of all figures of merit, a speed a column."""
+    columns = [
+        {row.label: row.value for row in rows_of(one.result)}
+        | {"Lasted, accelerated": f"{one.accelerated.seconds:.1f} s"}
+        for one in held
+    ]
+    return table_over_speed(
+        "At each speed", [one.result.speed for one in held], columns
     )
-    return first if math.isfinite(first) else None
+
+
+def motor_table(end: EnduranceResult) -> Table:
+    """Return the table of all motors at the end of a run."""
+    columns = {
+        "Heat, cold [W]": end.first.heat,
+        "RMS torque [Nm]": end.first.torque,
+        "Winding [°C]": end.winding,
+        "Case [°C]": end.case,
+        "On envelope [%]": [100.0 * share for share in end.first.on_envelope],
+        "... at the end [%]": [100.0 * share for share in end.last.on_envelope],
+    }
+    lines = [
+        (motor, *(f"{value:.0f}" for value in values))
+        for motor, *values in zip(
+            conventions.MOTOR_NAMES, *columns.values(), strict=True
+        )
+    ]
+    title = f"Motors at the end of {end.commanded_speed:g} m/s"
+    return Table(title, ("Motor", *columns), lines)
+
+
+def _card(held: HeldSpeed) -> dict[str, object]:
+    accelerated = card_of(held.accelerated)["seconds"]
+    return card_of(held.result) | {"accelerated_seconds": accelerated}
+
+
+# --- How it was done ------------------------------------------------------------------
+
+
+def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
+    """Say the schedules in one line."""
+    return (
+        f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}; "
+        f"{EASING + WINDOW:g} s later the clock starts with motors as warm as the air, and the command is held until a "
+        f"winding is at its limit, or the speed over a second is below {MARGIN:.0%} of the cold one (no torque "
+        f"margin), or the robot falls; {ramp.hold:g} s at most"
+    )
+
+
+def describe_heat(metrics: EnduranceMetrics) -> str:
+    """Say how the motors heat in one line."""
+    h = metrics.heat
+    how = (
+        f"calibrated on {metrics.cold_heat:.0f} W of the hottest rear hip"
+        if metrics.is_input
+        else "given"
+    )
+    return (
+        f"winding {h.winding_capacity:.4g} J/K, {h.winding_to_case:.3g} K/W to the case ({how}), case "
+        f"{h.case_capacity:g} J/K, {h.case_to_air:g} K/W to the air of {h.air:g} °C, copper "
+        f"+{h.copper_growth:.2%}/K, magnets -{h.magnet_loss:.2%}/K, iron {h.iron_loss:g} W, limit {h.limit:g} °C; "
+        f"the envelope follows the temperatures every {UPDATE} ms of running; accelerated: heat runs faster than motion"
+    )
+
+
+# --- Figures --------------------------------------------------------------------------
+
+
+@styled
+def draw_temperatures(
+    heat: MotorHeat, runs: Sequence[HeatedRun], accelerated: Sequence[HeatedRun]
+) -> Figure:
+    """Draw all windings' temperatures over time, a speed a panel."""
+    figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(runs), sharey=True))
+    for axes, run, fast in zip(panels, runs, accelerated, strict=True):
+        end = run.endured
+        hot = conventions.MOTOR_NAMES.index(end.hottest)
+        time = np.array([0.0, *run.course.time, end.seconds])
+        winding = np.array([(heat.air,) * 12, *run.course.winding, end.winding])
+        for i, name in enumerate(conventions.MOTOR_NAMES):
+            leg, joint = name.split("_")
+            width = 2.6 if i == hot else 1.2
+            axes.plot(
+                time, winding[:, i], DASHES[joint], color=LEG_COLORS[leg], lw=width
+            )
+        fast_hot = [each[hot] for each in fast.course.winding]
+        axes.plot(fast.course.time, fast_hot, "o", ms=4.5, mfc="white", mec=INK)
+        rise = [heat.air, heat.air + RISE]
+        axes.plot([0.0, ENDURANCE_TIME], rise, color=PAPER, lw=6.0, alpha=0.35)
+        mark_level(axes, heat.limit, f"limit, {heat.limit:g} °C")
+        axes.set(title=f"{_title(end)}: {end.seconds:.0f} s", xlabel="Time [s]")
+    panels[0].set_ylabel("Winding [°C]")
+    legs = [Line2D([], [], color=color, label=leg) for leg, color in LEG_COLORS.items()]
+    joints = [Line2D([], [], color=INK, ls=ls, label=j) for j, ls in DASHES.items()]
+    figure.legend(handles=legs + joints, loc="outside upper right", ncols=7)
+    return figure
+
+
+@styled
+def draw_operating_points(
+    heat: MotorHeat, runs: Sequence[HeatedRun], robot: HardwareSpec
+) -> Figure:
+    """Draw the hottest leg's torque over speed, coloured by time.
+
+    Rows are speeds, columns the leg's hip and knee.
+    """
+    count = len(runs)
+    figure = Figure(figsize=(WIDTH, 0.6 + 3.3 * count), layout="constrained")
+    panels = figure.subplots(count, 2, sharex=True, sharey=True, squeeze=False)
+    motors = Actuator.from_hardware(robot)
+    network = Network.from_spec(heat, heat.winding_to_case or 1.0)
+    fastest = max(float(np.max(np.abs(run.rate), initial=0.0)) for run in runs)
+    reach = 1.12 * max(robot.joint_no_load_speed, fastest)
+    speeds = np.linspace(-reach, reach, 601)
+    cold = torque_limits(motors, speeds)
+    for row, run in zip(panels, runs, strict=True):
+        end, leg = (
+            run.endured,
+            3 * (conventions.MOTOR_NAMES.index(run.endured.hottest) // 3),
+        )
+        for axes, i in zip(row, (leg + 1, leg + 2), strict=True):
+            now = Temperatures(np.array([end.winding[i]]), np.array([end.case[i]]))
+            hot = torque_limits(heated(motors, network, now), speeds)
+            axes.fill_between(speeds, *cold, color=FAINT, alpha=0.6, linewidth=0)
+            points = axes.scatter(
+                run.rate[:, i],
+                run.torque[:, i],
+                c=run.time,
+                s=4.0,
+                cmap="plasma",
+                vmin=0.0,
+                vmax=max(end.seconds, 1.0),
+                rasterized=True,
+            )
+            axes.plot(speeds, np.transpose(cold), color=INK, linewidth=1.1)
+            axes.plot(speeds, np.transpose(hot), color=FALL, linewidth=1.6)
+            motor = f"{conventions.MOTOR_NAMES[i]} to {end.winding[i]:.0f} °C"
+            title = f"{motor}, at {end.speed:.1f} m/s"
+            axes.set(title=title, xlabel="Joint speed [rad/s]")
+            figure.colorbar(points, ax=axes, label="Time [s]")
+        row[0].set_ylabel("Joint torque [Nm]")
+    return figure
+
+
+def _title(end: EnduranceResult) -> str:
+    return f"{end.speed:.1f} m/s ({end.commanded_speed:g} commanded)"

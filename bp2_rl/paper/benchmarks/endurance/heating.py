@@ -1,5 +1,4 @@
-"""A run whose motors warm up, and the envelope that their temperatures leave them while
-it is under way.
+"""A run whose motors warm up, and whose envelope follows their temperatures.
 
 Before the clock starts the robot gets up to speed with motors as warm as the air. From
 then on, heat may run faster than motion, as the gait is periodic and a motor's time
@@ -15,6 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.metric import metric
 from bp2_rl.env.controller import motors_of
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance, heated
@@ -44,8 +44,7 @@ SECOND, WINDOW_STEPS = round(1.0 / DT), round(WINDOW / DT)
 
 
 class Heating:
-    """A `Watch` of a run: warms the motors, and ends the run when they are too hot or
-    too weak.
+    """A `Watch` that warms the motors, and ends a run when they are too hot or weak.
 
     Args:
         network: the motors' heat.
@@ -53,6 +52,7 @@ class Heating:
         start: s into the run, when the clock starts, a multiple of `UPDATE`.
         pace: how many seconds of heat a second of running stands for.
         limit: C, of a winding.
+        window: s, the last before the clock starts, over which the cold gait counts.
     """
 
     def __init__(
@@ -63,8 +63,10 @@ class Heating:
         start: float,
         pace: float = 1.0,
         limit: float = math.inf,
+        window: float = WINDOW,
     ):
         self.network, self.cold, self.pace, self.limit = network, cold, pace, limit
+        self.window = round(window / DT)  # ms
         self.start = round(start / DT)  # ms
         self.history = [
             Temperatures.uniform(float(network.air), (conventions.NUM_MOTORS,))
@@ -78,8 +80,7 @@ class Heating:
     def __call__(
         self, simulator: Simulator, robot: int, torque: Float[np.ndarray, "12"]
     ) -> bool:
-        """Return whether a robot's run ends, after a millisecond under this torque,
-        Nm."""
+        """Return whether a robot's run ends after a millisecond under `torque`, Nm."""
         since, self._step = self._step - self.start, self._step + 1
         if since >= 0:
             self._heat += winding_heat(self.cold, torque)
@@ -91,13 +92,11 @@ class Heating:
 
     @property
     def cold_speed(self) -> float:
-        """m/s, made good over the last window before the clock starts; 0 where it never
-        does."""
+        """m/s, made good over the last seconds before the clock starts, or 0."""
         return self._made_good(self._places[: self.start // UPDATE], WINDOW_STEPS)
 
     def _warm_up(self) -> Actuator:
-        """Warm the motors up by the heat since the last update; return the motors that
-        they are then."""
+        """Warm the motors by the heat since the last update, and return them."""
         now = advance(
             self.network, self.history[-1], self._heat / UPDATE, self.pace * UPDATE * DT
         )
@@ -110,17 +109,16 @@ class Heating:
         return heated(self.cold, self.network, now)
 
     def _made_good(self, places: list[np.ndarray], steps: int) -> float:
-        """m/s, over the last so many ms of these."""
+        """Return the speed made good over the last `steps` ms of places, m/s."""
         if len(places) <= steps // UPDATE:
             return 0.0
-        return float(np.linalg.norm(places[-1] - places[-1 - steps // UPDATE])) / (
-            steps * DT
-        )
+        way = places[-1] - places[-1 - steps // UPDATE]
+        return float(np.linalg.norm(way)) / (steps * DT)
 
 
 @dataclasses.dataclass(frozen=True)
 class HeatingTry:
-    """One run."""
+    """A run to try: a robot's motors warm up while it holds a speed."""
 
     robot: HardwareSpec
     operator: HeadingHold
@@ -131,11 +129,6 @@ class HeatingTry:
     pace: float
     cold_window: float = WINDOW  # s, the last before the clock starts
 
-    @property
-    def speed(self) -> float:
-        """m/s, commanded."""
-        return self.rise.target[0]
-
     def at(self, speed: float) -> "HeatingTry":
         """Return this try at another speed, m/s."""
         return dataclasses.replace(self, rise=dataclasses.replace(self.rise, to=speed))
@@ -143,31 +136,34 @@ class HeatingTry:
     @property
     def ramp(self) -> Ramp:
         """The schedule."""
-        return dataclasses.replace(
-            self.rise, hold=EASING + self.cold_window + self.longest / self.pace
-        )
+        hold = EASING + self.cold_window + self.longest / self.pace
+        return dataclasses.replace(self.rise, hold=hold)
 
     @property
     def start(self) -> float:
         """s into the run, when the clock starts: after a whole number of updates."""
-        return (
-            math.ceil((self.ramp.steady_from + EASING + self.cold_window) / DT / UPDATE)
-            * UPDATE
-            * DT
+        steady = self.ramp.steady_from + EASING + self.cold_window
+        return math.ceil(steady / DT / UPDATE) * UPDATE * DT
+
+    def request(self, config: EnvConfig) -> RunRequest:
+        """Return the run to simulate, under a policy of this environment."""
+        heating = Heating(
+            self.network,
+            motors_of(dataclasses.replace(config, hardware=self.robot)),
+            start=self.start,
+            pace=self.pace,
+            limit=self.limit,
+            window=self.cold_window,
         )
+        return RunRequest(self.ramp, self.robot, self.operator, watch=heating)
 
 
 @dataclasses.dataclass(frozen=True)
 class HeatingCourse:
-    """A run by the second of running, from the clock's start; motors as in
-    `conventions.MOTOR_NAMES`."""
+    """Temperatures by the second of running, from the clock's start."""
 
     time: tuple[float, ...]  # s of heat, of the seconds' middle
-    winding: tuple[tuple[float, ...], ...]  # C
-    case: tuple[tuple[float, ...], ...]  # C
-    # share of the time on the envelope of the moment
-    on_envelope: tuple[tuple[float, ...], ...]
-    speed: tuple[float, ...]  # m/s, forward
+    winding: tuple[tuple[float, ...], ...]  # C, by motor as `MOTOR_NAMES`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,20 +177,52 @@ class AveragingWindow:
     on_envelope: tuple[float, ...]  # share of the time
 
 
-@dataclasses.dataclass(frozen=True)
+def _show_shares(pair: tuple[float, float]) -> str:
+    return f"{pair[0]:.1%}, {pair[1]:.1%}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class EnduranceResult:
     """How a run with warming motors went."""
 
-    commanded_speed: float  # m/s
+    commanded_speed: float = metric("Commanded speed", "m/s", "g", card=True)
+    speed: float = metric(
+        "Speed", "m/s", ".2f", "cold; {m.last.speed:.2f} m/s at the end", card=True
+    )
     pace: float
-    seconds: float  # of heat, from the clock's start to the end
-    cause: Cause
+    seconds: float = metric("Lasted", "s", ".1f", "paper: 86 s at 10.74 m/s", card=True)
+    cause: Cause = metric(
+        "Ended by", form="s", meaning="winding: too hot; margin: too slow", card=True
+    )
+    motor: str = metric("Motor", form="s", meaning="that ended it", card=True)
+    hottest: str = metric(
+        "Hottest motor", form="s", meaning="at the end; paper: a rear hip"
+    )
+    hottest_winding: float = metric("Hottest winding", "°C", ".0f", card=True)
+    hottest_case: float = metric("Hottest case", "°C", ".0f", "magnets", card=True)
+    mean_rate: float = metric(
+        "Mean rate", "K/s", ".2f", "of the hottest winding; paper: 1.8 K/s"
+    )
+    torque_growth: float = metric(
+        "Torque cycle",
+        form=".3f",
+        meaning="hottest motor's RMS, last over first",
+    )
+    rate_growth: float = metric(
+        "Speed cycle", form=".3f", meaning="its joint's RMS, last over first"
+    )
+    on_envelope: tuple[float, float] = metric(
+        "On the envelope",
+        form=_show_shares,
+        meaning="hottest motor, first and last seconds",
+    )
+    outside_envelope: int = metric(
+        "Outside the envelope", form="d", meaning="samples, of the hot one; must be 0"
+    )
     first: AveragingWindow  # the last before the clock's start
     last: AveragingWindow  # the one before the end
     winding: tuple[float, ...]  # C, at the end
     case: tuple[float, ...]  # C, at the end
-    # samples of any motor outside the envelope of the moment: must be 0
-    outside_envelope: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,89 +237,77 @@ class HeatedRun:
 
 
 def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HeatedRun]:
-    """Run robots until a winding is too hot, they have no torque margin left, they
-    fall, or it was long enough."""
-    return simulate_all(
-        _measure, policy, [_watched(policy.card.env, one) for one in tries]
-    )
+    """Run robots until their motors fail, they fall, or their time is up."""
+    requests = [one.request(policy.card.env) for one in tries]
+    return simulate_all(_measure_heat, policy, requests)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Watched(RunRequest):
-    cold_window: float  # s
-
-
-def _watched(config: EnvConfig, one: HeatingTry) -> _Watched:
-    cold = motors_of(dataclasses.replace(config, hardware=one.robot))
-    heating = Heating(
-        one.network, cold, start=one.start, pace=one.pace, limit=one.limit
-    )
-    return _Watched(
-        one.ramp, one.robot, one.operator, watch=heating, cold_window=one.cold_window
-    )
-
-
-def _measure(one: _Watched, run: Trajectory) -> HeatedRun:
+def _measure_heat(one: RunRequest, run: Trajectory) -> HeatedRun:
     assert isinstance(one.watch, Heating)
-    return hot_run(run, one.watch, one.cold_window)
+    return measure_heat(run, one.watch)
 
 
-def hot_run(
-    run: Trajectory, heating: Heating, cold_window: float = WINDOW
-) -> HeatedRun:
-    """What a watched run comes to, with its last `cold_window` seconds before the
-    clock's start."""
-    history, cold, start = heating.history, heating.cold, heating.start
-    winding, case = (
-        np.stack([getattr(t, part) for t in history]) for part in ("winding", "case")
-    )
-    update = np.clip((np.arange(len(run)) - start) // UPDATE, 0, len(history) - 1)
-    motors = heated(cold, heating.network, Temperatures(winding[update], case[update]))
-    use, end, pace = envelope_use(run, motors), len(run), heating.pace
+def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
+    """Measure how motors worked and warmed in a run that `heating` watched."""
+    history, start, end, pace = heating.history, heating.start, len(run), heating.pace
+    winding = np.stack([now.winding for now in history])
+    case = np.stack([now.case for now in history])
+    update = np.clip((np.arange(end) - start) // UPDATE, 0, len(history) - 1)
+    now = Temperatures(winding[update], case[update])
+    use = envelope_use(run, heated(heating.cold, heating.network, now))
 
     def window(stop: int, steps: int) -> AveragingWindow:
         part = slice(max(stop - steps, 0), max(stop, 1))
-        torque, rate = run.torque[part], run.joint_velocity[part]
+        torque, rate, places = (
+            run.torque[part],
+            run.joint_velocity[part],
+            run.qpos[part],
+        )
+        way = float(np.linalg.norm(places[-1, :2] - places[0, :2]))
         return AveragingWindow(
-            speed=float(np.linalg.norm(run.qpos[part][-1, :2] - run.qpos[part][0, :2]))
-            / (len(torque) * DT),
-            heat=_each(np.mean(winding_heat(cold, torque), axis=0)),
+            speed=way / (len(torque) * DT),
+            heat=_each(np.mean(winding_heat(heating.cold, torque), axis=0)),
             torque=_each(np.sqrt(np.mean(torque**2, axis=0))),
             rate=_each(np.sqrt(np.mean(rate**2, axis=0))),
             on_envelope=_each(np.mean(use.near[part], axis=0)),
         )
 
+    first, last = window(min(start, end), heating.window), window(end, WINDOW_STEPS)
+    hot = int(np.argmax(winding[-1]))
+    cause = "fall" if run.fell_at is not None else heating.over or "none"
+    by_heat = cause in ("winding", "none")
+    weak = hot if by_heat else int(np.argmax(last.on_envelope))
+    lasted = _heating_time(run, heating)
+    warmed = float(winding[-1, hot] - heating.network.air)
     seconds = np.arange(start, end - SECOND + 1, SECOND)  # the first sample of each
-    middle = update[seconds + SECOND // 2]
     clock = np.arange(start, end)
-    shown = np.sort(
-        np.random.default_rng(0).choice(clock, min(POINTS, len(clock)), replace=False)
-    )
+    rng = np.random.default_rng(0)
+    shown = np.sort(rng.choice(clock, min(POINTS, len(clock)), replace=False))
     return HeatedRun(
         endured=EnduranceResult(
             # it was told in float32
             commanded_speed=round(float(run.command[-1, 0]), 6),
+            speed=first.speed,
             pace=pace,
-            seconds=_seconds(run, heating),
-            cause="fall" if run.fell_at is not None else heating.over or "none",
-            first=window(min(start, end), round(cold_window / DT)),
-            last=window(end, WINDOW_STEPS),
+            seconds=lasted,
+            cause=cause,
+            motor=conventions.MOTOR_NAMES[weak],
+            hottest=conventions.MOTOR_NAMES[hot],
+            hottest_winding=float(winding[-1, hot]),
+            hottest_case=float(np.max(case[-1])),
+            mean_rate=warmed / lasted if lasted > 0.0 else 0.0,
+            torque_growth=_growth(first.torque[hot], last.torque[hot]),
+            rate_growth=_growth(first.rate[hot], last.rate[hot]),
+            on_envelope=(first.on_envelope[hot], last.on_envelope[hot]),
+            outside_envelope=int(np.sum(use.outside)),
+            first=first,
+            last=last,
             winding=_each(winding[-1]),
             case=_each(case[-1]),
-            outside_envelope=int(np.sum(use.outside)),
         ),
         course=HeatingCourse(
             time=_each(pace * DT * (seconds - start + SECOND / 2)),
-            winding=tuple(map(_each, winding[middle])),
-            case=tuple(map(_each, case[middle])),
-            on_envelope=tuple(
-                _each(np.mean(use.near[k : k + SECOND], axis=0)) for k in seconds
-            ),
-            speed=_each(
-                np.array(
-                    [np.mean(run.ground_velocity[k : k + SECOND, 0]) for k in seconds]
-                )
-            ),
+            winding=tuple(map(_each, winding[update[seconds + SECOND // 2]])),
         ),
         time=pace * DT * (shown - start),
         rate=run.joint_velocity[shown],
@@ -299,14 +315,17 @@ def hot_run(
     )
 
 
-def _seconds(run: Trajectory, heating: Heating) -> float:
-    """Return the heating time, s, from the clock's start to the end, or to the instant
-    when a winding got too hot."""
+def _heating_time(run: Trajectory, heating: Heating) -> float:
+    """Return for how long a run heated, s, until its end or a winding's limit."""
     if heating.over != "winding":
         return max(heating.pace * (len(run) - heating.start) * DT, 0.0)
     before, after = (np.max(t.winding) for t in heating.history[-2:])
     share = (heating.limit - before) / (after - before)
     return float(heating.pace * UPDATE * DT * (len(heating.history) - 2 + share))
+
+
+def _growth(first: float, last: float) -> float:
+    return last / first if first > 0.0 else 1.0
 
 
 def _each(values: Float[np.ndarray, " _"]) -> tuple[float, ...]:

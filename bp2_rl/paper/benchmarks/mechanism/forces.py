@@ -1,5 +1,4 @@
-"""What each term of the equations of motion contributes to a run, in three dimensions,
-millisecond by millisecond.
+"""The terms of the equations of motion along a run, in three dimensions.
 
 Mass matrix and bias forces are C MuJoCo's at the recorded states. For every coordinate
 i of `qvel`
@@ -22,9 +21,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.metric import metric
+from bp2_rl.paper.benchmarks.speeds import AtSpeed
 from bp2_rl.paper.trajectories.decomposition import BALANCE as PLANAR_BALANCE
 from bp2_rl.paper.trajectories.decomposition import TERMS as PLANAR_TERMS
-from bp2_rl.paper.trajectories.decomposition import split_inertia
+from bp2_rl.paper.trajectories.decomposition import periodic_peaks, split_inertia
 from bp2_rl.robot import losses
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.losses import Resistance
@@ -67,8 +68,10 @@ ACROSS = (3, 2, 1, 0)  # FR and RL, FL and RR
 
 @dataclasses.dataclass(frozen=True)
 class Forces:
-    """Terms and sources along a run. T terms (`TERMS`), N milliseconds; joints as in
-    `JOINTS`."""
+    """Terms and sources along a run.
+
+    T terms (`TERMS`), N milliseconds; joints as in `JOINTS`.
+    """
 
     terms: Float[np.ndarray, "T N 22"]  # N, Nm
     within: Float[np.ndarray, "7 N 8"]  # Nm: M_ij a_j, as in `WITHIN`
@@ -77,8 +80,7 @@ class Forces:
 
     @property
     def closure(self) -> Float[np.ndarray, " N"]:
-        """Largest gap in any ms between terms or sources and what they add up to, over
-        the largest term."""
+        """Largest gap in the sums of terms and sources, over the largest term."""
         coupled = self.joints("coupled inertial")
         gaps = (
             np.einsum("t,tki->ki", BALANCE, self.terms),
@@ -100,8 +102,10 @@ class Forces:
 
     @property
     def fixed(self) -> Float[np.ndarray, "N 8"]:
-        """u~: the same on a trunk that is not accelerated, under the same ground
-        forces, Nm."""
+        """u~: torques that a trunk without acceleration would take, Nm.
+
+        The ground forces stay.
+        """
         return self.active - self.trunk
 
     def joints(self, term: str) -> Float[np.ndarray, "N 8"]:
@@ -145,8 +149,10 @@ def _terms(
     M: Float[np.ndarray, "22 22"],
     floor: int,
 ) -> Float[np.ndarray, "T 22"]:
-    """At the state that `mj_forward` was last called with; changes the velocities in
-    `data`."""
+    """Return all terms at the state of the last `mj_forward`.
+
+    Changes the velocities in `data`.
+    """
     terms = np.zeros((len(TERMS), NV))
     main, coupled = split_inertia(M[None], data.qacc[None])
     ground, legs, stops = np.zeros((3, NV))
@@ -188,8 +194,7 @@ def _sources(
     a: Float[np.ndarray, "22"],
     terms: Float[np.ndarray, "T 22"],
 ) -> tuple[Float[np.ndarray, "7 8"], Float[np.ndarray, "8 8"]]:
-    """The coupled inertial torques of hips and knees, and the trunk's part of them, by
-    source."""
+    """Return the coupled torques of hips and knees, and the trunk's part, by source."""
     i = HIPS_AND_KNEES
     partner, first = (
         i.reshape(4, 2)[:, ::-1].ravel(),
@@ -230,3 +235,105 @@ def _sources(
         at_joints("stops"),
     )
     return within, np.stack(through)
+
+
+# --- In numbers -----------------------------------------------------------------------
+
+STRIDES = 8  # whole ones that are looked at, at most
+HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Decomposed:
+    """A run's forces over whole strides.
+
+    Shares are of the hips' main inertial torque, mean over its peaks.
+    """
+
+    strides: int
+    frequency: float  # Hz, of the stride
+    closure: float = metric("Closure", form=".0e", meaning="gap / largest term, any ms")
+    peaks: int  # of the hips' main torque
+    covered: float = metric(
+        "Covered",
+        form=".0%",
+        meaning="of the hips' main torque at its peaks",
+        card=True,
+    )
+    own: float = metric(
+        "By the leg itself",
+        form=".0%",
+        meaning="own knee, spring, abduction",
+        card="covered_by_own_leg",
+    )
+    legs: float = metric(
+        "By other legs",
+        form="+.1%",
+        meaning="through the trunk",
+        card="covered_by_other_legs",
+    )
+    within: dict[str, float]  # `covered` by source, as in `WITHIN`
+    through: dict[str, float]  # the trunk's part of it by source, as in `THROUGH`
+    saved_at_hips: float = metric(
+        "Trunk saves, hips",
+        form="+.0%",
+        meaning="of ũ's peak",
+        card="trunk_saves_of_hip_peak",
+    )
+    saved_at_knees: float = metric(
+        "Trunk saves, knees", form="+.0%", meaning="of ũ's peak"
+    )
+    # Nm, greatest at any hip and knee: u, and ũ on a trunk that is not accelerated
+    torques: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class MechanismAtSpeed(AtSpeed):
+    """The forces of a run under one command."""
+
+    forces: Decomposed | None  # None of a run that fell or made no two strides
+
+
+@dataclasses.dataclass(frozen=True)
+class MechanismMetrics:
+    """The forces of the runs under all commands."""
+
+    speeds: tuple[MechanismAtSpeed, ...]
+
+    @property
+    def found(self) -> tuple[tuple[MechanismAtSpeed, Decomposed], ...]:
+        """The speeds that were run through."""
+        return tuple((at, at.forces) for at in self.speeds if at.forces is not None)
+
+
+def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
+    """Measure the forces of whole strides, sampled each `dt` s."""
+    main = forces.joints("main inertial")
+    peaks = [(periodic_peaks(np.abs(main[:, hip])), hip) for hip in HIPS]
+
+    def cover(parts: Float[np.ndarray, "K N 8"]) -> list[float]:
+        """Return the share of the hips' main torque that each part makes up for."""
+        shares = [-parts[:, at, hip] / main[at, hip] for at, hip in peaks]
+        return np.mean(np.concatenate(shares, axis=1), axis=1).tolist()
+
+    within, through = cover(forces.within), cover(forces.through)
+    given = {"u": forces.active, "ũ": forces.fixed}
+    torques = {
+        f"{joint}, {name}": float(np.max(np.abs(torque[:, first::2])))
+        for first, joint in enumerate(("hip", "knee"))
+        for name, torque in given.items()
+    }
+    return Decomposed(
+        strides=strides,
+        frequency=strides / (len(main) * dt),
+        closure=float(np.max(forces.closure)),
+        peaks=sum(len(at) for at, _ in peaks),
+        covered=float(np.sum(within)),
+        own=sum(within[:3]),
+        legs=sum(through[1:3]),
+        within=dict(zip(WITHIN, within, strict=True)),
+        through=dict(zip(THROUGH, through, strict=True)),
+        saved_at_hips=1.0 - torques["hip, u"] / torques["hip, ũ"],
+        saved_at_knees=1.0 - torques["knee, u"] / torques["knee, ũ"],
+        torques=torques,
+    )

@@ -1,5 +1,6 @@
-"""Whether a gait repeats itself under noise, what it makes of deviations, and how hard
-it may be pushed.
+"""The stability benchmark: how well a gait repeats itself, and what fells it.
+
+Robots run under noise, from deviations of their gait, and are pushed.
 
 The definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md: the section is
 strobed at the policy's own clock, the transient is dropped, the noise is that of
@@ -7,8 +8,13 @@ training, and each figure stands beside its floor.
 """
 
 import dataclasses
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import Table, card_of, rows_of, table_of
+from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
 from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
@@ -21,13 +27,16 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.stability import figures, tables
-from bp2_rl.paper.benchmarks.stability.measured import StabilityMetrics
+from bp2_rl.paper.benchmarks.speeds import table_over_speed
+from bp2_rl.paper.benchmarks.stability.measured import (
+    SpeedMetrics,
+    SpeedResult,
+    StabilityMetrics,
+)
 from bp2_rl.paper.benchmarks.stability.orbit import whole_strides
 from bp2_rl.paper.benchmarks.stability.tries import (
     FULL,
     QUICK,
-    Extent,
     StabilityTry,
     try_speed,
 )
@@ -39,21 +48,68 @@ from bp2_rl.simulation.schedule import Ramp
 
 SPEED = bp2.OUTDOOR_TOP_SPEED
 QUICK_ACCELERATION = 5.0  # m/s2
+TILES = "Fell", "D_c*", "Radius under noise", "Touchdown jitter", "Weakest push"
+SECTIONS = (
+    "The trunk's angular velocity each time the clock's phase is 0: with noise (blue, all robots), and of the robot "
+    "without (red). Grey: that robot all along its last strides."
+)
+DEFINITIONS = (
+    "D_c* = |mean of the last third of the section - mean of the first| / RMS distance from the mean; inliers: squared "
+    "Mahalanobis distance about a robust mean below 7.81; radius: largest multiplier of the least-squares map from "
+    "stride to stride, 95 % by bootstrap; jitter: standard deviation of a touchdown's phase against the clock"
+)
 
 
 def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     """Run the paper's speed and the top one, or the one that was asked for."""
+    tries = plan_tries(policy, ramp, setup)
+    ran = (
+        in_parallel(try_speed, policy, tries)
+        if len(tries) > 1
+        else [try_speed(policy, tries[0])]
+    )
+    speeds = tuple(one.metrics for one in ran)
+    robot = tries[0].robot
+    mass = float(load_model(robot, visual=False).body_mass.sum())
+    said = conditions(
+        policy, describe_strides(tries), describe_simulator("mujoco", robot), setup
+    )
+    told = {"sensors": describe_noise(tries[0]), "definitions": DEFINITIONS}
+    columns = [{row.label: row.value for row in rows_of(speed)} for speed in speeds]
+    commanded = [speed.commanded for speed in speeds]
+    return Evaluation(
+        benchmark="stability",
+        subject=describe_subject(policy, setup),
+        backend="C MuJoCo",
+        conditions=said | told,
+        verdict="; ".join(map(say_stability, speeds)),
+        good=all(speed.is_steady for speed in speeds),
+        rows=rows_of(speeds[0]),
+        tiles=TILES,
+        pictures=(Picture("sections", SECTIONS, draw_sections(ran)),),
+        metrics=StabilityMetrics(mass, speeds),
+        results={f"at {one.commanded:.2f} m/s": card_of(one) for one in speeds},
+        tables=(
+            table_over_speed("At each command", commanded, columns),
+            *(table for speed in speeds for table in detail_tables(speed)),
+        ),
+    )
+
+
+def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTry]:
+    """Return the speeds to try, each with a stride of whole control steps.
+
+    Raises:
+        UserError: the policy's clock has no such stride near a speed.
+    """
     robot, extent = robot_of(policy, setup), QUICK if setup.quick else FULL
     if setup.robots is not None:
         extent = dataclasses.replace(extent, robots=setup.robots)
     reference = motion_of(dataclasses.replace(policy.card.env, hardware=robot))
-    speeds = (
-        (ramp.target[0],)
-        if setup.quick or setup.speed is not None
-        else (SPEED, ramp.target[0])
-    )
+    top = ramp.target[0]
+    alone = setup.quick or setup.speed is not None
     tries: dict[float, StabilityTry] = {}
-    for speed in speeds:
+    for speed in (top,) if alone else (SPEED, top):
         found = whole_strides(reference.phase_rate, speed)
         if found is None:
             raise UserError(
@@ -61,72 +117,22 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
                 f"reference ({policy.card.env.reference}): name another --speed"
             )
         near, ticks = found
-        tries.setdefault(
-            near,
-            StabilityTry(
-                asked=speed,
-                speed=near,
-                ticks=ticks,
-                rise=dataclasses.replace(ramp, to=near),
-                robot=robot,
-                operator=setup.operator,
-                seed=setup.seed or 0,
-                extent=extent,
-            ),
+        one = StabilityTry(
+            asked=speed,
+            speed=near,
+            ticks=ticks,
+            rise=dataclasses.replace(ramp, to=near),
+            robot=robot,
+            operator=setup.operator,
+            seed=setup.seed or 0,
+            extent=extent,
         )
-    asked = list(tries.values())
-    ran = (
-        in_parallel(try_speed, policy, asked)
-        if len(asked) > 1
-        else [try_speed(policy, asked[0])]
-    )
-    metrics = StabilityMetrics(
-        mass=float(load_model(robot, visual=False).body_mass.sum()),
-        speeds=tuple(one.metrics for one in ran),
-    )
-    followed = any(
-        speed.returns is not None and speed.returns.sizes for speed in metrics.speeds
-    )
-    pushed = any(speed.pushes for speed in metrics.speeds)
-    said = conditions(
-        policy, describe_strides(asked), describe_simulator("mujoco", robot), setup
-    )
-    return Evaluation(
-        benchmark="stability",
-        subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=said
-        | {
-            "sensors": describe_noise(extent, setup.seed or 0),
-            "definitions": DEFINITIONS,
-        },
-        verdict=tables.verdict(metrics),
-        good=all(tables.steady(speed) for speed in metrics.speeds),
-        rows=tables.stability_rows(metrics),
-        tiles=tables.TILES,
-        pictures=(
-            Picture("sections", figures.SECTIONS, figures.section_figure(ran)),
-            Picture("spectra", figures.SPECTRA, figures.spectrum_figure(ran[0])),
-            Picture("touchdowns", figures.TOUCHDOWNS, figures.touchdown_figure(ran)),
-            *(
-                (Picture("returns", figures.RETURNS, figures.return_figure(ran)),)
-                if followed
-                else ()
-            ),
-            *(
-                (Picture("pushes", figures.PUSHES, figures.push_figure(ran)),)
-                if pushed
-                else ()
-            ),
-        ),
-        metrics=metrics,
-        results=tables.stability_results(metrics),
-        tables=tables.stability_tables(metrics),
-    )
+        tries.setdefault(near, one)
+    return list(tries.values())
 
 
 def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
-    """The launch to the top speed; in the quick version to the paper's, and faster."""
+    """Return the launch to the top speed, or in the quick version to the paper's."""
     if setup.quick:
         setup = dataclasses.replace(
             setup,
@@ -136,28 +142,65 @@ def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
     return ramp_to_topspeed(policy, setup)
 
 
-DEFINITIONS = (
-    "D_c* = |mean of the last third of the section - mean of the first| / RMS distance from the mean; inliers: squared "
-    "Mahalanobis distance about a robust mean below 7.81; radius: largest multiplier of the least-squares map from "
-    "stride to stride, 95 % by bootstrap; jitter: standard deviation of a touchdown's phase against the clock"
-)
+def say_stability(speed: SpeedMetrics) -> str:
+    """Say in a few words how stable running is at one speed."""
+    said = f"{speed.commanded:.2f} m/s: "
+    if speed.fell or speed.drift_over_scatter is None:
+        return f"{said}{speed.fell} of {speed.robots} fell"
+    if not speed.radii:
+        return f"{said}no fall, D_c* {speed.drift_over_scatter:.2f}"
+    return f"{said}radius {speed.radii[0]}"
 
 
-def describe_strides(asked: list[StabilityTry]) -> str:
-    """The schedule in one line."""
-    said = (f"{one.speed:.3f} m/s (stride {1e3 * one.period:g} ms)" for one in asked)
-    extent = asked[0].extent
+def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
+    """Return the tables of a speed's touchdowns, map and pushes."""
+    details = {
+        "Touchdowns": speed.landings,
+        "Map from stride to stride": speed.radii,
+        "Largest push survived": speed.pushes,
+    }
+    return tuple(
+        table_of(f"{title}, {speed.commanded:.2f} m/s", lines)
+        for title, lines in details.items()
+        if lines
+    )
+
+
+def describe_strides(tries: Sequence[StabilityTry]) -> str:
+    """Say the schedule in one line."""
+    said = [f"{one.speed:.3f} m/s (stride {1e3 * one.period:g} ms)" for one in tries]
+    extent = tries[0].extent
     return (
-        f"from a stand {describe_rise(asked[0].rise)} to {' and '.join(said)}; {extent.easing} strides dropped, "
+        f"from a stand {describe_rise(tries[0].rise)} to {' and '.join(said)}; {extent.easing} strides dropped, "
         f"{extent.strides} measured"
     )
 
 
-def describe_noise(extent: Extent, seed: int) -> str:
-    """The sensors' noise in one line."""
+def describe_noise(one: StabilityTry) -> str:
+    """Say the sensors' noise in one line."""
     noise = RandomizationConfig()
     return (
-        f"{extent.robots} robots with sensor noise of training, seed {seed}: joints {noise.joint_position_noise:g} rad "
-        f"and {noise.joint_velocity_noise:g} rad/s, upright {noise.orientation_noise:g}, gyro "
-        f"{noise.angular_velocity_noise:g} rad/s; one without; robot as designed, no pushes but where pushes are tried"
+        f"{one.extent.robots} robots with sensor noise of training, seed {one.seed}: joints "
+        f"{noise.joint_position_noise:g} rad and {noise.joint_velocity_noise:g} rad/s, upright "
+        f"{noise.orientation_noise:g}, gyro {noise.angular_velocity_noise:g} rad/s; one without; robot as designed, no "
+        "pushes but where pushes are tried"
     )
+
+
+@styled
+def draw_sections(ran: Sequence[SpeedResult]) -> Figure:
+    """Draw roll over pitch rate and yaw over pitch rate, a speed a row."""
+    figure = Figure(figsize=(WIDTH, 0.5 + 3.5 * len(ran)), layout="constrained")
+    panels = figure.subplots(len(ran), 2, squeeze=False)
+    for row, found in zip(panels, ran, strict=True):
+        shown, speed = found.shown, found.metrics.commanded
+        for axes, up, name in zip(row, (0, 2), ("Roll", "Yaw"), strict=True):
+            if shown.loop is not None:
+                axes.plot(shown.loop[:, 1], shown.loop[:, up], color=QUIET, lw=0.7)
+            for points in shown.noisy:
+                axes.plot(points[:, 1], points[:, up], ".", color=FRONT, alpha=0.45)
+            if shown.quiet is not None:
+                axes.plot(shown.quiet[:, 1], shown.quiet[:, up], ".", color=FALL)
+            axes.set(xlabel="Pitch rate [rad/s]", ylabel=f"{name} rate [rad/s]")
+        row[0].set_title(f"{speed:.2f} m/s commanded")
+    return figure

@@ -1,14 +1,12 @@
-"""A group: robots of one kind whose complete state can be read, changed and continued
-from, run in C MuJoCo."""
+"""Robots in C MuJoCo whose complete state can be read, changed and continued from."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from bp2_rl.env.controller import ControllerState
 from bp2_rl.env.termination import fall
@@ -29,8 +27,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 @dataclasses.dataclass(frozen=True)
 class GroupState:
-    """Complete state of N robots between two control steps: a run can be continued from
-    it."""
+    """Complete state of N robots between two control steps, to continue a run from."""
 
     qpos: Float[np.ndarray, "N 23"]
     qvel: Float[np.ndarray, "N 22"]
@@ -51,16 +48,11 @@ class GroupState:
         """Number of robots."""
         return len(self.qpos)
 
-    def of(self, robots: Any) -> "GroupState":
-        """Return the state of these robots, by any index of NumPy's; a robot may come
-        more than once."""
+    def of(self, robots: Sequence[int] | Int[np.ndarray, " M"]) -> "GroupState":
+        """Return the state of the robots with these indices, which may repeat."""
         return GroupState(
             **{name: np.array(value[robots]) for name, value in vars(self).items()}
         )
-
-    def replace(self, **changes: Any) -> "GroupState":
-        """Return this state with some fields replaced."""
-        return dataclasses.replace(self, **changes)
 
 
 def join(*states: GroupState) -> GroupState:
@@ -75,8 +67,7 @@ def join(*states: GroupState) -> GroupState:
 
 @dataclasses.dataclass(frozen=True)
 class GroupRecording:
-    """What a group did, sampled each millisecond; samples after a robot's fall mean
-    nothing."""
+    """The samples of a group's run, a millisecond each, to each robot's fall."""
 
     samples: Recording  # (N, T, ...)
     # cycles of the controller's clock, counted on and on
@@ -100,7 +91,7 @@ class GroupRecording:
 
 
 class RobotGroup:
-    """Robots of one kind under one policy.
+    """A group of equal robots under one policy, simulated side by side.
 
     Args:
         policy: observation -> action, for one robot.
@@ -134,8 +125,7 @@ class RobotGroup:
         self._model = self.robot.model()
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
-        """Return the state of settled robots at rest whose next command is
-        `command`."""
+        """Return the state of robots that stand still and are told `command` next."""
         runner = self._runner(np.asarray(command, np.float64)[None])
         return self._state(settled([self.robot]), runner).of(np.zeros(robots, int))
 
@@ -146,11 +136,9 @@ class RobotGroup:
         *,
         seed: int = 0,
         noisy: Float[np.ndarray, " N"] | None = None,
-        record: bool = False,
         until: Callable[[int, GroupState], None] | None = None,
-    ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording | None]:
-        """Continue for K control steps; return the state then, which robots fell, and a
-        recording if asked for.
+    ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording]:
+        """Continue for K control steps; return the state, who fell, and a recording.
 
         Robots that fell stay as they are.
 
@@ -159,64 +147,44 @@ class RobotGroup:
             commands: scheduled at the ends of the control steps, m/s and rad/s.
             seed: of the noise.
             noisy: each robot's share of the noise, 1 by default.
-            record: whether to record.
             until: is shown the number of each control step and the state after it.
         """
         count, steps = len(state), len(commands)
         simulator, runner = self._continued(state)
-        fell, recording = (
-            np.zeros(count, bool),
-            self._recording(simulator, conventions.SUBSTEPS * steps if record else 0),
+        samples = conventions.SUBSTEPS * steps
+        recording = GroupRecording(
+            Recording.empty(simulator.qpos.shape[-1], count, samples),
+            clock=np.zeros((count, samples)),
+            lasted=np.full(count, float(samples)),
+            config=self.robot.config,
+            mass=simulator.mass(0),
         )
-        samples = recording.samples
-        drawn = (
-            () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
-        )
-        keys = (
-            np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count)))
-            if drawn
-            else ()
-        )
+        into, fell, drawn = recording.samples, np.zeros(count, bool), [()] * steps
+        if self._noise is not None:
+            keys = jax.random.split(jax.random.PRNGKey(seed), (steps, count))
+            share = np.ones(count) if noisy is None else noisy
+            drawn = [(key, share) for key in np.asarray(keys)]
         cycles = state.phase
         for k, scheduled in enumerate(commands):
             before = runner.phase
-            targets = runner.tick(
-                simulator.qpos,
-                simulator.qvel,
-                scheduled,
-                *((keys[k], *drawn) if drawn else ()),
-            )
+            targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *drawn[k])
             rate = (runner.phase - before) % 1.0 / conventions.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
-                if record:
-                    samples.qpos[:, i], samples.qvel[:, i] = (
-                        simulator.qpos,
-                        simulator.qvel,
-                    )
-                    samples.target[:, i], samples.command[:, i] = (
-                        position,
-                        runner.command,
-                    )
-                    recording.clock[:, i] = cycles
+                into.qpos[:, i], into.qvel[:, i] = simulator.qpos, simulator.qvel
+                into.target[:, i], into.command[:, i] = position, runner.command
+                recording.clock[:, i] = cycles
                 simulator.millisecond(position, velocity, np.flatnonzero(~fell))
-                if record:
-                    samples.torque[:, i], samples.foot_force[:, i] = (
-                        simulator.torque,
-                        simulator.foot_force,
-                    )
-                down = (
-                    fall(
-                        simulator.qpos, simulator.qvel, self._config.termination
-                    ).happened
-                    & ~fell
-                )
+                into.torque[:, i] = simulator.torque
+                into.foot_force[:, i] = simulator.foot_force
+                now = simulator.qpos, simulator.qvel
+                down = fall(*now, self._config.termination).happened & ~fell
                 recording.lasted[down] = i + 1
                 fell, cycles = fell | down, cycles + rate
             if until is not None:
                 until(k, self._state(simulator, runner))
             if fell.all():
                 break
-        return self._state(simulator, runner), fell, recording if record else None
+        return self._state(simulator, runner), fell, recording
 
     def _continued(self, state: GroupState) -> tuple[Simulator, PolicyRunner]:
         """Return simulator and controllers in this state."""
@@ -247,15 +215,6 @@ class RobotGroup:
             latencies=[self.robot.config.hardware.losses.latency] * count,
             commands=commands,
             noise=self._noise,
-        )
-
-    def _recording(self, simulator: Simulator, samples: int) -> GroupRecording:
-        return GroupRecording(
-            Recording.empty(simulator.qpos.shape[-1], len(simulator), samples),
-            clock=np.zeros((len(simulator), samples)),
-            lasted=np.full(len(simulator), float(samples)),
-            config=self.robot.config,
-            mass=simulator.mass(0),
         )
 
     @staticmethod

@@ -1,148 +1,163 @@
-"""What the stability benchmark measures; definitions are in `bp2_rl.paper.orbits`."""
+"""Metrics of stability, and their measurement in steady running under noise.
+
+Definitions are in `bp2_rl.paper.orbits` and docs/notes/stability.md.
+"""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.paper.orbits.spectrum import Spectrum
+from bp2_rl.base.metric import metric
+from bp2_rl.paper.orbits.sections import (
+    LEAST_EVENTS,
+    LEAST_POINTS,
+    Jitter,
+    centroid_drift,
+    inliers,
+    jitter,
+    sample,
+    whole_cycles,
+)
+from bp2_rl.robot import conventions
+from bp2_rl.simulation.gait import TOUCH_FORCE, contacts, touchdowns
+from bp2_rl.simulation.trajectory import Trajectory
+
+LOOPS = 5  # strides that are drawn all along
 
 
 @dataclasses.dataclass(frozen=True)
 class SectionMetrics:
-    """A section of the trunk's angular velocity (roll, pitch, yaw rates), a point a
-    stride."""
+    """A section of the trunk's angular velocity, at the clock's phase 0."""
 
-    taken: str  # when
     strides: int  # a robot
     # rad/s, of the centre from the first third to the last, each robot's
     moved: tuple[float, ...]
     # rad/s, each robot's root mean square distance from its centre
     scatter: tuple[float, ...]
     over_scatter: tuple[float, ...]  # D_c*, each robot's
-    floor: float  # of that for independent points
-    # moved over the root mean square of the angular velocity throughout the stride
-    over_orbit: tuple[float, ...]
+    floor: float  # of D_c* for independent points
     inliers: float  # share, all robots' points about their own centres
     inlier_error: float  # of a Gaussian's share, one standard deviation
-    quiet_moved: float | None  # rad/s, of the robot without noise; None if it fell
-    quiet_scatter: float | None  # rad/s, without noise
-
-
-@dataclasses.dataclass(frozen=True)
-class SignalMetrics:
-    """The spectrum of one of the trunk's velocities; means over robots."""
-
-    name: str
-    # harmonics that a gait has whose left and right are alike: `even` or `odd`
-    symmetric: str
-    peak: float  # strongest frequency over the stride's
-    leakage: float  # share of the harmonics' power at the others
-    between: float  # share of the variance that is at no harmonic
-    quiet_peak: float | None  # the robot without noise
-    quiet_leakage: float | None
-    quiet_between: float | None
 
 
 @dataclasses.dataclass(frozen=True)
 class LandingMetrics:
     """How a leg's touchdowns keep time; medians over robots."""
 
-    leg: str
-    phase: float  # cycles of the clock
-    jitter: float  # s
-    variability: float  # CV_f
-    floor: float  # of that, by sampling alone
-    quiet_jitter: float | None  # s, the robot without noise
-    quiet_variability: float | None
+    leg: str = metric("Leg", form="s")
+    phase: float = metric("Phase", form=".3f")  # cycles of the clock
+    jitter: float = metric("Jitter", "ms")
+    variability: float = metric("CV_f", form=".4f")
+    floor: float = metric("Sampling alone", form=".4f")  # of CV_f
 
 
 @dataclasses.dataclass(frozen=True)
 class RadiusMetrics:
-    """The largest multiplier of a map from stride to stride, fitted by least
-    squares."""
+    """The largest multiplier of a linear map from stride to stride."""
 
-    what: str
-    states: int
-    radius: float
-    low: float  # 95 % of the bootstrap's draws
-    high: float
-    unexplained: float  # share of the variance that no linear map explains
+    what: str = metric("Fitted to", form="s")
+    states: int = metric("States", form="d")
+    radius: float = metric("Radius", form=".3f")
+    low: float = metric("95 %, from", form=".3f")  # by bootstrap
+    high: float = metric("to", form=".3f")
+    # share of the variance that no linear map explains
+    unexplained: float = metric("Not explained", form=".1%")
 
-
-@dataclasses.dataclass(frozen=True)
-class MapMetrics:
-    """The return map."""
-
-    coordinates: int
-    under_noise: RadiusMetrics  # stride to stride of the robots with noise
-    deviations: tuple[RadiusMetrics, ...]  # of random deviations, by their size
-    unsteered: RadiusMetrics | None  # of the largest deviations, without an operator
-    # of deviations that are followed, over each coordinate's scatter under noise
-    sizes: tuple[float, ...]
-    # median distance over the initial one, by size, then stride
-    growth: tuple[tuple[float, ...], ...]
-    widths: tuple[float, ...]  # of differences, over the scatter
-    # of the slope from each width to the next, median over directions
-    changes: tuple[float | None, ...]
-    width: float | None  # from which slopes change least
-    by_differences: float | None  # radius by central differences of that width
+    def __str__(self) -> str:
+        """Return the radius with its interval."""
+        return f"{self.radius:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 @dataclasses.dataclass(frozen=True)
 class PushMetrics:
     """The largest push survived, a jump of the whole robot's velocity."""
 
-    phase: float  # cycles of the clock
-    direction: float  # rad, from forward to the left
-    survived: float  # m/s
-    fatal: float  # m/s
+    phase: float = metric("Phase of the clock")  # cycles
+    direction: float = metric("Direction", "deg", ".0f")  # from forward to the left
+    survived: float = metric("Survived", "m/s")
+    fatal: float = metric("Fatal", "m/s")
 
 
-@dataclasses.dataclass(frozen=True)
+def _show_interval(interval: tuple[float, float] | None) -> str:
+    return "-" if interval is None else f"{interval[0]:.2f} to {interval[1]:.2f}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SpeedMetrics:
-    """One speed."""
+    """How stable running is at one speed; what is None was not measured."""
 
     asked: float  # m/s
-    # m/s, the nearest with a stride of a whole number of control steps
-    commanded: float
+    # the nearest with a stride of a whole number of control steps
+    commanded: float = metric(
+        "Commanded speed", "m/s", meaning="a stride of {m.ticks} control steps"
+    )
     ticks: int  # control steps a stride
     period: float  # s
-    speed: float | None  # m/s, made good in the mean; None if all fell
-    robots: int  # with noise
-    fell: int  # of these
+    speed: float | None = metric("Mean speed", "m/s", meaning="made good")
+    robots: int = metric("Robots", form="d", meaning="with noise", card=True)
+    fell: int = metric("Fell", form="d", meaning="of these", card=True)
+    strides: int | None = metric(
+        "Strides", form="d", meaning="a robot, transient dropped", card=True
+    )
+    drift_over_scatter: float | None = metric(
+        "D_c*", form=".3f", meaning="median; paper: 0.071, undefined", card=True
+    )
+    floor: float | None = metric(
+        "... by chance", form=".3f", meaning="D_c* of independent strides", card=True
+    )
+    drift: float | None = metric(
+        "Drift", "rad/s", ".3f", "D_c*, not divided by the scatter", card=True
+    )
+    scatter: float | None = metric("Scatter", "rad/s", ".3f", "about the mean, RMS")
+    inliers: float | None = metric(
+        "Inliers", form=".1%", meaning="any Gaussian has 95 %", card=True
+    )
+    radius_under_noise: float | None = metric(
+        "Radius under noise", form=".3f", meaning="from stride to stride", card=True
+    )
+    radius_interval: tuple[float, float] | None = metric(
+        "... interval", form=_show_interval, meaning="95 %, by bootstrap", card=True
+    )
+    touchdown_jitter: float | None = metric(
+        "Touchdown jitter", "ms", meaning="worst leg, against the clock", card=True
+    )
+    variability: float | None = metric(
+        "CV_f", form=".4f", meaning="worst leg; paper: 0.006, of any clock"
+    )
+    weakest_push: float | None = metric(
+        "Weakest push", "m/s", meaning="survived at any phase and angle", card=True
+    )
     sections: tuple[SectionMetrics, ...]
-    signals: tuple[SignalMetrics, ...]
     landings: tuple[LandingMetrics, ...]
-    returns: MapMetrics | None
+    # stride to stride under noise, then of deviations as large as the scatter
+    radii: tuple[RadiusMetrics, ...]
     pushes: tuple[PushMetrics, ...]
 
     @property
-    def weakest_push(self) -> float | None:
-        """m/s, the largest push that is survived whatever its phase and direction."""
-        return min((push.survived for push in self.pushes), default=None)
+    def is_steady(self) -> bool:
+        """True if no robot fell and the map under noise contracts, if it was found."""
+        certain = self.radius_interval is None or self.radius_interval[1] < 1.0
+        return self.fell == 0 and certain
 
 
 @dataclasses.dataclass(frozen=True)
 class StabilityMetrics:
-    """All of it."""
+    """How stable running is at all speeds."""
 
-    mass: float  # kg: a push of 1 m/s is an impulse of so many N s
+    mass: float  # kg: of a push of 1 m/s, the impulse in N s
     speeds: tuple[SpeedMetrics, ...]
 
 
 @dataclasses.dataclass(frozen=True)
-class ShownStability:
-    """What the figures need of a speed beyond its metrics."""
+class ShownSection:
+    """A speed's section at the clock's phase 0, to be drawn, rad/s."""
 
-    # rad/s, points where the clock's phase is 0, a robot each
-    noisy: tuple[Float[np.ndarray, "n 3"], ...]
+    noisy: tuple[Float[np.ndarray, "n 3"], ...]  # a robot each
     quiet: Float[np.ndarray, "n 3"] | None
-    # rad/s, the robot without noise all along a few strides
+    # the robot without noise all along a few strides
     loop: Float[np.ndarray, "m 3"] | None
-    spectra: dict[str, Spectrum]  # of a robot with noise
-    # s, touchdowns against their mean, by leg, of a robot with noise
-    landings: tuple[Float[np.ndarray, " n"], ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,4 +165,94 @@ class SpeedResult:
     """One speed, measured and to be shown."""
 
     metrics: SpeedMetrics
-    shown: ShownStability
+    shown: ShownSection
+
+
+@dataclasses.dataclass(frozen=True)
+class Steady:
+    """A robot that ran, with its clock."""
+
+    run: Trajectory
+    clock: Float[np.ndarray, " N"]  # cycles, on and on
+
+    @property
+    def angular_velocity(self) -> Float[np.ndarray, "N 3"]:
+        """rad/s, in the body's frame."""
+        return self.run.qvel[:, 3:6]
+
+    def at_phase_zero(self) -> Float[np.ndarray, "n 3"]:
+        """Return the angular velocity each time the clock's phase is 0, rad/s."""
+        return sample(self.angular_velocity, whole_cycles(self.clock))
+
+    def landings(self, leg: int) -> Float[np.ndarray, " n"]:
+        """Return the interpolated samples at which a leg touches down.
+
+        There its force passes the threshold of `contacts`.
+        """
+        force = self.run.foot_force[:, leg, 2]
+        threshold = TOUCH_FORCE * self.run.mass * conventions.GRAVITY
+        starts = touchdowns(contacts(self.run)[:, leg])
+        before, after = force[starts - 1], force[starts]
+        steps = np.where(after > before, after - before, 1.0)
+        share = np.where(after > before, (threshold - before) / steps, 1.0)
+        return starts - 1 + np.clip(share, 0.0, 1.0)
+
+    def timing(self, leg: int, period: float) -> Jitter | None:
+        """Return the jitter of a leg's touchdowns; None where there are too few."""
+        at = self.landings(leg)
+        if len(at) < LEAST_EVENTS:
+            return None
+        phases = np.interp(at, np.arange(len(self.clock)), self.clock)
+        return jitter(at * self.run.dt, phases, period, self.run.dt)
+
+
+def measure_section(noisy: Sequence[Steady]) -> SectionMetrics | None:
+    """Return the section of robots that did not fall; None with too few strides."""
+    sections = [one.at_phase_zero() for one in noisy]
+    if not sections or min(map(len, sections)) < LEAST_POINTS:
+        return None
+    drifts = [centroid_drift(points) for points in sections]
+    own = [points - np.mean(points, axis=0) for points in sections]
+    pooled = inliers(np.concatenate(own))
+    return SectionMetrics(
+        strides=min(drift.points for drift in drifts),
+        moved=tuple(drift.moved for drift in drifts),
+        scatter=tuple(drift.scatter for drift in drifts),
+        over_scatter=tuple(drift.over_scatter for drift in drifts),
+        floor=max(drift.floor for drift in drifts),
+        inliers=pooled.share,
+        inlier_error=pooled.error,
+    )
+
+
+def measure_landings(
+    noisy: Sequence[Steady], period: float
+) -> tuple[LandingMetrics, ...]:
+    """Return how every leg's touchdowns keep time, but of legs that hardly land."""
+    found = []
+    for leg, name in enumerate(conventions.LEGS):
+        times = [time for one in noisy if (time := one.timing(leg, period)) is not None]
+        if not times:
+            continue
+        turns = np.exp(2j * np.pi * np.array([time.phase for time in times]))
+        found.append(
+            LandingMetrics(
+                leg=name,
+                phase=float(np.angle(np.mean(turns))) / (2.0 * np.pi) % 1.0,
+                jitter=float(np.median([time.jitter for time in times])),
+                variability=float(np.median([time.variability for time in times])),
+                floor=times[0].floor,
+            )
+        )
+    return tuple(found)
+
+
+def show_sections(
+    noisy: Sequence[Steady], quiet: Steady | None, period: float
+) -> ShownSection:
+    """Return the sections at the clock's phase 0, to be drawn."""
+    return ShownSection(
+        noisy=tuple(one.at_phase_zero() for one in noisy),
+        quiet=quiet and quiet.at_phase_zero(),
+        loop=quiet and quiet.angular_velocity[-round(LOOPS * period / quiet.run.dt) :],
+    )

@@ -1,6 +1,16 @@
-"""The return map of a policy's gait: from one cycle of its clock to the next, of robots
-that begin side by side."""
+"""A policy's gait as a map of the closed loop's state from one stride to the next.
 
+The map takes a vector at the clock's phase 0 to the vector a cycle later.
+
+Left out of the vector is what the loop does not depend on: place and, without an
+operator, heading. In are the body (height, roll, pitch, joints, springs, and all
+velocities, in the frame of the heading), and everything that remembers: the last action
+with the target that it made, older targets on their way to the joints, the current
+loop's torque, the operator's command. Angles of the trunk are those of yaw, then pitch,
+then roll.
+"""
+
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable
@@ -10,11 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup
 from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.rollout import MOST
 
+BODY = 41  # height, roll, pitch, 16 joints; 3 + 3 + 16 velocities
+STEERED = 3  # offset, heading, the operator's yaw rate
 TICK = conventions.CONTROL_STEP
 # m/s, by which a command may be lower to have a stride of whole control steps
 REACH = 2.0
@@ -25,8 +38,9 @@ POINTS = 81  # commands that are looked at, and then between two of them
 def whole_strides(
     phase_rate: Callable[[Array], Array], speed: float
 ) -> tuple[float, int] | None:
-    """The command (m/s) nearest to this one whose stride is a whole number of control
-    steps, and that number.
+    """Find the command nearest to a speed whose stride has whole control steps.
+
+    Returns the command, m/s, and the number of control steps.
 
     `phase_rate` is the clock's: cycles a second under a command (3). Only then is the
     closed loop periodic. None where there is none within `REACH`, as for a clock that
@@ -68,50 +82,140 @@ def whole_strides(
     return (0.5 * (finer[0][0] + finer[0][1]) if finer else 0.5 * (low + high)), wanted
 
 
-class Orbit:
-    """The map from the clock's phase 0 to its next phase 0.
+@dataclasses.dataclass(frozen=True)
+class Coordinates:
+    """The coordinates of the vector that stands for a moment.
 
     Args:
-        group: the robots, without noise.
-        coordinates: of their states.
-        speed: m/s, commanded.
-        ticks: control steps a stride.
-        base: one robot at phase 0; says all that coordinates leave out.
+        steered: an operator keeps the robot on its line.
+        torque: the last torque matters, to a lag of the current or to a bus.
+        older: how many targets are on their way besides the last.
+        scale: rad, by which a unit of action moves a target.
     """
 
-    def __init__(
-        self,
-        group: RobotGroup,
-        coordinates: Coordinates,
-        speed: float,
-        ticks: int,
-        base: GroupState,
-    ):
-        self.group, self.coordinates, self.speed, self.ticks, self.base = (
-            group,
-            coordinates,
-            speed,
-            ticks,
-            base,
+    steered: bool
+    torque: bool
+    older: int
+    scale: float
+
+    @classmethod
+    def of(
+        cls, config: EnvConfig, hardware: HardwareSpec, memory: int, steered: bool
+    ) -> "Coordinates":
+        """Return the coordinates of a loop whose latency spans `memory` control steps."""
+        losses = hardware.losses
+        limited = min(losses.bus_power_out, losses.bus_power_in) < 1e9
+        has_bus = limited or losses.bus_sag > 0.0
+        is_slow = losses.current_lag > 0.0 or math.isfinite(config.control.torque_rate)
+        return cls(
+            steered, has_bus or is_slow, max(memory - 1, 0), config.control.action_scale
         )
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return BODY + 12 + 12 * self.torque + 12 * self.older + STEERED * self.steered
+
+    def read(self, moment: GroupState) -> Float[np.ndarray, "N D"]:
+        """Return the vectors of a group."""
+        yaw, pitch, roll = angles_of(moment.qpos[:, 3:7])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        vx, vy = moment.qvel[:, 0], moment.qvel[:, 1]
+        parts = [
+            np.stack([moment.qpos[:, 2], roll, pitch], axis=-1),
+            moment.qpos[:, 7:],
+            np.stack([cos * vx + sin * vy, cos * vy - sin * vx], axis=-1),
+            moment.qvel[:, 2:],
+            moment.action,
+        ]
+        if self.torque:
+            parts.append(moment.torque)
+        if self.older:
+            parts.append(moment.position[:, :-1].reshape(len(moment), -1))
+        if self.steered:
+            parts.append(
+                np.stack([moment.qpos[:, 1], yaw, moment.command[:, 2]], axis=-1)
+            )
+        return np.concatenate(parts, axis=-1)
+
+    def write(self, vectors: Float[np.ndarray, "N D"], base: GroupState) -> GroupState:
+        """Return a group of robots at x = 0 in these states, otherwise as `base`."""
+        count = len(vectors)
+        ends = np.cumsum([3, 16, 2, 20, 12, 12 * self.torque, 12 * self.older])
+        trunk, joints, level, rates, action, torque, older, steered = np.split(
+            vectors, ends, axis=1
+        )
+        moment = base.of(np.zeros(count, int))
+        yaw = steered[:, 1] if self.steered else np.zeros(count)
+        qpos, qvel, position = moment.qpos, moment.qvel, moment.position
+        qpos[:, 0], qpos[:, 1] = 0.0, steered[:, 0] if self.steered else 0.0
+        qpos[:, 2], qpos[:, 7:] = trunk[:, 0], joints
+        qpos[:, 3:7] = quaternion_of(yaw, trunk[:, 2], trunk[:, 1])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        qvel[:, 0] = cos * level[:, 0] - sin * level[:, 1]
+        qvel[:, 1] = sin * level[:, 0] + cos * level[:, 1]
+        qvel[:, 2:] = rates
+        if position.shape[1]:
+            position[:, -1] += self.scale * (action - base.action)
+            position[:, :-1] = older.reshape(count, -1, 12)
+        command = moment.command
+        if self.steered:
+            command[:, 2] = steered[:, 2]
+        return dataclasses.replace(
+            moment,
+            action=action,
+            torque=torque if self.torque else moment.torque,
+            command=command,
+        )
+
+
+def angles_of(
+    quaternion: Float[np.ndarray, "N 4"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return yaw, pitch and roll of w-x-y-z quaternions, rad."""
+    w, x, y, z = quaternion.T
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return yaw, pitch, roll
+
+
+def quaternion_of(
+    yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray
+) -> Float[np.ndarray, "N 4"]:
+    """Return the w-x-y-z quaternions of these angles, rad."""
+    (cy, sy), (cp, sp), (cr, sr) = (
+        (np.cos(a / 2.0), np.sin(a / 2.0)) for a in (yaw, pitch, roll)
+    )
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Orbit:
+    """The map from the clock's phase 0 to its next phase 0."""
+
+    group: RobotGroup  # without noise
+    coordinates: Coordinates
+    commands: Float[np.ndarray, "K 3"]  # of a stride
+    base: GroupState  # one robot at phase 0; says all that coordinates leave out
 
     @property
     def at(self) -> Float[np.ndarray, " D"]:
         """The base's coordinates."""
         return self.coordinates.read(self.base)[0]
 
-    def commands(self, robots: int) -> Float[np.ndarray, "K N 3"]:
-        """What they are told."""
-        return np.tile(np.array([self.speed, 0.0, 0.0]), (self.ticks, robots, 1))
-
-    def step(self, states: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "N D"]:
-        """A stride on; NaN for those that fell."""
-        return self.follow(states, 1)[1]
-
     def follow(
         self, states: Float[np.ndarray, "N D"], strides: int
     ) -> Float[np.ndarray, "S N D"]:
-        """Stride after stride, from the states themselves on; NaN from a fall on."""
+        """Return the states, stride after stride; NaN after a fall."""
         chunks = (states[first : first + MOST] for first in range(0, len(states), MOST))
         return np.concatenate(
             [self._follow(chunk, strides) for chunk in chunks], axis=1
@@ -120,15 +224,12 @@ class Orbit:
     def _follow(
         self, states: Float[np.ndarray, "N D"], strides: int
     ) -> Float[np.ndarray, "S N D"]:
-        moment, fallen = (
-            self.coordinates.write(states, self.base),
-            np.zeros(len(states), bool),
-        )
-        passed = [states]
+        moment = self.coordinates.write(states, self.base)
+        fallen, passed = np.zeros(len(states), bool), [states]
+        commands = np.repeat(self.commands[:, None], len(states), axis=1)
         for _ in range(strides):
-            moment, fell, _ = self.group.run(moment, self.commands(len(states)))
+            moment, fell, _ = self.group.run(moment, commands)
             fallen |= fell
-            passed.append(
-                np.where(fallen[:, None], np.nan, self.coordinates.read(moment))
-            )
+            reached = self.coordinates.read(moment)
+            passed.append(np.where(fallen[:, None], np.nan, reached))
         return np.stack(passed)

@@ -1,76 +1,35 @@
 """The efficiency benchmark on powers that are known, and on a robot that trots without
 a policy."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from known_strides import SAMPLES, known_ledger
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.optimiser.cycle import robot_mass
-from bp2_rl.optimiser.family import family_of
-from bp2_rl.optimiser.problem import TRUNK, motor_coordinates
-from bp2_rl.optimiser.solution import Solution, resample
-from bp2_rl.paper.benchmarks import speeds
-from bp2_rl.paper.benchmarks.efficiency import benchmark as module
 from bp2_rl.paper.benchmarks.efficiency.benchmark import (
-    account,
-    efficiency,
-    optimised,
-    ramp_to_efficiency,
+    account_energy,
 )
 from bp2_rl.paper.benchmarks.efficiency.measured import (
-    KINDS,
-    EfficiencyAtSpeed,
-    EfficiencyMetrics,
-    Electrical,
-    OptimisedEfficiency,
     measure_energy,
-    measure_optimiser,
 )
-from bp2_rl.paper.benchmarks.efficiency.tables import verdict
-from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.reference.library.file import load_library
-from bp2_rl.robot.hardware import BUILT, HardwareSpec
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
-from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.account import CAUSES, Ledger
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
-N = 4001  # ms of four cycles a second, and the one that is left out
-HIND_KNEES = (8, 11)
 WEIGHT_SPEED = 36.0 * 9.81 * 5.0
-
-
-def known(amplitude: float = 300.0) -> Ledger:
-    """The hind knees drive and brake in turn, like a sine; their windings heat by 50 W
-    each; springs likewise."""
-    sine = np.sin(2 * np.pi * 4.0 * 1e-3 * np.arange(N))
-    motors, copper = np.zeros((N, 12)), np.zeros((N, 12))
-    motors[:, HIND_KNEES] = (amplitude * sine + 20.0)[:, None]
-    copper[:, HIND_KNEES] = 50.0
-    lost = {cause: np.zeros(N) for cause in CAUSES} | {
-        "copper": np.full(N, 100.0),
-        "air": np.full(N, 40.0),
-    }
-    bus = np.sum(motors + copper, axis=1)
-    stored = bus - 140.0
-    energy = np.concatenate([[0.0], np.cumsum(stored[:-1]) * 1e-3])
-    springs = np.repeat(200.0 * sine[:, None], 4, axis=1)
-    return Ledger(bus, lost, stored, energy, motors, copper, springs)
 
 
 def test_costs_are_means_of_what_is_driven_and_braked(make_run):
     """Of P = a sin + c positive and negative parts are (sqrt(a2 - c2) + c (pi / 2 +
     asin(c / a))) / pi and so on."""
     run = make_run(speed=5.0, acceleration=1e6, duration=8.0).between(
-        1.0, 1.0 + 1e-3 * N
+        1.0, 1.0 + 1e-3 * SAMPLES
     )
-    found = measure_energy(run, known(), strides=16)
+    found = measure_energy(run, known_ledger(), strides=16)
     assert found is not None
     root, angle = np.sqrt(300.0**2 - 20.0**2), np.arcsin(20.0 / 300.0)
     positive, braking = (
@@ -105,9 +64,9 @@ def test_costs_are_means_of_what_is_driven_and_braked(make_run):
 
 def test_a_work_that_was_not_booked_is_left_over(make_run):
     run = make_run(speed=5.0, acceleration=1e6, duration=8.0).between(
-        1.0, 1.0 + 1e-3 * N
+        1.0, 1.0 + 1e-3 * SAMPLES
     )
-    ledger = known()
+    ledger = known_ledger()
     ledger.lost["air"][:] = 30.0
     found = measure_energy(run, ledger, strides=16)
     assert found is not None
@@ -135,8 +94,8 @@ def test_what_motors_share_lies_between_all_and_nothing_returned(make_run):
 
 
 def test_a_robot_that_goes_nowhere_has_no_cost_of_transport(make_run):
-    run = make_run(speed=0.05, duration=8.0).between(1.0, 1.0 + 1e-3 * N)
-    assert measure_energy(run, known(), strides=16) is None
+    run = make_run(speed=0.05, duration=8.0).between(1.0, 1.0 + 1e-3 * SAMPLES)
+    assert measure_energy(run, known_ledger(), strides=16) is None
 
 
 # --- A robot that runs ----------------------------------------------------------------
@@ -147,7 +106,7 @@ def test_work_is_what_is_lost_and_stored():
     of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
+    at = account_energy(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None
@@ -169,139 +128,3 @@ def test_work_is_what_is_lost_and_stored():
     per_leg = 2.0 * sum(joint.positive for joint in energy.joints)
     # but for the last ms
     assert per_leg == pytest.approx(energy.positive * energy.weight_speed, rel=0.01)
-
-
-# --- The optimiser --------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def stride() -> Solution:
-    """The library's at 10 m/s."""
-    library = load_library(CollocationConfig().file)
-    return next(
-        s
-        for s in family_of(library.arrays, library.provenance)
-        if s.problem.speed == 10.0
-    )
-
-
-def test_the_optimisers_cost_is_its_motors_work_over_weight_and_way(stride):
-    """By trapezoids along the stride's polynomials, with heat of tau2 w0 / tau_s from
-    120 Nm, 14.7 and 21.4 rad/s."""
-    found = measure_optimiser(stride)
-    fine = resample(stride.problem, stride.motion, stride.problem.on_mesh(400))
-    columns = motor_coordinates(stride.problem.stride.legs)
-    power, time = fine.tau * fine.v[..., columns], []
-    heat = 21.4 * (1 - 14.7 / 21.4) / 120.0 * fine.tau**2
-    points = fine.q.shape[1]
-    for duration in fine.durations:
-        time.append(np.linspace(0.0, duration, points))
-    weight = robot_mass(stride.problem) * 9.81
-    way = sum(segment[-1, 0] - segment[0, 0] for segment in fine.q)  # of the trunk
-    assert columns.min() >= TRUNK
-
-    def cost(values):
-        total = sum(
-            np.trapezoid(np.sum(value, axis=-1), t)
-            for value, t in zip(values, time, strict=True)
-        )
-        return total / (weight * way)
-
-    assert found.positive == pytest.approx(cost(np.maximum(power, 0.0)), rel=5e-3)
-    assert found.braking == pytest.approx(cost(np.maximum(-power, 0.0)), rel=5e-3)
-    assert found.copper == pytest.approx(cost(heat), rel=5e-3)
-    assert found.electrical.everything == pytest.approx(cost(power + heat), rel=5e-3)
-    assert found.electrical.bus >= found.electrical.everything
-
-
-def test_the_optimiser_is_asked_at_the_nearest_speeds():
-    assert [one.speed for one in optimised([9.9, 13.4])] == [10.0, 13.5]
-
-
-# --- The benchmark --------------------------------------------------------------------
-
-
-@pytest.fixture
-def ran(monkeypatch, make_run):
-    """What was tried; a robot of a policy of seed 13 that is told 8 m/s falls."""
-    asked: list[tuple[float, float, HardwareSpec]] = []
-    run = make_run(speed=5.0, acceleration=1e6, duration=8.0).between(
-        1.0, 1.0 + 1e-3 * N
-    )
-
-    def account(policy, one):
-        speed = one.schedule.target[0]
-        asked.append((speed, one.schedule.hold, one.hardware))
-        if policy.card.seed == 13 and speed == 8.0:
-            return EfficiencyAtSpeed(speed, 2.0, 1.5, None)
-        energy = measure_energy(run, known(100.0 * speed), strides=16)
-        return EfficiencyAtSpeed(speed, speed, None, energy)
-
-    one = OptimisedEfficiency(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
-    monkeypatch.setattr(
-        speeds,
-        "simulate_all",
-        lambda _, policy, tries: [account(policy, one) for one in tries],
-    )
-    monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
-    return asked
-
-
-def evaluate(policy, setup):
-    return efficiency(policy, ramp_to_efficiency(policy, setup), setup)
-
-
-def test_costs_are_told_over_speed_beside_the_optimisers(make_policy, ran, assert_fits):
-    evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
-    commands = [2.0, 4.0, 6.0, 8.0, 10.74, 12.0, 14.0, 15.0]
-    assert [speed for speed, *_ in ran] == commands
-    assert {hold for _, hold, _ in ran} == {10.0}
-    assert [at.commanded_speed for at in evaluation.metrics.speeds] == commands
-    assert evaluation.good
-    last = evaluation.metrics.found[-1][1]
-    assert evaluation.results["mechanical_cost"][-1] == pytest.approx(
-        last.positive, rel=1e-3
-    )
-    assert f"cost {last.positive:.2f} of m g d in work" in evaluation.verdict
-    assert (
-        from_json(EfficiencyMetrics, to_json(evaluation.metrics)) == evaluation.metrics
-    )
-    assert all(
-        len(line) == len(table.head)
-        for table in evaluation.tables
-        for line in table.lines
-    )
-    assert [joint.name for joint in last.joints] == list(KINDS)
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
-    assert [picture.name for picture in evaluation.pictures] == ["efficiency"]
-    assert_fits(evaluation)
-
-
-def test_the_quick_version_runs_two_speeds_for_a_short_time(
-    make_policy, ran, assert_fits
-):
-    evaluation = evaluate(
-        make_policy(), DeepSetup(speed=15.0, quick=True, robot="ideal")
-    )
-    assert [(speed, hold) for speed, hold, _ in ran] == [(10.74, 3.0), (15.0, 3.0)]
-    assert not ran[0][2].solid_legs
-    assert_fits(evaluation)
-
-
-def test_a_fall_is_told_and_the_other_speeds_stay(make_policy, ran, assert_fits):
-    evaluation = evaluate(make_policy(seed=13), DeepSetup(speed=15.0))
-    assert not evaluation.good
-    assert len(evaluation.metrics.found) == len(evaluation.metrics.optimiser) == 7
-    assert {row.label: row.value for row in evaluation.rows}["Fall"] == "at 1.50 s"
-    assert_fits(evaluation)
-    nothing = dataclasses.replace(
-        evaluation.metrics, speeds=evaluation.metrics.speeds[3:4], optimiser=()
-    )
-    assert verdict(nothing) == "No speed was run through: nothing to account for."
-
-
-def test_one_speed_alone_can_be_asked_for(make_policy, ran, assert_fits):
-    """The slowest: all costs are bars and points."""
-    evaluation = evaluate(make_policy(), DeepSetup(speed=1.0))
-    assert [speed for speed, *_ in ran] == [1.0]
-    assert_fits(evaluation)

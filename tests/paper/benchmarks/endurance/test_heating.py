@@ -15,7 +15,7 @@ from bp2_rl.paper.benchmarks.endurance.heating import (
     WINDOW,
     Heating,
     HeatingTry,
-    hot_run,
+    measure_heat,
 )
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
@@ -61,8 +61,8 @@ def watched(make_run):
         for k in range(len(run)):
             simulator.qpos[0] = run.qpos[k]
             if heating(simulator, 0, TORQUE):
-                return hot_run(run.between(0.0, run.time[k + 1]), heating)
-        return hot_run(run, heating)
+                return measure_heat(run.between(0.0, run.time[k + 1]), heating)
+        return measure_heat(run, heating)
 
     return watch
 
@@ -109,7 +109,7 @@ def test_a_run_that_nothing_ends_was_long_enough(watched):
 
 def test_a_robot_that_falls_before_the_clock_starts_has_endured_nothing(make_run):
     heating = Heating(SHUT, COLD, start=START)
-    hot = hot_run(make_run(duration=3.0, fell_at=3.0), heating)
+    hot = measure_heat(make_run(duration=3.0, fell_at=3.0), heating)
     assert (hot.endured.cause, hot.endured.seconds) == ("fall", 0.0)
     assert set(hot.endured.winding) == {25.0}
     assert len(hot.time) == len(hot.course.time) == 0
@@ -155,7 +155,7 @@ def _run(policy, hardware, action, **motor):
         start=0.05,
         pace=60.0,
     )
-    return hot_run(
+    return measure_heat(
         run_one(action, Ramp((0.5, 0.0, 0.0), hold=0.6), config, watch=heating), heating
     )
 

@@ -1,5 +1,7 @@
 """A group against runs of single robots."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from runs import run_one
@@ -36,8 +38,7 @@ def test_each_robot_runs_as_it_would_alone(hardware):
     alone = run_one(still, RAMP, CONFIG, hardware=hardware)
     robots = group(hardware)
     first, commands = told(2)
-    moment, fell, log = robots.run(robots.standing(2, first), commands, record=True)
-    assert log is not None
+    moment, fell, log = robots.run(robots.standing(2, first), commands)
     assert not fell.any()
     run = log.trajectory(1)
     assert len(run) == len(alone)
@@ -107,8 +108,7 @@ def test_the_fallen_are_told_and_stay_down():
     start = robots.standing(2, first)
     qvel = start.qvel.copy()
     qvel[1, 3] = 30.0  # rad/s of roll
-    moment, fell, log = robots.run(start.replace(qvel=qvel), commands, record=True)
-    assert log is not None
+    moment, fell, log = robots.run(dataclasses.replace(start, qvel=qvel), commands)
     assert fell.tolist() == [False, True]
     run = log.trajectory(1)
     assert run.fell_at is not None
