@@ -7,16 +7,17 @@ says of motors, springs and contacts `robot.model` applies.
 """
 
 import functools
+import itertools
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector, possible_moments
-from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES
 
 LENGTH = bp2.THIGH_LENGTH + bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH + bp2.TOE_LENGTH
 """m, of BP2's straight leg, for which the cameras and the looks are drawn."""
@@ -27,11 +28,12 @@ as BP2's."""
 
 _Geom = mujoco.mjtGeom
 _Sensor = mujoco.mjtSensor
+Body = mujoco.MjsBody
 
 
 def build_spec(
     anatomy: Anatomy, *, spring_stiffness: float = bp2.SPRING_STIFFNESS
-) -> Any:
+) -> mujoco.MjSpec:
     """Return the robot on BP2's ground as an `MjSpec`.
 
     Args:
@@ -98,7 +100,7 @@ def _ground() -> mujoco.MjSpec:
     return spec
 
 
-def _set_link(body: Any, link: Link) -> None:
+def _set_link(body: Body, link: Link) -> None:
     """Give a body its mass, with the inertia along principal axes, which a uniform
     scale of the mass keeps."""
     body.explicitinertial, body.mass, body.ipos = True, link.mass, link.com
@@ -112,24 +114,25 @@ def _set_link(body: Any, link: Link) -> None:
     body.inertia, body.iquat = possible_moments(principal), quaternion
 
 
-def _add_trunk(spec: Any, trunk: Any, anatomy: Anatomy) -> None:
-    """Two capsules for contacts, a shell for looks, the IMU, two cameras and a
-    light."""
+def _add_trunk(spec: mujoco.MjSpec, trunk: Body, anatomy: Anatomy) -> None:
+    """Add two capsules for contacts, a shell for looks, the IMU, two cameras and a
+    light to the trunk."""
     x, y, z = anatomy.trunk_size
     radius, reach, lateral = anatomy.beams
     trunk.add_site(name="imu", size=(0.005, 0.0, 0.0), group=5)
-    for side, name in ((-1.0, "trunk_right"), (1.0, "trunk_left")):
-        far, beside = max(reach, 1e-3), side * lateral
-        _capsule(
-            spec, trunk, name, "trunk", radius, (far, beside, 0.0), (-far, beside, 0.0)
-        )
-    shell = _look(spec, trunk, _Geom.mjGEOM_BOX, "shell", (0.96 * x, 0.9 * y, 0.5 * z))
-    shell.pos = (0.0, 0.0, 0.35 * z)
-    _look(spec, trunk, _Geom.mjGEOM_BOX, "carbon", (0.9 * x, 0.8 * y, 0.8 * z))
-    spine = _look(spec, trunk, _Geom.mjGEOM_CAPSULE, "accent", (0.08 * y, 0.0, 0.0))
-    spine.fromto = (0.8 * x, 0.0, 0.85 * z, -0.8 * x, 0.0, 0.85 * z)
-    glow = _look(spec, trunk, _Geom.mjGEOM_CAPSULE, "glow", (0.06 * z, 0.0, 0.0))
-    glow.fromto = (0.97 * x, 0.5 * y, 0.4 * z, 0.97 * x, -0.5 * y, 0.4 * z)
+    far = max(reach, 1e-3)
+    for name, beside in (("trunk_right", -lateral), ("trunk_left", lateral)):
+        ends = (far, beside, 0.0), (-far, beside, 0.0)
+        _add_capsule(spec, trunk, name, "trunk", radius, *ends)
+    for material, half, up in (
+        ("shell", (0.96 * x, 0.9 * y, 0.5 * z), 0.35 * z),
+        ("carbon", (0.9 * x, 0.8 * y, 0.8 * z), 0.0),
+    ):
+        _add_look(spec, trunk, _Geom.mjGEOM_BOX, material, half, pos=(0.0, 0.0, up))
+    spine = (0.8 * x, 0.0, 0.85 * z), (-0.8 * x, 0.0, 0.85 * z)
+    glow = (0.97 * x, 0.5 * y, 0.4 * z), (0.97 * x, -0.5 * y, 0.4 * z)
+    _add_rod(spec, trunk, "accent", 0.08 * y, *spine)
+    _add_rod(spec, trunk, "glow", 0.06 * z, *glow)
     scale = max(2.0 * anatomy.leg_length / LENGTH, 0.4)
     follow = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
     for name, at, axes in (
@@ -149,133 +152,71 @@ def _add_trunk(spec: Any, trunk: Any, anatomy: Anatomy) -> None:
     )
 
 
-def _add_leg(spec: Any, trunk: Any, name: str, leg: Leg, anatomy: Anatomy) -> None:
-    side = math.copysign(1.0, leg.lateral)
+def _add_leg(
+    spec: mujoco.MjSpec, trunk: Body, name: str, leg: Leg, anatomy: Anatomy
+) -> None:
+    """Add a leg's links with their joints, capsules for contacts, and looks."""
+    abad = _add_link(spec, trunk, f"{name}_abad", leg.anchor, leg.abad)
+    thigh = _add_link(spec, abad, f"{name}_thigh", leg.hip, leg.thigh)
+    shank = _add_link(spec, thigh, f"{name}_shank", leg.knee, leg.shank)
+    for body, joint, ends in zip((abad, thigh, shank), JOINTS, leg.ranges, strict=True):
+        body.add_joint(spec.find_default(joint), name=f"{name}_{joint}", range=ends)
+
+    top, motor = (0.0, leg.knee[1], 0.0), 0.16 * leg.thigh_length
     thick, lower_radius = anatomy.thigh_radius, anatomy.lower_radius
-    abad = _add_body(spec, trunk, f"{name}_abad", leg.anchor, leg.abad)
-    _add_joint(spec, abad, f"{name}_abad", "abad", leg.ranges[0])
-    motor = 0.16 * leg.thigh_length
-    _cylinder(
-        spec, abad, "metal", motor * 0.8, motor * 0.8, axis=0, at=(leg.hip[0], 0.0, 0.0)
-    )
-    _cylinder(
-        spec,
-        abad,
-        "carbon",
-        motor * 0.65,
-        motor * 0.9,
-        axis=0,
-        at=(leg.hip[0], 0.0, 0.0),
-    )
-
-    thigh = _add_body(spec, abad, f"{name}_thigh", leg.hip, leg.thigh)
-    _add_joint(spec, thigh, f"{name}_hip", "hip", leg.ranges[1])
-    _capsule(
-        spec,
-        thigh,
-        f"{name}_solid_thigh",
-        "solid_thigh",
-        thick,
-        (0.0, leg.knee[1], 0.0),
-        leg.knee,
-    )
     seen = max(thick, 0.05 * leg.thigh_length)
-    _cylinder(
-        spec,
-        thigh,
-        "metal",
-        motor,
-        1.2 * seen,
-        axis=1,
-        at=(0.0, leg.knee[1] - 0.5 * side * seen, 0.0),
-    )
-    _cylinder(
-        spec,
-        thigh,
-        "accent",
-        0.8 * motor,
-        1.3 * seen,
-        axis=1,
-        at=(0.0, leg.knee[1], 0.0),
-    )
-    _cylinder(
-        spec,
-        thigh,
-        "carbon",
-        0.65 * motor,
-        1.4 * seen,
-        axis=1,
-        at=(0.0, leg.knee[1], 0.0),
-    )
-    beam = _look(spec, thigh, _Geom.mjGEOM_CAPSULE, "shell", (seen, 0.0, 0.0))
-    beam.fromto = (0.0, leg.knee[1], 0.0, *leg.knee)
-    _cylinder(spec, thigh, "metal", 1.2 * seen, 1.05 * seen, axis=1, at=leg.knee)
+    beside = (0.0, leg.knee[1] - 0.5 * math.copysign(1.0, leg.lateral) * seen, 0.0)
+    for axis, material, radius, half, at in (
+        (0, "metal", 0.8 * motor, 0.8 * motor, (leg.hip[0], 0.0, 0.0)),
+        (0, "carbon", 0.65 * motor, 0.9 * motor, (leg.hip[0], 0.0, 0.0)),
+    ):
+        _add_cylinder(spec, abad, material, radius, half, axis, at)
+    ends = top, leg.knee
+    _add_capsule(spec, thigh, f"{name}_solid_thigh", "solid_thigh", thick, *ends)
+    for material, radius, half, at in (
+        ("metal", motor, 1.2 * seen, beside),
+        ("accent", 0.8 * motor, 1.3 * seen, top),
+        ("carbon", 0.65 * motor, 1.4 * seen, top),
+    ):
+        _add_cylinder(spec, thigh, material, radius, half, 1, at)
+    _add_rod(spec, thigh, "shell", seen, *ends)
+    _add_cylinder(spec, thigh, "metal", 1.2 * seen, 1.05 * seen, 1, leg.knee)
 
-    shank = _add_body(spec, thigh, f"{name}_shank", leg.knee, leg.shank)
-    _add_joint(spec, shank, f"{name}_knee", "knee", leg.ranges[2])
-    shin = (0.0, leg.foot[1], 0.0)
-    if leg.toe is None:
-        _capsule(
-            spec,
-            shank,
-            f"{name}_solid_shank",
-            "solid_shank",
-            lower_radius,
-            shin,
-            leg.foot,
-        )
-        rod = _look(
-            spec, shank, _Geom.mjGEOM_CAPSULE, "carbon", (lower_radius, 0.0, 0.0)
-        )
-        rod.fromto = (*shin, *leg.foot)
-        _add_foot(spec, shank, name, leg, leg.foot)
-        return
-    down = (0.0, leg.foot[1], -TUBES * leg.lower_length)
-    _capsule(
-        spec, shank, f"{name}_solid_shank", "solid_shank", lower_radius, shin, down
+    shin, foot = (0.0, leg.foot[1], 0.0), leg.foot
+    end = foot if leg.toe is None else (*shin[:2], -TUBES * leg.lower_length)
+    ends, last = (shin, end), shank
+    _add_capsule(spec, shank, f"{name}_solid_shank", "solid_shank", lower_radius, *ends)
+    _add_rod(spec, shank, "carbon", lower_radius, *ends)
+    if leg.toe is not None:
+        last = _add_link(spec, shank, f"{name}_toe", leg.seat, leg.toe)
+        last.add_joint(spec.find_default("spring"), name=f"{name}_spring")
+        foot = tuple(np.subtract(leg.foot, leg.seat).tolist())
+        ends = foot, (*foot[:2], -RODS * leg.lower_length - leg.seat[2])
+        _add_capsule(spec, last, f"{name}_solid_toe", "solid_toe", lower_radius, *ends)
+        _add_rod(spec, last, "accent", 0.8 * lower_radius, *ends)
+        stop = spec.add_tendon(spec.find_default("stop"), name=f"{name}_stop")
+        stop.wrap_joint(f"{name}_spring", 1.0)
+    last.add_geom(
+        spec.find_default("foot"),
+        name=f"{name}_foot",
+        size=(leg.foot_radius, 0.0, 0.0),
+        pos=foot,
     )
-    tube = _look(spec, shank, _Geom.mjGEOM_CAPSULE, "carbon", (lower_radius, 0.0, 0.0))
-    tube.fromto = (*shin, *down)
-    toe = _add_body(spec, shank, f"{name}_toe", leg.seat, leg.toe)
-    toe.add_joint(spec.find_default("spring"), name=f"{name}_spring")
-    sole = tuple(np.subtract(leg.foot, leg.seat))
-    top = (sole[0], sole[1], -RODS * leg.lower_length - leg.seat[2])
-    _capsule(spec, toe, f"{name}_solid_toe", "solid_toe", lower_radius, sole, top)
-    coil = _look(
-        spec, toe, _Geom.mjGEOM_CAPSULE, "accent", (0.8 * lower_radius, 0.0, 0.0)
-    )
-    coil.fromto = (*sole, *top)
-    _add_foot(spec, toe, name, leg, sole)
-    stop = spec.add_tendon(spec.find_default("stop"), name=f"{name}_stop")
-    stop.wrap_joint(f"{name}_spring", 1.0)
+    below = np.subtract(foot, (0.0, 0.0, leg.foot_radius))
+    last.add_site(name=f"{name}_sole", pos=below, size=(0.005, 0.0, 0.0), group=5)
 
 
-def _add_body(spec: Any, parent: Any, name: str, at: Vector, link: Link) -> Any:
+def _add_link(
+    spec: mujoco.MjSpec, parent: Body, name: str, at: Vector, link: Link
+) -> Body:
     body = parent.add_body(name=name, pos=at)
     _set_link(body, link)
     return body
 
 
-def _add_joint(
-    spec: Any, body: Any, name: str, role: str, ends: tuple[float, float]
-) -> None:
-    body.add_joint(spec.find_default(role), name=name, range=ends)
-
-
-def _add_foot(spec: Any, body: Any, name: str, leg: Leg, at: Vector) -> None:
-    body.add_geom(
-        spec.find_default("foot"),
-        name=f"{name}_foot",
-        size=(leg.foot_radius, 0.0, 0.0),
-        pos=at,
-    )
-    below = np.subtract(at, (0.0, 0.0, leg.foot_radius))
-    body.add_site(name=f"{name}_sole", pos=below, size=(0.005, 0.0, 0.0), group=5)
-
-
-def _capsule(
-    spec: Any,
-    body: Any,
+def _add_capsule(
+    spec: mujoco.MjSpec,
+    body: Body,
     name: str,
     style: str,
     radius: float,
@@ -283,52 +224,70 @@ def _capsule(
     end: Vector,
 ) -> None:
     """Add a geom for contacts."""
-    geom = body.add_geom(spec.find_default(style), name=name, size=(radius, 0.0, 0.0))
-    geom.fromto = (*begin, *end)
-
-
-def _look(spec: Any, body: Any, kind: Any, material: str, size: Vector) -> Any:
-    return body.add_geom(
-        spec.find_default("visual"), type=kind, material=material, size=size
+    body.add_geom(
+        spec.find_default(style),
+        name=name,
+        size=(radius, 0.0, 0.0),
+        fromto=(*begin, *end),
     )
 
 
-def _cylinder(
-    spec: Any,
-    body: Any,
+def _add_look(
+    spec: mujoco.MjSpec,
+    body: Body,
+    kind: mujoco.mjtGeom,
+    material: str,
+    size: Vector,
+    **place: Sequence[float],
+) -> None:
+    """Add a geom that is seen and touches nothing."""
+    style = spec.find_default("visual")
+    body.add_geom(style, type=kind, material=material, size=size, **place)
+
+
+def _add_rod(
+    spec: mujoco.MjSpec,
+    body: Body,
+    material: str,
+    radius: float,
+    begin: Vector,
+    end: Vector,
+) -> None:
+    size, ends = (radius, 0.0, 0.0), (*begin, *end)
+    _add_look(spec, body, _Geom.mjGEOM_CAPSULE, material, size, fromto=ends)
+
+
+def _add_cylinder(
+    spec: mujoco.MjSpec,
+    body: Body,
     material: str,
     radius: float,
     half: float,
-    *,
     axis: int,
     at: Vector,
 ) -> None:
-    geom = _look(spec, body, _Geom.mjGEOM_CYLINDER, material, (radius, half, 0.0))
-    reach = half * np.eye(3)[axis]
-    geom.fromto = (*np.subtract(at, reach), *np.add(at, reach))
+    size, reach = (radius, half, 0.0), half * np.eye(3)[axis]
+    ends = (*np.subtract(at, reach), *np.add(at, reach))
+    _add_look(spec, body, _Geom.mjGEOM_CYLINDER, material, size, fromto=ends)
 
 
-def _add_motors_and_sensors(spec: Any, anatomy: Anatomy) -> None:
+def _add_motors_and_sensors(spec: mujoco.MjSpec, anatomy: Anatomy) -> None:
+    joint = mujoco.mjtTrn.mjTRN_JOINT
     for name in MOTOR_NAMES:
-        motor = spec.add_actuator(
-            spec.find_default("bp2"),
-            name=name,
-            target=name,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        )
-        motor.set_to_motor()
-    site = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "objname": "imu"}
-    spec.add_sensor(name="imu_gyro", type=_Sensor.mjSENS_GYRO, **site)
-    spec.add_sensor(name="imu_accelerometer", type=_Sensor.mjSENS_ACCELEROMETER, **site)
-    spec.add_sensor(name="imu_quat", type=_Sensor.mjSENS_FRAMEQUAT, **site)
-    coordinates = (
-        (*conventions.JOINTS, "spring") if anatomy.sprung else conventions.JOINTS
-    )
-    joints = [f"{leg}_{coordinate}" for leg in LEGS for coordinate in coordinates]
-    for name in joints:
+        spec.add_actuator(
+            spec.find_default("bp2"), name=name, target=name, trntype=joint
+        ).set_to_motor()
+    imu = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "objname": "imu"}
+    for name, kind in (
+        ("imu_gyro", _Sensor.mjSENS_GYRO),
+        ("imu_accelerometer", _Sensor.mjSENS_ACCELEROMETER),
+        ("imu_quat", _Sensor.mjSENS_FRAMEQUAT),
+    ):
+        spec.add_sensor(name=name, type=kind, **imu)
+    for leg, joint in itertools.product(LEGS, (*JOINTS, *["spring"] * anatomy.sprung)):
         spec.add_sensor(
-            name=f"{name}_pos",
+            name=f"{leg}_{joint}_pos",
             type=_Sensor.mjSENS_JOINTPOS,
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            objname=name,
+            objname=f"{leg}_{joint}",
         )
