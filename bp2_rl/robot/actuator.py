@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from bp2_rl.base.arrays import Array, ArrayT, Number
+from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 ENDLESS = 1e9
@@ -72,8 +73,8 @@ class Actuator:
         cls,
         hardware: HardwareSpec = IDEAL,
         *,
-        stiffness: Number = 250.0,
-        damping: Number = 3.0,
+        stiffness: Number = bp2.LOOP_STIFFNESS,
+        damping: Number = bp2.LOOP_DAMPING,
         strength: Number = 1.0,
         torque_rate: Number = float("inf"),
     ) -> "Actuator":

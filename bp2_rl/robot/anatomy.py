@@ -25,10 +25,13 @@ _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
 _LEAST_MOMENT = 1e-12  # kg m2
 
-LONGEST_NAME = 80
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
 """kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
+Place = Annotated[Vector, Within(-10.0, 10.0)]
+Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
+"""m."""
+LONGEST_NAME = 80
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,27 +60,34 @@ def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
     return np.minimum(positive, (1.0 - margin) * (positive.sum() - positive))
 
 
-@dataclasses.dataclass(frozen=True)
-class Leg:
-    """A leg; each link's frame is at the joint that moves the link."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LegParts:
+    """A leg's links and where they are; each link's frame is at the joint that moves
+    the link."""
 
-    anchor: Vector  # m, the abduction joint in the trunk's frame
-    hip: Vector  # m, the hip joint from the abduction joint
-    knee: Vector  # m, the knee joint from the hip joint; x is 0
+    anchor: Place  # m, the abduction joint in the trunk's frame
+    hip: Place  # m, the hip joint from the abduction joint
+    knee: Place  # m, the knee joint from the hip joint; x is 0
     # m, the centre of the foot's sphere from the knee joint, with the spring at rest; x
     # is 0
-    foot: Vector
-    foot_radius: float  # m
+    foot: Place
+    foot_radius: Radius
     abad: Link
     thigh: Link
     shank: Link
-    toe: Link | None  # below the spring; None: the shank is rigid
+    toe: Link | None = None  # below the spring; None: the shank is rigid
     # m, the toe's frame from the knee joint, with the spring at rest; x is 0; a rigid
     # shank's is unused
-    seat: Vector
-    ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
+    seat: Place = (0.0, 0.0, 0.0)
     # sign of the knee's angle in the gait: -1 bends the knee backwards
     bend: Literal[-1, 1] = -1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Leg(LegParts):
+    """A leg's links, where they are, and how far its joints turn."""
+
+    ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
 
     @property
     def thigh_length(self) -> float:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
@@ -16,6 +17,8 @@ from bp2_rl.robot.conventions import LEGS
 
 ByJoint = float | tuple[float, float, float]
 """One number for all joints, or one each for abad, hip and knee."""
+AtJoints = float | Float[np.ndarray, "12"]
+"""One number for all joints, or one for each of the twelve."""
 
 
 class Size(NamedTuple):
@@ -211,28 +214,28 @@ class HardwareSpec:
         return self.mass_scale * self.anatomy.weighed_mass
 
     @property
-    def reflected_inertia(self) -> Any:
+    def reflected_inertia(self) -> AtJoints:
         """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve
         where joints differ."""
         return at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
-    def joint_peak_torque(self) -> Any:
+    def joint_peak_torque(self) -> AtJoints:
         """Peak torque at the joint behind this gear, Nm."""
         return at_joints(self.peak_torque, self._gear_share)
 
     @property
-    def joint_corner_speed(self) -> Any:
+    def joint_corner_speed(self) -> AtJoints:
         """Speed up to which the peak torque is available, at the joint, rad/s."""
         return at_joints(self.corner_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_no_load_speed(self) -> Any:
+    def joint_no_load_speed(self) -> AtJoints:
         """Speed at which no driving torque is left, at the joint, rad/s."""
         return at_joints(self.no_load_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_braking_speed(self) -> Any:
+    def joint_braking_speed(self) -> AtJoints:
         """Speed at which no braking torque is left, at the joint, rad/s."""
         return at_joints(self.braking_speed, 1.0 / self._gear_share)
 
@@ -250,7 +253,7 @@ def times(factor: float, value: ByJoint) -> ByJoint:
     return factor * abad, factor * hip, factor * knee
 
 
-def at_joints(value: ByJoint, factor: float = 1.0) -> Any:
+def at_joints(value: ByJoint, factor: float = 1.0) -> AtJoints:
     """Return a multiple of a number for all joints, or an array of twelve."""
     return (
         np.tile(factor * np.array(value), len(LEGS))

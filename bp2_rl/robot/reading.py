@@ -12,14 +12,14 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.bounds import Range
+from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import (
@@ -96,9 +96,9 @@ class JointReading(JointConvention):
 class SpringReading:
     """What a model says of the springs in its shanks, in the mean over the legs."""
 
-    stiffness: float  # N/m
-    damping: float  # N s/m
-    travel: float  # m
+    stiffness: Annotated[float, Within(100.0, 1e7)]  # N/m
+    damping: Annotated[float, Within(0.0, 1e5)]  # N s/m
+    travel: Annotated[float, Within(0.0, 10.0)]  # m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +111,21 @@ class RobotReading:
     friction: float  # of the feet
     contacts: tuple[str, ...]  # the geoms that are the feet
     notes: tuple[str, ...]  # what was left out or assumed
+
+    def by_joint(
+        self, name: str, otherwise: float | None = None, factor: float = 1.0
+    ) -> tuple[float, float, float]:
+        """Return a number of abad, hip and knee joints times a factor, each in the mean
+        over the legs.
+
+        Where the model says nothing, zero or no limit, it is `otherwise` if that is
+        given.
+        """
+        numbers = [float(getattr(joint, name)) for joint in self.joints]
+        if otherwise is not None:
+            numbers = [x if 0.0 < x < math.inf else otherwise for x in numbers]
+        abad, hip, knee = (factor * sum(numbers[i::3]) / len(LEGS) for i in range(3))
+        return abad, hip, knee
 
 
 def read_mjcf(
