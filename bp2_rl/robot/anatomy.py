@@ -13,6 +13,7 @@ import math
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
@@ -49,7 +50,14 @@ class Link:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
+def six(inertia: np.ndarray) -> Inertia:
+    """Return the six numbers of a symmetric matrix (3, 3), in the order of `Inertia`."""
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+    xx, yy, zz, xy, xz, yz = (float(x) for x in inertia[rows, columns])
+    return xx, yy, zz, xy, xz, yz
+
+
+def possible_moments(moments: ArrayLike, margin: float = 1e-12) -> np.ndarray:
     """Return the nearest principal moments (3), kg m2, that a body can have: positive,
     none above the others' sum.
 

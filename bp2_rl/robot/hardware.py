@@ -6,7 +6,6 @@ import math
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
@@ -17,7 +16,7 @@ from bp2_rl.robot.conventions import LEGS
 
 ByJoint = float | tuple[float, float, float]
 """One number for all joints, or one each for abad, hip and knee."""
-AtJoints = float | Float[np.ndarray, "12"]
+AtJoints = float | np.ndarray
 """One number for all joints, or one for each of the twelve."""
 
 

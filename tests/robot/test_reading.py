@@ -21,10 +21,11 @@ from odd_robots import (
 )
 
 from bp2_rl.base.assets import asset_path
+from bp2_rl.robot.compiling import ReadingError, load_mjcf
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
-from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
+from bp2_rl.robot.reading import read_mjcf
 
 GO1, SPOT = Path("_src/locomotion/go1/xmls"), Path("_src/locomotion/spot/xmls")
 

@@ -28,10 +28,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.compiling import load_mjcf
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.reading import load_mjcf, read_mjcf
+from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import (
     GainNumbers,
     RobotFile,
