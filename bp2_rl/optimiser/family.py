@@ -89,8 +89,8 @@ def reserved(hardware: HardwareSpec) -> HardwareSpec:
 
 @dataclasses.dataclass(frozen=True)
 class Limits(Form):
-    """What a trot is limited to at a speed; numbers are for BP2 and scale with the
-    robot's size."""
+    """Limits on a trot at one speed; numbers are for BP2 and scale with the robot's
+    size."""
 
     # these three as the problem's, if they are tighter
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5
@@ -176,7 +176,7 @@ class SlowEnd(Bounded, path="slow."):
     proximity: Annotated[float, Within(0.0, 1e6)] = 1.0
 
     def holds(self, problem: Problem) -> bool:
-        """Whether a problem's speed is that of a slow trot."""
+        """Return whether a problem asks for a slow trot."""
         return problem.speed < problem.hardware.size.speed * self.speeds[1]
 
     def limit(self, problem: Problem) -> Problem:
@@ -263,7 +263,7 @@ class FamilyConfig:
         return LIMIT_TIME if self.fastest is None else SOLVE_TIME
 
     def at(self, speed: float) -> Problem:
-        """What is asked for at a speed, m/s."""
+        """Return the problem of a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
     @property

@@ -1,5 +1,5 @@
-"""What a quadruped's body is, as plain numbers: links, joints, lengths, joint ranges
-and the standing pose.
+"""A quadruped's body as plain numbers: links, joints, lengths, joint ranges, standing
+pose.
 
 A leg hangs straight down at zero joint angles. Then the frames of its links are
 parallel to the trunk's (x forward, y left, z up), the abduction joint turns about +x,
@@ -13,7 +13,6 @@ import math
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
@@ -57,7 +56,7 @@ def six(inertia: np.ndarray) -> Inertia:
     return xx, yy, zz, xy, xz, yz
 
 
-def possible_moments(moments: ArrayLike, margin: float = 1e-12) -> np.ndarray:
+def possible_moments(moments: np.ndarray | Vector, margin: float = 1e-12) -> np.ndarray:
     """Return the nearest principal moments (3), kg m2, that a body can have: positive,
     none above the others' sum.
 
@@ -142,8 +141,8 @@ class Leg(LegParts):
 
 @dataclasses.dataclass(frozen=True)
 class JointConvention:
-    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times
-    the model's plus `offset`."""
+    """A joint of the robot's own model; its angle in `Anatomy` is `sign` times the
+    model's plus `offset`."""
 
     name: str
     sign: Annotated[int, Within(-1, 1)] = 1
@@ -211,7 +210,7 @@ class Anatomy:
 
     @property
     def sprung(self) -> bool:
-        """Whether the shanks are springs."""
+        """Return whether the shanks are springs."""
         return self.legs[0].toe is not None
 
     @property
@@ -259,7 +258,7 @@ class Anatomy:
 
 
 class LegGeometry(NamedTuple):
-    """The lengths of the legs, m, four of each."""
+    """Lengths of the four legs as arrays, m."""
 
     # (4, 3), where each abduction axis crosses the plane of the hip axis, in the
     # trunk's frame

@@ -166,8 +166,8 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
 
 
 def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
-    """Put the nearest inertia that a body can have in place of one that none can have,
-    as URDFs have them."""
+    """Replace inertias that no body can have, as URDFs have them, by the nearest
+    possible ones."""
     mended: list[str] = []
     full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
     for body in full if not spec.compiler.balanceinertia else ():

@@ -1,5 +1,4 @@
-"""What holds for every robot of the package: the order of legs and joints, rates,
-gravity and air.
+"""Conventions of all robots: the order of legs and joints, rates, gravity and air.
 
 SI units; world z up, x forward, y left; quaternions w-x-y-z; legs in the order FR, FL,
 RR, RL; joints of a leg in the order abad, hip, knee (then the passive spring, where

@@ -26,12 +26,13 @@ def joint_velocities(qvel: Array) -> Any:
 
 
 def compressions(qpos: Array) -> Any:
-    """Compression of each leg's spring ("... 4"), m; zero where shanks are rigid."""
+    """Return the springs' compression ("... 4"), m; zero where shanks are rigid."""
     return _springs(qpos, POSE)
 
 
 def compression_rates(qvel: Array) -> Any:
-    """Rate of each spring's compression ("... 4"), m/s; zero where shanks are rigid."""
+    """Return the rate of the springs' compression ("... 4"), m/s; zero where shanks are
+    rigid."""
     return _springs(qvel, TWIST)
 
 

@@ -16,7 +16,7 @@ from bp2_rl.robot.anatomy import JointConvention, Leg, Link, Vector, six
 from bp2_rl.robot.compiling import ReadingError
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.effects import Effects
-from bp2_rl.robot.limbs import Chain, Foot
+from bp2_rl.robot.limbs import Foot, Limb
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
@@ -24,7 +24,7 @@ PARALLEL = 1e-3
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointReading(JointConvention):
-    """What a model says of a motor's joint."""
+    """Numbers that a model gives of a motor's joint."""
 
     armature: float  # kg m2
     damping: float  # Nm s/rad
@@ -47,7 +47,7 @@ def read_leg(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     effects: Effects,
-    chain: Chain,
+    chain: Limb,
     foot: Foot,
     notes: list[str],
 ) -> LegReading:

@@ -59,8 +59,7 @@ class Size(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Losses:
-    """What a machine loses between its battery and the road, and how late its motors
-    are.
+    """A machine's losses between battery and road, and the delays of its motors.
 
     `Losses()` are the ideal robot's, which loses nothing; `BUILT` has the losses of the
     built robot. The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
@@ -176,8 +175,7 @@ class HardwareSpec:
         return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other values of fields, those of BP2's body among
-        them."""
+        """Return the robot with other values of its fields or of BP2's body."""
         of_body = {
             name: parameters.pop(name)
             for name in list(parameters)
@@ -244,8 +242,8 @@ class HardwareSpec:
 
 
 def times(factor: float, value: ByJoint) -> ByJoint:
-    """Return a multiple of a number for all joints, or of one for each of abad, hip and
-    knee."""
+    """Return a multiple of a number of all joints, or of abad's, hip's and knee's
+    numbers."""
     if not isinstance(value, tuple):
         return factor * value
     abad, hip, knee = value

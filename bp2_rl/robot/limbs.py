@@ -26,7 +26,7 @@ SPHERE, CAPSULE, CYLINDER = (
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
 
-class Chain(NamedTuple):
+class Limb(NamedTuple):
     """A limb's moving bodies from the trunk downwards, and their joints."""
 
     bodies: list[int]  # that move: abad, thigh, shank, and a toe
@@ -80,9 +80,9 @@ def require_no_couplings(model: mujoco.MjModel) -> None:
             )
 
 
-def find_legs(model: mujoco.MjModel, trunk: int, joints: Sequence[str]) -> list[Chain]:
+def find_legs(model: mujoco.MjModel, trunk: int, joints: Sequence[str]) -> list[Limb]:
     """Return the legs in the order of `LEGS`."""
-    limbs = [_chain(model, body) for body in _moved_by(model, trunk)]
+    limbs = [_limb(model, body) for body in _moved_by(model, trunk)]
     if len(limbs) != len(LEGS):
         names = ", ".join(f"'{model.body(limb.bodies[0]).name}'" for limb in limbs)
         few = (
@@ -112,8 +112,8 @@ def find_legs(model: mujoco.MjModel, trunk: int, joints: Sequence[str]) -> list[
 
 
 def _named(
-    model: mujoco.MjModel, limbs: list[Chain], joints: Sequence[str]
-) -> list[Chain]:
+    model: mujoco.MjModel, limbs: list[Limb], joints: Sequence[str]
+) -> list[Limb]:
     names = [[model.joint(j).name for j in chain.joints[:3]] for chain in limbs]
     wanted = [list(joints[i : i + 3]) for i in range(0, len(joints), 3)]
     if sorted(names) != sorted(wanted):
@@ -123,7 +123,7 @@ def _named(
     return [limbs[names.index(leg)] for leg in wanted]
 
 
-def _chain(model: mujoco.MjModel, body: int) -> Chain:
+def _limb(model: mujoco.MjModel, body: int) -> Limb:
     bodies = [body]
     while below := _moved_by(model, bodies[-1]):
         if len(below) > 1:
@@ -136,10 +136,10 @@ def _chain(model: mujoco.MjModel, body: int) -> Chain:
             raise ReadingError(
                 f"body '{model.body(body).name}' has several joints: give each a body with a mass"
             )
-    return Chain(bodies, [int(model.body_jntadr[body]) for body in bodies])
+    return Limb(bodies, [int(model.body_jntadr[body]) for body in bodies])
 
 
-def _require_leg(model: mujoco.MjModel, chain: Chain) -> None:
+def _require_leg(model: mujoco.MjModel, chain: Limb) -> None:
     """Refuse a limb that is not three hinges and, below them, at most one slide."""
     types = [int(model.jnt_type[j]) for j in chain.joints]
     names = [model.joint(j).name for j in chain.joints]
@@ -196,7 +196,7 @@ class Foot(NamedTuple):
 def find_feet(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    chains: list[Chain],
+    chains: list[Limb],
     named: Sequence[str],
     radius: float | None,
 ) -> list[Foot]:
@@ -217,7 +217,7 @@ def find_feet(
 def _named_foot(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    chain: Chain,
+    chain: Limb,
     name: str,
     radius: float | None,
 ) -> Foot:
@@ -266,7 +266,7 @@ def _named_foot(
 
 
 def _farthest(
-    model: mujoco.MjModel, data: mujoco.MjData, chain: Chain, radius: float | None
+    model: mujoco.MjModel, data: mujoco.MjData, chain: Limb, radius: float | None
 ) -> Foot:
     """Return the foot of a leg: its farthest sphere that collides, or capsule that
     does, or one that does not.
@@ -309,7 +309,7 @@ def _farthest(
 def _lowest(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    chain: Chain,
+    chain: Limb,
     geoms: Sequence[int],
     radius: float | None,
 ) -> Foot:

@@ -90,7 +90,8 @@ def load_model(
 
 
 def model_xml(hardware: HardwareSpec = IDEAL) -> str:
-    """What `load_model` compiles, in one text of MJCF with numbers to six digits."""
+    """Write the model that `load_model` compiles as one text of MJCF, with numbers to
+    six digits."""
     spec = load_spec(hardware)
     spec.option.timestep = PHYSICS_STEP
     if hardware.solid_legs:

@@ -35,8 +35,8 @@ from bp2_rl.robot.frames import (
 from bp2_rl.robot.limbs import (
     CAPSULE,
     CYLINDER,
-    Chain,
     Foot,
+    Limb,
     at_zero,
     collides,
     find_feet,
@@ -68,7 +68,8 @@ BY_JOINT = {
 
 @dataclasses.dataclass(frozen=True)
 class SpringReading:
-    """What a model says of the springs in its shanks, in the mean over the legs."""
+    """Numbers that a model gives of the springs in its shanks, in the mean over the
+    legs."""
 
     stiffness: Annotated[float, Within(100.0, 1e7)]  # N/m
     damping: Annotated[float, Within(0.0, 1e5)]  # N s/m
@@ -152,7 +153,7 @@ def _urdf_speeds(path: Path) -> dict[str, float]:
 
 def _read_model(
     model: mujoco.MjModel,
-    chains: Sequence[Chain],
+    chains: Sequence[Limb],
     feet: Sequence[Foot],
     speeds: Mapping[str, float],
     notes: list[str],
@@ -269,7 +270,7 @@ def _note_left_out(
 
 def _keyframe_stand(
     model: mujoco.MjModel,
-    chains: Sequence[Chain],
+    chains: Sequence[Limb],
     found: list[LegReading],
     notes: list[str],
 ) -> tuple[float, ...]:
@@ -346,13 +347,13 @@ def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
 
 def _note_mass_matrix(
     model: mujoco.MjModel,
-    chains: Sequence[Chain],
+    chains: Sequence[Limb],
     anatomy: Anatomy,
     joints: Sequence[JointReading],
     notes: list[str],
 ) -> None:
-    """Compare the model's mass matrix, in a pose drawn at random, with that of the
-    robot that its file can hold."""
+    """Compare the model's mass matrix in a random pose with the mass matrix of the
+    robot as read."""
     built, theirs = build_spec(anatomy).compile(), at_zero(model)
     ours, motors = mujoco.MjData(built), motor_indices(built.nv)
     ranges = [ends for leg in anatomy.legs for ends in leg.ranges]
@@ -420,7 +421,7 @@ def _capsule_radius(
 
 
 def _spring(
-    model: mujoco.MjModel, chains: Sequence[Chain], notes: list[str]
+    model: mujoco.MjModel, chains: Sequence[Limb], notes: list[str]
 ) -> SpringReading | None:
     """Return the springs in the shanks; None where the shanks are rigid."""
     springs = [chain.joints[3] for chain in chains if len(chain.joints) == 4]

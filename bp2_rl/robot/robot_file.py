@@ -124,7 +124,7 @@ class ContactNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class WrittenRobot:
-    """What stands in a robot file."""
+    """The keys of a robot file, and their values."""
 
     name: str
     motors: MotorNumbers
@@ -196,8 +196,8 @@ def load_robot(path: Path) -> RobotFile:
 
 
 def _require_tables(given: dict[str, object]) -> None:
-    """Refuse a file that lacks what every robot needs, all of it named at once; a slip
-    of the pen is told first."""
+    """Refuse a file without the tables that every robot needs, and name them all; a
+    misspelt key is told first."""
     body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
     lacking = [name for name in ("motors", *body) if name not in given]
     if lacking and given.keys() <= {field.name for field in fields(WrittenRobot)}:

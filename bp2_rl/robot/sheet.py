@@ -1,5 +1,5 @@
-"""What a robot file makes of a robot, on one sheet: sizes, joints, motors against the
-load of standing, and a stand."""
+"""A robot on one sheet: sizes, joints, motors against the load of standing, and a
+stand."""
 
 import dataclasses
 import math
@@ -96,8 +96,8 @@ def trained_gains(robot: RobotFile) -> tuple[float, float]:
 
 
 def gains(robot: RobotFile) -> tuple[AtJoints, AtJoints]:
-    """Return stiffness and damping of the position loop: the file's, or those of
-    training where the file gives none."""
+    """Return stiffness and damping of the position loop, the file's or else
+    training's."""
     if robot.gains is None:
         return trained_gains(robot)
     return at_joints(robot.gains.stiffness), at_joints(robot.gains.damping)
@@ -255,7 +255,7 @@ def _push(robot: RobotFile) -> float:
 
 
 def _symmetry_lines(robot: RobotFile) -> list[str]:
-    """Say which numbers of the right legs are not those of the left ones mirrored."""
+    """Name the numbers by which right legs differ from mirrored left ones."""
     different: list[str] = []
     for right, left, which in zip(
         robot.anatomy.legs[::2], robot.anatomy.legs[1::2], ("fore", "hind"), strict=True

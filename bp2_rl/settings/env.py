@@ -30,7 +30,7 @@ Impl = Literal["jax", "kernel", "warp"]
 
 @dataclasses.dataclass(frozen=True)
 class ControlConfig:
-    """What the policy's action means, and the joint PD loop under it (gains
+    """Meaning of the policy's action, and the joint PD loop under it (gains
     ASSUMED)."""
 
     # around the reference motion, or around the standing pose

@@ -154,8 +154,8 @@ def _provenance(path: Path, text: str) -> dict[str, Any]:
 
 
 def _fault(library: MotionLibrary) -> str:
-    """What keeps the trajectories from being periodic trots of ascending speeds, if
-    anything."""
+    """Name what keeps trajectories from being periodic trots of ascending speeds, if
+    anything does."""
     speeds, durations, q = library.speeds, library.durations, library.q
     if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
         return "holds speeds that do not ascend from above 0"

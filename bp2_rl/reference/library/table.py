@@ -102,7 +102,7 @@ def _cubics(
 def _by_share(
     cubics: Float[np.ndarray, "... N 4 n"], share: float
 ) -> Float[np.ndarray, "... n"]:
-    """What coefficients say at a share of their segment."""
+    """Evaluate cubics at a share of their segment."""
     position = share * cubics.shape[-3]
     interval = min(int(position), cubics.shape[-3] - 1)
     return np.sum(
