@@ -11,6 +11,8 @@ LEGS = ("FR", "FL", "RR", "RL")
 JOINTS = ("abad", "hip", "knee")
 MOTOR_NAMES = tuple(f"{leg}_{joint}" for leg in LEGS for joint in JOINTS)
 NUM_MOTORS = len(MOTOR_NAMES)
+MIRRORED = (1, 0, 3, 2)
+"""Each leg's image, where left and right change places."""
 
 
 class Provenance(NamedTuple):
