@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
 from bp2_rl.robot.conventions import MOTOR_NAMES
@@ -262,19 +263,19 @@ class LegGeometry(NamedTuple):
 
     # (4, 3), where each abduction axis crosses the plane of the hip axis, in the
     # trunk's frame
-    origins: Any
-    lateral: Any  # from the abduction axis to the foot's plane, to the left
-    drop: Any  # of the hip axis below the abduction axis
-    thigh: Any
-    lower: Any  # knee axis to sole, spring at rest
-    bend: Any  # sign of the knee's angle
-    foot_radius: Any
+    origins: Array
+    lateral: Array  # from the abduction axis to the foot's plane, to the left
+    drop: Array  # of the hip axis below the abduction axis
+    thigh: Array
+    lower: Array  # knee axis to sole, spring at rest
+    bend: Array  # sign of the knee's angle
+    foot_radius: Array
 
-    def cast(self, xp: Any, dtype: Any) -> "LegGeometry":
+    def cast(self, xp: Any, dtype: object) -> "LegGeometry":
         """Return the lengths as arrays of the library `xp`, in a precision."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
 
-    def joint_angles(self, feet: Any, compression: Any = 0.0) -> Any:
+    def joint_angles(self, feet: ArrayT, compression: Number = 0.0) -> ArrayT:
         """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m);
         `kinematics.joint_angles`."""
         xp = feet.__array_namespace__()

@@ -211,28 +211,28 @@ class HardwareSpec:
         return self.mass_scale * self.anatomy.weighed_mass
 
     @property
-    def reflected_inertia(self) -> AtJoints:
+    def reflected_inertia(self) -> Any:
         """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve
         where joints differ."""
         return at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
-    def joint_peak_torque(self) -> AtJoints:
+    def joint_peak_torque(self) -> Any:
         """Peak torque at the joint behind this gear, Nm."""
         return at_joints(self.peak_torque, self._gear_share)
 
     @property
-    def joint_corner_speed(self) -> AtJoints:
+    def joint_corner_speed(self) -> Any:
         """Speed up to which the peak torque is available, at the joint, rad/s."""
         return at_joints(self.corner_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_no_load_speed(self) -> AtJoints:
+    def joint_no_load_speed(self) -> Any:
         """Speed at which no driving torque is left, at the joint, rad/s."""
         return at_joints(self.no_load_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_braking_speed(self) -> AtJoints:
+    def joint_braking_speed(self) -> Any:
         """Speed at which no braking torque is left, at the joint, rad/s."""
         return at_joints(self.braking_speed, 1.0 / self._gear_share)
 

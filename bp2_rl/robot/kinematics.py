@@ -20,7 +20,7 @@ from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
     """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk
     frame, m."""
-    return hardware.anatomy.geometry.origins
+    return np.asarray(hardware.anatomy.geometry.origins)
 
 
 def hip_places(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:

@@ -162,6 +162,11 @@ class RobotFile:
     assumed: tuple[str, ...] = ()
 
     @property
+    def name(self) -> str:
+        """Return the robot's name."""
+        return self.hardware.anatomy.name
+
+    @property
     def anatomy(self) -> Anatomy:
         """Return the robot's body."""
         return self.hardware.anatomy
