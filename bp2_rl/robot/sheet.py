@@ -8,10 +8,14 @@ from typing import cast
 import mujoco
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 
+from bp2_rl.base.plotting import FAINT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES, PHYSICS_STEP
+from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES, PHYSICS_STEP
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.hardware import AtJoints, HardwareSpec, at_joints
 from bp2_rl.robot.model import FOOT_GEOMS, load_model
@@ -35,6 +39,9 @@ STROKE = 0.1
 reach is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
+
+MARKS = {"abad": "s", "hip": "o", "knee": "D"}
+"""Marks of the joints in the picture."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -280,3 +287,73 @@ def _numbers(value: object) -> list[float]:
     if isinstance(value, tuple):
         return [x for inner in cast(tuple[object, ...], value) for x in _numbers(inner)]
     return [float(value)] if isinstance(value, int | float) else []
+
+
+# --- The picture -----------------------------------------------------------------------
+
+
+@styled
+def draw_robot(hardware: HardwareSpec) -> Figure:
+    """Draw the robot as it stands; axes in metres."""
+    anatomy = hardware.anatomy
+    model = load_model(hardware)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    figure = Figure(figsize=(WIDTH, 0.5 * WIDTH), layout="constrained")
+    views: list[Axes] = list(
+        figure.subplots(1, 2, width_ratios=(1.6, 1.0), sharey=True)
+    )
+    for axes, across, title in zip(
+        views, (0, 1), ("from the right, forward is right", "from behind"), strict=True
+    ):
+        shown, sign = [across, 2], (1.0 if across == 0 else -1.0)
+
+        def flat(
+            point: np.ndarray, shown: list[int] = shown, sign: float = sign
+        ) -> np.ndarray:
+            return np.asarray(point)[shown] * (sign, 1.0)
+
+        middle, half = (
+            flat(data.body("trunk").xpos),
+            np.array(anatomy.trunk_size)[shown],
+        )
+        axes.add_patch(
+            Rectangle(
+                tuple(middle - half), *(2.0 * half), facecolor=FAINT, edgecolor=QUIET
+            )
+        )
+        for leg, name in reversed(list(zip(anatomy.legs, LEGS, strict=True))):
+            joints = [flat(data.joint(f"{name}_{joint}").xanchor) for joint in JOINTS]
+            foot = flat(data.geom(f"{name}_foot").xpos)
+            line, color = np.array([*joints, foot]), LEG_COLORS[name]
+            axes.plot(line[:, 0], line[:, 1], color=color, linewidth=2.4, label=name)
+            for joint, at in zip(JOINTS, joints, strict=True):
+                axes.plot(
+                    *at,
+                    MARKS[joint],
+                    color=color,
+                    markeredgecolor="white",
+                    markersize=7,
+                )
+            axes.add_patch(
+                Circle(tuple(foot), leg.foot_radius, facecolor=color, alpha=0.5)
+            )
+        axes.plot(
+            *flat(data.subtree_com[1]), "+", color=INK, markersize=11, markeredgewidth=2
+        )
+        axes.axhline(0.0, color=QUIET)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("m")
+        axes.set_title(title)
+    for joint, mark in MARKS.items():
+        views[1].plot([], [], mark, color=QUIET, label=joint)
+    views[1].plot([], [], "+", color=INK, markersize=11, label="centre of mass")
+    figure.legend(
+        *views[1].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=8,
+        handlelength=1.2,
+    )
+    figure.suptitle(anatomy.name, x=0.01, ha="left", fontweight="bold")
+    return figure

@@ -643,7 +643,7 @@ def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(
     """Every number of the file in turn is made far too large, far too small, or of the
     other sign."""
     monkeypatch.setattr("bp2_rl.robot.sheet.STAND_TIME", 0.02)
-    monkeypatch.setattr("bp2_rl.robot.portrait.draw_robot", lambda _: Figure())
+    monkeypatch.setattr("bp2_rl.robot.sheet.draw_robot", lambda _: Figure())
     head, path, ended = GO1[GO1.index("[stand]") :], tmp_path / "robot.toml", []
     places = [found.span() for found in re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", head)]
     for i, (start, end) in enumerate(places):
