@@ -114,8 +114,7 @@ def check(config: CheckConfig) -> None:
 
     robot = find_robot_file(config.robot)
     from bp2_rl.base.plotting import save_figure
-    from bp2_rl.robot.portrait import draw_robot
-    from bp2_rl.robot.sheet import sheet, stand
+    from bp2_rl.robot.sheet import draw_robot, sheet, stand
 
     print(sheet(robot, stand(robot)))
     save_figure(draw_robot(robot.hardware), out)

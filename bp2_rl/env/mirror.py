@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.observations import Entry
-
-LEGS = (1, 0, 3, 2)  # FR, FL, RR, RL: each one's image
+from bp2_rl.robot.conventions import MIRRORED
 
 
 class Mirror(NamedTuple):
@@ -49,7 +48,8 @@ def _by_leg(*sign: int) -> Mirror:
     """Return the mirror of an array that has `len(sign)` numbers a leg."""
     width = len(sign)
     return Mirror(
-        tuple(width * leg + i for leg in LEGS for i in range(width)), sign * len(LEGS)
+        tuple(width * leg + i for leg in MIRRORED for i in range(width)),
+        sign * len(MIRRORED),
     )
 
 

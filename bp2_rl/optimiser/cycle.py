@@ -99,7 +99,7 @@ def whole_cycle(solution: Solution) -> Cycle:
 def leg_points(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> Num[np.ndarray, "... {len(legs)} 3 2"]:
-    """Hip, knee and sole of each leg in the plane at coordinates q, m."""
+    """Return hip, knee and sole of every leg in the plane, m, at coordinates q."""
     return np.stack(
         [_points(links[:3]) for links, _, _ in _legs(q, legs, hardware)], axis=-3
     )
@@ -155,8 +155,8 @@ def cost_of_transport(solution: Solution) -> float:
 def _legs(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> list[tuple[LegLinks, Num[np.ndarray, "..."], str]]:
-    """The links, whose foot is the sole, and the compression (m) of each leg, and its
-    name."""
+    """Return the links, the spring's compression (m) and the name of every leg; the
+    foot is the sole."""
     found, trunk = [], (q[..., 0], q[..., 1], q[..., 2])
     for i, name in enumerate(legs):
         leg, first = leg_of(hardware.anatomy, name), TRUNK + per_leg(hardware) * i

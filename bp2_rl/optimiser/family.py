@@ -89,8 +89,8 @@ def reserved(hardware: HardwareSpec) -> HardwareSpec:
 
 @dataclasses.dataclass(frozen=True)
 class Limits(Form):
-    """What a trot is limited to at a speed; numbers are for BP2 and scale with the
-    robot's size."""
+    """Limits on a trot at one speed; numbers are for BP2 and scale with the robot's
+    size."""
 
     # these three as the problem's, if they are tighter
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5
@@ -99,34 +99,29 @@ class Limits(Form):
 
     def on(self, problem: Problem) -> Problem:
         """The problem within these limits."""
-        form = {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(Form)
-        }
         hardware, size = problem.hardware, problem.hardware.size
         # of a changed BP2, too, whose size is 1
         length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH
-        sized = {
-            "highest_trunk": length * form["highest_trunk"],
-            "highest_step": length * form["highest_step"],
-            "longest_period": size.time * form["longest_period"],
-            "hardest_landing": size.speed * form["hardest_landing"],
-            "fastest_release": size.speed * form["fastest_release"],
-            "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
-            "greatest_impact": min(
-                form["greatest_impact"], problem.form.greatest_impact
-            ),
-        }
-        limits = {
-            "pitch_limit": self.pitch_limit,
-            "speed_margin": self.speed_margin,
-            "torque_rate": size.torque / size.time * self.torque_rate
-            if hardware.anatomy.sprung
-            else math.inf,
-        }
-        tighter = {
-            name: min(limit, getattr(problem, name)) for name, limit in limits.items()
-        }
-        return dataclasses.replace(problem, form=Form(**form | sized), **tighter)
+        form = Form(
+            least_duty=self.least_duty,
+            longest_period=size.time * self.longest_period,
+            highest_trunk=length * self.highest_trunk,
+            highest_step=length * self.highest_step,
+            hardest_landing=size.speed * self.hardest_landing,
+            fastest_release=size.speed * self.fastest_release,
+            greatest_share=min(self.greatest_share + _uneven(hardware), 1.0),
+            greatest_impact=min(self.greatest_impact, problem.form.greatest_impact),
+        )
+        rate = size.torque / size.time * self.torque_rate
+        if not hardware.anatomy.sprung:
+            rate = math.inf
+        return dataclasses.replace(
+            problem,
+            form=form,
+            pitch_limit=min(self.pitch_limit, problem.pitch_limit),
+            speed_margin=min(self.speed_margin, problem.speed_margin),
+            torque_rate=min(rate, problem.torque_rate),
+        )
 
 
 def _uneven(hardware: HardwareSpec) -> float:
@@ -176,7 +171,7 @@ class SlowEnd(Bounded, path="slow."):
     proximity: Annotated[float, Within(0.0, 1e6)] = 1.0
 
     def holds(self, problem: Problem) -> bool:
-        """Whether a problem's speed is that of a slow trot."""
+        """Return whether a problem asks for a slow trot."""
         return problem.speed < problem.hardware.size.speed * self.speeds[1]
 
     def limit(self, problem: Problem) -> Problem:
@@ -184,13 +179,11 @@ class SlowEnd(Bounded, path="slow."):
         if not self.holds(problem):
             return problem
         speed = problem.speed / problem.hardware.size.speed
-        ends = {
-            name: (slow, getattr(self.upper, name))
-            for name, slow in vars(self.lower).items()
-        }
         limits = {
-            name: float(np.interp(speed, self.speeds, pair))
-            for name, pair in ends.items()
+            name: float(
+                np.interp(speed, self.speeds, (slow, getattr(self.upper, name)))
+            )
+            for name, slow in vars(self.lower).items()
         }
         return Limits(**limits).on(problem)
 
@@ -241,12 +234,13 @@ class FamilyConfig:
                 bp2s,
                 problem=dataclasses.replace(bp2s.problem, hardware=reserved(hardware)),
             )
-        problem = bp2s.problem.sized(reserved(hardware))
         slowest, step, anchor = (
             round(hardware.size.speed * speed, 2) for speed in (bp2s.slowest, 0.4, 4.0)
         )
         problem = dataclasses.replace(
-            problem, intervals=MESH, form=Form(greatest_impact=MOST_IMPACT)
+            bp2s.problem.sized(reserved(hardware)),
+            intervals=MESH,
+            form=Form(greatest_impact=MOST_IMPACT),
         )
         return dataclasses.replace(
             bp2s,
@@ -263,7 +257,7 @@ class FamilyConfig:
         return LIMIT_TIME if self.fastest is None else SOLVE_TIME
 
     def at(self, speed: float) -> Problem:
-        """What is asked for at a speed, m/s."""
+        """Return the problem of a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
     @property
@@ -354,7 +348,7 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     best = solve_best(coarse, settings.starts, time_limit=settings.time_limit)
     if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
         best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
-    _keep(folder, refine(best, problem.intervals, near))
+    _save_checked(folder, refine(best, problem.intervals, near))
 
 
 def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[float]:
@@ -375,7 +369,7 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[flo
             here = _load(settings, folder, speed)
         else:
             here = step(here, speed, halvings=2)
-            _keep(folder, here)
+            _save_checked(folder, here)
     return speeds
 
 
@@ -422,7 +416,7 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
     return solve(problem, here.motion, options)
 
 
-def _keep(folder: Path, solution: Solution) -> None:
+def _save_checked(folder: Path, solution: Solution) -> None:
     save_solution(_path(folder, solution.problem.speed), _checked(solution))
 
 
@@ -480,17 +474,9 @@ def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
 
 def _coordinates(problem: Problem) -> Int[np.ndarray, " nq"]:
     """Which of a library's coordinates the problem has."""
-    each = problem.stride.per_leg
-    return np.array(
-        [
-            *range(TRUNK),
-            *(
-                TRUNK + PER_LEG * leg + i
-                for leg in range(len(LEGS))
-                for i in range(each)
-            ),
-        ]
-    )
+    of_legs = TRUNK + np.arange(PER_LEG * len(LEGS)).reshape(len(LEGS), PER_LEG)
+    had = of_legs[:, : problem.stride.per_leg].ravel()
+    return np.concatenate([np.arange(TRUNK), had])
 
 
 def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:

@@ -22,6 +22,18 @@ from bp2_rl.optimiser.problem import PER_LEG, TRUNK
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.robot.actuator import Actuator, torque_limits
 
+PANELS = (
+    ("Horizontal velocity of the CoM", "[m/s]"),
+    ("Vertical velocity of the CoM", "[m/s]"),
+    ("Hip velocity", "[rad/s]"),
+    ("Knee velocity", "[rad/s]"),
+    ("Horizontal ground reaction", "[N]"),
+    ("Vertical ground reaction", "[N]"),
+    ("Hip torque", "[Nm]"),
+    ("Knee torque", "[Nm]"),
+)
+"""Titles and units below the picture of the motion."""
+
 
 @styled
 def trajectory_figure(solution: Solution) -> Figure:
@@ -42,56 +54,23 @@ def trajectory_figure(solution: Solution) -> Figure:
     stick_figures(sticks, cycle)
 
     body = center_of_mass_velocity(motion.q, motion.v, legs, problem.hardware)
-    _along(panels[0], share, body[..., 0], color=INK)
-    _along(panels[1], share, body[..., 1], color=INK)
-    motors = Actuator.from_hardware(problem.hardware)
-    limited = legs[-1]
-    stands = {
-        name: np.array([[name in feet] for feet in cycle.standing]) for name in legs
-    }
+    for panel, along in zip(panels[:2], np.moveaxis(body, -1, 0), strict=True):
+        _along(panel, share, along, color=INK)
+    motors, limited = Actuator.from_hardware(problem.hardware), legs[-1]
+    dashed = {"color": QUIET, "linewidth": 1.1, "linestyle": (0, (4, 2))}
     for leg, name in enumerate(legs):
-        block = TRUNK + PER_LEG * leg
+        style, block = leg_style(name), TRUNK + PER_LEG * leg
+        stands = np.array([[name in feet] for feet in cycle.standing])
         for joint in (0, 1):
-            _along(
-                panels[2 + joint],
-                share,
-                motion.v[..., block + joint],
-                **leg_style(name),
-            )
+            speed, column = motion.v[..., block + joint], 2 * leg + joint
+            force = np.where(stands, motion.force[..., column], np.nan)
             if name == limited:
-                for limit in torque_limits(motors, motion.v[..., block + joint]):
-                    _along(
-                        panels[6 + joint],
-                        share,
-                        limit,
-                        color=QUIET,
-                        linewidth=1.1,
-                        linestyle=(0, (4, 2)),
-                    )
-            _along(
-                panels[6 + joint],
-                share,
-                motion.tau[..., 2 * leg + joint],
-                **leg_style(name),
-            )
-            force = motion.force[..., 2 * leg + joint]
-            _along(
-                panels[4 + joint],
-                share,
-                np.where(stands[name], force, np.nan),
-                **leg_style(name),
-            )
-    titles = (
-        ("Horizontal velocity of the CoM", "[m/s]"),
-        ("Vertical velocity of the CoM", "[m/s]"),
-        ("Hip velocity", "[rad/s]"),
-        ("Knee velocity", "[rad/s]"),
-        ("Horizontal ground reaction", "[N]"),
-        ("Vertical ground reaction", "[N]"),
-        ("Hip torque", "[Nm]"),
-        ("Knee torque", "[Nm]"),
-    )
-    for axes, (title, unit) in zip(panels, titles, strict=True):
+                for limit in torque_limits(motors, speed):
+                    _along(panels[6 + joint], share, limit, **dashed)
+            _along(panels[2 + joint], share, speed, **style)
+            _along(panels[6 + joint], share, motion.tau[..., column], **style)
+            _along(panels[4 + joint], share, force, **style)
+    for axes, (title, unit) in zip(panels, PANELS, strict=True):
         axes.set(title=title, ylabel=unit, xlim=(0.0, 1.0))
         axes.margins(y=0.08)
     for axes in panels[-2:]:

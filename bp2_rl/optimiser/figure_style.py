@@ -1,5 +1,4 @@
-"""What the pictures of trajectories share: colours, the grey of stance, letters, and
-the robot as sticks.
+"""The style of trajectories' pictures: colours, grey stance, letters, the robot as sticks.
 
 Drawn off screen, in the style of `plotting`. Left is blue and right is vermilion, fore
 legs are dotted and hind legs solid.

@@ -19,7 +19,8 @@ Point = tuple[Any, Any]  # (x, z)
 
 
 class LegLinks(NamedTuple):
-    """Where the links of a leg are; the angle of one that hangs straight down is 0."""
+    """Places of a leg's links in the plane; a link that hangs straight down has the
+    angle 0."""
 
     hip: Point
     knee: Point

@@ -32,7 +32,7 @@ Y_AXIS, UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Terms(NamedTuple):
-    """What the equations of motion are made of, in one state; n coordinates, c contact
+    """Terms of the equations of motion in one state; n coordinates, c contact
     coordinates."""
 
     mass: Float[np.ndarray, "n n"]  # M
@@ -188,8 +188,8 @@ class PlanarModel:
     ) -> tuple[
         Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]
     ]:
-        """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the
-        derivative of that."""
+        """Return phi = (x_c - r alpha, z_c - r) of one foot, its Jacobian, and the
+        Jacobian's derivative."""
         model, data = self._model, self._data
         centre = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
         point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))
@@ -290,8 +290,8 @@ def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
 def _add_rotor(
     spec: mujoco.MjSpec, hardware: HardwareSpec, joint: str, held: tuple[str, ...]
 ) -> None:
-    """A rotor whose angle is that of the link which holds it, the sum of the joints
-    `held`, plus gear times joint."""
+    """Add a rotor whose angle is its link's angle, the sum of the joints `held`, plus
+    gear times joint."""
     tendon = spec.add_tendon(
         name=f"{joint}_rotor", armature=hardware.parameter("rotor_inertia")
     )

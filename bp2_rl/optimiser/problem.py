@@ -47,7 +47,7 @@ def per_leg(hardware: HardwareSpec) -> int:
 def motor_coordinates(
     legs: tuple[str, ...], per_leg: int = PER_LEG
 ) -> Int[np.ndarray, " motors"]:
-    """Indices into q that have a motor: hip and knee of each leg in turn."""
+    """Return the indices into q of hips and knees, which have motors, leg by leg."""
     return np.array(
         [TRUNK + per_leg * leg + joint for leg in range(len(legs)) for joint in (0, 1)]
     )
@@ -59,8 +59,8 @@ def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
 
 
 def contact_rows(legs: tuple[str, ...], feet: tuple[str, ...]) -> list[int]:
-    """Indices into contact coordinates and forces, (x, z) of each leg in turn, that
-    belong to `feet`."""
+    """Return the rows of some feet in contact coordinates and forces, (x, z) leg by
+    leg."""
     return [2 * legs.index(foot) + axis for foot in feet for axis in (0, 1)]
 
 
@@ -91,8 +91,8 @@ class Stride:
         return 1.0 if self.then == self.legs else 0.5
 
     def stands(self, leg: str, segment: int) -> bool:
-        """Whether a leg is on the ground in a segment; those before the first and after
-        the last are other strides'."""
+        """Return whether a leg stands in a segment; segments outside the stride are
+        other strides'."""
         strides, segment = divmod(segment, len(self.standing))
         # The next stride's feet have other names; at most left and right change places,
         # so also on the way back.
@@ -168,8 +168,7 @@ class CostWeights(Bounded, path="weights."):
 
 @dataclasses.dataclass(frozen=True)
 class Form(Bounded, path="form."):
-    """Limits on the form of a stride beyond those of physics; the defaults limit
-    nothing."""
+    """Limits on a stride's form beyond those of physics; the defaults limit nothing."""
 
     # share of the cycle that each foot stands
     least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0

@@ -204,7 +204,8 @@ def _bodies(
 def _rotors(
     legs: tuple[str, ...], gear_ratio: ca.SX, hardware: HardwareSpec, coupled: bool
 ) -> ca.SX:
-    """What the motors' rotors add to M; `coupled` to the links that hold them, too."""
+    """Return the rotors' share of the mass matrix M; `coupled` to the links that hold
+    them, too."""
     each = per_leg(hardware)
     n = TRUNK + each * len(legs)
     added, rotors = (
@@ -299,7 +300,7 @@ def _contact(
     hardware: HardwareSpec,
     radius: float | None,
 ) -> ca.SX:
-    """phi of one foot, m."""
+    """Return the contact coordinates phi of a foot, m."""
     leg, (joints, compression) = (
         leg_of(hardware.anatomy, legs[index]),
         _leg_coordinates(hardware, index, q),

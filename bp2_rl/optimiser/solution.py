@@ -55,7 +55,7 @@ ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
 class Moment(NamedTuple):
-    """A motion at some instants of one segment; the columns are those of `Motion`."""
+    """A motion at instants of one segment; the columns are those of `Motion`."""
 
     q: Float[np.ndarray, "instants nq"]
     v: Float[np.ndarray, "instants nq"]
@@ -246,7 +246,7 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
 
 
 def is_saved(path: Path) -> bool:
-    """Whether `save_solution` has written `path` completely."""
+    """Return whether `save_solution` has written `path` completely."""
     return _beside(path, ".json").is_file()
 
 
@@ -258,7 +258,7 @@ def speed_name(speed: float) -> str:
 
 
 def array_specs(problem: Problem) -> dict[str, ArraySpec]:
-    """What the arrays of a solution of `problem` are."""
+    """Return types and shapes of the arrays of a problem's solution."""
     stride = problem.stride
     segments, points, both = (
         len(stride.standing),

@@ -55,7 +55,7 @@ RANGES = "hip range", "knee range", "spring range"
 
 @dataclasses.dataclass(frozen=True)
 class SolveOptions:
-    """What may be asked of a solve beside its problem; by default nothing.
+    """Wishes of a solve beside its problem; by default there are none.
 
     The solution's problem has what was found as well: the speed, an unknown if
     `speed_weight` is positive, and the hardware parameters that are `free`.
@@ -79,8 +79,8 @@ class SolveOptions:
 
 
 class Unknowns(NamedTuple):
-    """The unknowns of one segment. A row is a coordinate, a motor or a contact
-    coordinate, a column a point."""
+    """Unknowns of a segment. A row is a coordinate, a motor or a contact coordinate, a
+    column a point."""
 
     T: ca.MX  # s: the segment's duration
     q: ca.MX  # m, rad
@@ -120,17 +120,18 @@ class Transcription:
 
     @property
     def peak_torque(self) -> ca.MX:
-        """Greatest torque of each motor at its joint, Nm."""
+        """Greatest torques of the motors at their joints, Nm."""
         return self.of_motors("peak_torque") * self.gear
 
     @property
     def no_load_speed(self) -> ca.MX:
-        """No-load speed of each motor at its joint, rad/s."""
+        """No-load speeds of the motors at their joints, rad/s."""
         return self.of_motors("no_load_speed") / self.gear
 
     @property
     def stall_torque(self) -> ca.MX:
-        """Torque at standstill of the envelope's falling line of each motor, Nm."""
+        """Torques of the motors where the envelope's falling line meets standstill,
+        Nm."""
         return stall_torque(
             self.peak_torque,
             self.of_motors("corner_speed"),
@@ -296,8 +297,8 @@ def _push(
     feet: tuple[str, ...],
     lifting: tuple[str, ...] = (),
 ) -> ca.MX:
-    """Forces or impulses of all legs: zero but for those of `feet`, which push up, and
-    end at zero if `lifting`."""
+    """Return all legs' forces or impulses, zero but for `feet`, which push up, and end
+    at zero if `lifting`."""
     rows = []
     for leg in stride.legs:
         row = guess[contact_rows(stride.legs, (leg,))]

@@ -51,7 +51,7 @@ def slide_friction(hardware: HardwareSpec, rate: Each) -> Each:
 
 
 def bus_power(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Each:
-    """What the motors take from the bus, W: what they deliver, and their windings'
+    """Return the power that motors take from the bus, W: delivered power and windings'
     heat.
 
     A motor that stalls at full voltage turns all of its power, stall torque times
@@ -115,8 +115,8 @@ def _stall(
 
 
 def _motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
-    """Return a number of the twelve joints for hip and knee of so many of the model's
-    legs."""
+    """Return the hips' and knees' share of a number of the twelve joints, for the
+    model's legs."""
     return np.tile(np.broadcast_to(value, 12)[1:3], count // 2)
 
 

@@ -320,7 +320,7 @@ def _simulate_segment(
     v: Float[np.ndarray, " nq"],
     rtol: float,
 ) -> tuple[Float[np.ndarray, "points nq"], Float[np.ndarray, "points nq"]]:
-    """q and v at the points of one segment from its beginning."""
+    """Integrate a segment from its beginning; return q and v at its points."""
     problem = solution.problem
     standing = contact_rows(problem.stride.legs, problem.stride.standing[segment])
     h = solution.motion.durations[segment] / problem.intervals

@@ -33,10 +33,10 @@ class TrotLaw:
     the name of a setting."""
 
     legs: LegGeometry
-    nominal: Any  # (4, 2), m, where the feet are set, seen from above
+    nominal: Array  # (4, 2), m, where the feet are set, seen from above
     # (4), m, height of a standing leg's sole: a foot's sphere touches the ground
     # elsewhere
-    sole_clearance: Any
+    sole_clearance: Array
     circle: float  # m, distance of the outermost foot from the trunk's centre
     height: float  # m, of this robot's trunk
     sweep: float  # m, of this robot's feet

@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from bp2_rl.base.arrays import Array, ArrayT, Number
+from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 ENDLESS = 1e9
@@ -42,7 +43,7 @@ LEAST_VOLTAGE = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Bus:
-    """What battery and drive can supply and take back; each a number or an array over
+    """Powers that battery and drive can supply and take back; numbers or arrays over
     robots."""
 
     power_out: Number  # W
@@ -72,8 +73,8 @@ class Actuator:
         cls,
         hardware: HardwareSpec = IDEAL,
         *,
-        stiffness: Number = 250.0,
-        damping: Number = 3.0,
+        stiffness: Number = bp2.LOOP_STIFFNESS,
+        damping: Number = bp2.LOOP_DAMPING,
         strength: Number = 1.0,
         torque_rate: Number = float("inf"),
     ) -> "Actuator":
@@ -99,7 +100,7 @@ class Actuator:
 
 
 def of_joint(actuator: Actuator, joint: int) -> Actuator:
-    """Return the motor of one joint of twelve."""
+    """Return the motor of a joint, by the joint's index from 0 to 11."""
     limits = "peak_torque", "corner_speed", "no_load_speed", "braking_speed"
     own = {
         name: float(np.broadcast_to(getattr(actuator, name), 12)[joint])
@@ -167,7 +168,7 @@ def joint_torque(
     qd_target: Array,
     dt: Number,
 ) -> ArrayT:
-    """Torque of the motors for the next `dt` seconds, Nm, "... 12".
+    """Return the motors' torque for the next `dt` seconds, Nm, "... 12".
 
     PD law, then the current loop's lag, then its rate limit, then the envelope and the
     bus: last, so nothing ever leaves them.
@@ -184,8 +185,8 @@ def joint_torque(
 
 
 def winding_heat(actuator: Actuator, torque: Number) -> Any:
-    """Copper loss of each motor at a torque (Nm), W; a weak motor's is as a strong
-    one's."""
+    """Return the motors' copper loss at a torque (Nm), W; weak motors lose as much as
+    strong ones."""
     stall = stall_torque(
         actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed
     )
@@ -193,7 +194,7 @@ def winding_heat(actuator: Actuator, torque: Number) -> Any:
 
 
 def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
-    """What the motors draw together, W: mechanical power and copper loss."""
+    """Return the power that all motors draw, W: mechanical power and copper loss."""
     return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 

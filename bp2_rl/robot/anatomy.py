@@ -1,5 +1,5 @@
-"""What a quadruped's body is, as plain numbers: links, joints, lengths, joint ranges
-and the standing pose.
+"""A quadruped's body as plain numbers: links, joints, lengths, joint ranges, standing
+pose.
 
 A leg hangs straight down at zero joint angles. Then the frames of its links are
 parallel to the trunk's (x forward, y left, z up), the abduction joint turns about +x,
@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
 from bp2_rl.robot.conventions import MOTOR_NAMES
@@ -25,10 +26,13 @@ _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
 _LEAST_MOMENT = 1e-12  # kg m2
 
-LONGEST_NAME = 80
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
 """kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
+Place = Annotated[Vector, Within(-10.0, 10.0)]
+Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
+"""m."""
+LONGEST_NAME = 80
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +50,14 @@ class Link:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
+def six(inertia: np.ndarray) -> Inertia:
+    """Return the six numbers of a symmetric matrix (3, 3), in the order of `Inertia`."""
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+    xx, yy, zz, xy, xz, yz = (float(x) for x in inertia[rows, columns])
+    return xx, yy, zz, xy, xz, yz
+
+
+def possible_moments(moments: np.ndarray | Vector, margin: float = 1e-12) -> np.ndarray:
     """Return the nearest principal moments (3), kg m2, that a body can have: positive,
     none above the others' sum.
 
@@ -57,27 +68,34 @@ def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
     return np.minimum(positive, (1.0 - margin) * (positive.sum() - positive))
 
 
-@dataclasses.dataclass(frozen=True)
-class Leg:
-    """A leg; each link's frame is at the joint that moves the link."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LegParts:
+    """A leg's links and where they are; each link's frame is at the joint that moves
+    the link."""
 
-    anchor: Vector  # m, the abduction joint in the trunk's frame
-    hip: Vector  # m, the hip joint from the abduction joint
-    knee: Vector  # m, the knee joint from the hip joint; x is 0
+    anchor: Place  # m, the abduction joint in the trunk's frame
+    hip: Place  # m, the hip joint from the abduction joint
+    knee: Place  # m, the knee joint from the hip joint; x is 0
     # m, the centre of the foot's sphere from the knee joint, with the spring at rest; x
     # is 0
-    foot: Vector
-    foot_radius: float  # m
+    foot: Place
+    foot_radius: Radius
     abad: Link
     thigh: Link
     shank: Link
-    toe: Link | None  # below the spring; None: the shank is rigid
+    toe: Link | None = None  # below the spring; None: the shank is rigid
     # m, the toe's frame from the knee joint, with the spring at rest; x is 0; a rigid
     # shank's is unused
-    seat: Vector
-    ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
+    seat: Place = (0.0, 0.0, 0.0)
     # sign of the knee's angle in the gait: -1 bends the knee backwards
     bend: Literal[-1, 1] = -1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Leg(LegParts):
+    """A leg's links, where they are, and how far its joints turn."""
+
+    ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
 
     @property
     def thigh_length(self) -> float:
@@ -124,8 +142,8 @@ class Leg:
 
 @dataclasses.dataclass(frozen=True)
 class JointConvention:
-    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times
-    the model's plus `offset`."""
+    """A joint of the robot's own model; its angle in `Anatomy` is `sign` times the
+    model's plus `offset`."""
 
     name: str
     sign: Annotated[int, Within(-1, 1)] = 1
@@ -193,7 +211,7 @@ class Anatomy:
 
     @property
     def sprung(self) -> bool:
-        """Whether the shanks are springs."""
+        """Return whether the shanks are springs."""
         return self.legs[0].toe is not None
 
     @property
@@ -241,23 +259,23 @@ class Anatomy:
 
 
 class LegGeometry(NamedTuple):
-    """The lengths of the legs, m, four of each."""
+    """Lengths of the four legs as arrays, m."""
 
     # (4, 3), where each abduction axis crosses the plane of the hip axis, in the
     # trunk's frame
-    origins: Any
-    lateral: Any  # from the abduction axis to the foot's plane, to the left
-    drop: Any  # of the hip axis below the abduction axis
-    thigh: Any
-    lower: Any  # knee axis to sole, spring at rest
-    bend: Any  # sign of the knee's angle
-    foot_radius: Any
+    origins: Array
+    lateral: Array  # from the abduction axis to the foot's plane, to the left
+    drop: Array  # of the hip axis below the abduction axis
+    thigh: Array
+    lower: Array  # knee axis to sole, spring at rest
+    bend: Array  # sign of the knee's angle
+    foot_radius: Array
 
-    def cast(self, xp: Any, dtype: Any) -> "LegGeometry":
+    def cast(self, xp: Any, dtype: object) -> "LegGeometry":
         """Return the lengths as arrays of the library `xp`, in a precision."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
 
-    def joint_angles(self, feet: Any, compression: Any = 0.0) -> Any:
+    def joint_angles(self, feet: ArrayT, compression: Number = 0.0) -> ArrayT:
         """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m);
         `kinematics.joint_angles`."""
         xp = feet.__array_namespace__()

@@ -185,6 +185,8 @@ LEAST_TRUNK = number(
     "kg",
     "ASSUMED: twice its abduction links; what the heaviest legs leave it",
 )
+LOOP_STIFFNESS = 250.0  # Nm/rad, ASSUMED: of the joints' position loop in training
+LOOP_DAMPING = 3.0  # Nm s/rad, ASSUMED: of the same
 ABAD_RANGE = (-0.7, 0.7)  # rad, ASSUMED: clears the opposite leg
 HIP_RANGE = (-1.4, 2.4)  # rad, ASSUMED: positive swings the foot back
 KNEE_RANGE = (-2.6, -0.1)  # rad, ASSUMED: never straight, never folded flat

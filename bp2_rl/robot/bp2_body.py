@@ -1,4 +1,4 @@
-"""The body of BP2 by what a designer may change of it."""
+"""BP2's body, with the numbers that a designer may change."""
 
 import dataclasses
 import functools
@@ -54,7 +54,8 @@ class BP2Body:
 
     @property
     def trunk_quarter_mass(self) -> float:
-        """What the legs leave the trunk's quarter, its abduction link included, kg."""
+        """Return the mass that legs leave a quarter of the trunk, its abduction link
+        included, kg."""
         return (
             bp2.TRUNK_QUARTER_MASS
             + (bp2.THIGH_MASS - self.thigh_mass)

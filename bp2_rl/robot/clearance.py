@@ -25,7 +25,7 @@ _SMALLEST = 1e-12
 
 
 class Clearance(NamedTuple):
-    """The least distances between surfaces, m; below 0 they overlap by so much."""
+    """Least distances between surfaces, m; negative ones are overlaps."""
 
     legs: Float[Any, "..."]  # of different legs
     # of a leg and the trunk; mostly at the hip, where a thigh is always close
@@ -108,7 +108,7 @@ def _segments(
     compression: Float[Array, "... 4"],
     hardware: HardwareSpec,
 ) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
-    """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m;
+    """Return where thigh, lower leg and foot begin and end, in the trunk frame, m;
     coordinates in front."""
     geometry = hardware.anatomy.geometry.cast(xp, joints.dtype)
     abad, outwards, drop = joints[..., 0], geometry.lateral, geometry.drop

@@ -1,17 +1,24 @@
-"""MuJoCo's compiler in a process of its own: an MJCF of a few lines can ask for all
-time and memory there is."""
+"""From an MJCF or URDF file to a MuJoCo model without its meshes, compiled in a process
+of its own.
+
+Meshes need not be there: masses come from `<inertial>`. A file of a few lines can ask
+for all time and memory there is.
+"""
 
 import concurrent.futures
+import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, one_line
+from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.base.workers import spawned
+from bp2_rl.robot.anatomy import Link, possible_moments, six
+from bp2_rl.robot.conventions import MOTOR_NAMES
 
 LONGEST = 12
 """s that a robot may take to compile: ours take .05."""
@@ -19,6 +26,9 @@ MOST = 2 << 30
 """Bytes of memory that it may take."""
 LARGEST = 4 << 20
 """Bytes of the largest compiled model: BP2's has 118,348."""
+ROUNDING = 1e-6
+"""rad, by which a keyframe may leave a range; N, Nm, or a share, from which on a
+difference is told."""
 NO_MEMORY = "unknown exception", "allocate memory"
 """How MuJoCo says that there is none left."""
 
@@ -28,12 +38,25 @@ class ReadingError(UserError):
     hip and knee."""
 
 
+def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
+    """Compile an MJCF or URDF file without its meshes.
+
+    A fixed base becomes free. Where `joints` are named, the robot's others are welded.
+
+    Raises:
+        ReadingError: the file is no MJCF, a part's mass comes from a mesh, or it takes
+            too much time or memory.
+    """
+    read_bytes(path, LARGEST_TEXT)
+    return compiled_apart(compile_file, path, tuple(joints))[0]
+
+
 Compiling = Callable[..., tuple[mujoco.MjModel, list[str]]]
 """A module's function that makes a model, and notes on it."""
 
 
 def compiled_apart(
-    compiling: Compiling, *arguments: Any
+    compiling: Compiling, *arguments: object
 ) -> tuple[mujoco.MjModel, list[str]]:
     """Return the model and the notes that a function makes in a process with little
     time and memory.
@@ -44,7 +67,9 @@ def compiled_apart(
     """
     with spawned(1, _limit, abandon=True) as pool:
         try:
-            model, notes = pool.submit(_compile, compiling, *arguments).result(LONGEST)
+            model, notes = pool.submit(_compile_packed, compiling, *arguments).result(
+                LONGEST
+            )
         except TimeoutError as error:
             raise ReadingError(
                 f"MuJoCo has not compiled it after {LONGEST} s: leave only the robot"
@@ -56,7 +81,9 @@ def compiled_apart(
     return mujoco.MjModel.from_binary_path("robot.mjb", {"robot.mjb": model}), notes
 
 
-def _compile(compiling: Compiling, *arguments: Any) -> tuple[bytes, list[str]]:
+def _compile_packed(
+    compiling: Compiling, *arguments: object
+) -> tuple[bytes, list[str]]:
     """Return the model as the bytes of an MJB file, and the notes."""
     try:
         model, notes = compiling(*arguments)
@@ -93,3 +120,147 @@ def _limit() -> None:
             * resource.getpagesize()
         )
         resource.setrlimit(resource.RLIMIT_AS, (used + MOST, used + MOST))
+
+
+# --- The model without its meshes -----------------------------------------------------
+
+
+def compile_file(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile an MJCF or URDF file without its meshes; return the model, and what was
+    mended."""
+    notes: list[str] = []
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        _free(spec, notes)
+        _mend_inertias(spec, notes)
+        _require_inertias(spec)
+        _strip(spec)
+        _weld_others(spec, joints)
+        return spec.compile(), notes
+    except ReadingError:
+        raise
+    except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
+        raise ReadingError(
+            f"it is not an MJCF that MuJoCo can read: {one_line(str(error))}"
+        ) from error
+
+
+def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Give the one body that carries joints a free joint, if none has one: a URDF
+    cannot, and MuJoCo fixes its base."""
+    tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
+    if (
+        len(tops) != 1
+        or list(tops[0].joints)
+        or any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints)
+    ):
+        return
+    for key in spec.keys:
+        key.qpos = (
+            [*tops[0].pos, 1.0, 0.0, 0.0, 0.0, *key.qpos] if len(key.qpos) else []
+        )
+        key.qvel = []
+    tops[0].add_freejoint()
+    spec.compiler.fusestatic = False  # so that a URDF's links keep their names
+    notes.append(f"body '{tops[0].name}' was fixed to the world: it got a free joint")
+
+
+def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Replace inertias that no body can have, as URDFs have them, by the nearest
+    possible ones."""
+    mended: list[str] = []
+    full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
+    for body in full if not spec.compiler.balanceinertia else ():
+        moments, axes = np.linalg.eigh(
+            Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix
+        )
+        # MuJoCo finds the axes anew, to that
+        nearest = possible_moments(moments, margin=1e-9)
+        if np.any(nearest != moments):
+            body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
+        if not np.allclose(nearest, moments, rtol=ROUNDING, atol=0.0):
+            mended.append(body.name)
+    if mended:
+        notes.append(
+            f"no body can have the inertia of {', '.join(mended)}: the nearest that one can have is taken"
+        )
+
+
+def _require_inertias(spec: mujoco.MjSpec) -> None:
+    """Refuse a moving part whose mass comes from a mesh."""
+    inferred = (
+        mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        == spec.compiler.inertiafromgeom
+    )
+    for body in spec.worldbody.find_all("body"):
+        heavy = any(
+            _from_mesh(geom)
+            and (geom.mass > 0.0 if math.isfinite(geom.mass) else geom.density > 0.0)
+            for geom in body.geoms
+        )
+        moves = list(body.joints) or body.parent.name != "world"
+        if heavy and moves and (inferred or not body.explicitinertial):
+            raise ReadingError(
+                f"the mass of body '{body.name}' comes from a mesh, and meshes are not read: give it an <inertial> "
+                "(MuJoCo's `compile` writes it)"
+            )
+
+
+def _from_mesh(geom: mujoco.MjsGeom) -> bool:
+    """Return whether a geom is a mesh, or a box or the like that MuJoCo fits to one."""
+    return bool(geom.meshname) or geom.type in (
+        mujoco.mjtGeom.mjGEOM_MESH,
+        mujoco.mjtGeom.mjGEOM_SDF,
+    )
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Delete meshes, and what refers to them or to looks."""
+    for geom in list(spec.geoms):
+        if _from_mesh(geom) or geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            spec.delete(geom)
+        else:
+            geom.material = ""
+    for site in list(spec.sites):
+        if site.meshname:
+            spec.delete(site)
+    for element in (*spec.sites, *spec.tendons):
+        element.material = ""
+    for kind in (
+        "tuples",
+        "sensors",
+        "pairs",
+        "skins",
+        "meshes",
+        "hfields",
+        "materials",
+        "textures",
+    ):
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+
+
+def _weld_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    """Delete the joints of the robot that are not named, with what moves them."""
+    if not joints:
+        return
+    known = {
+        joint.name for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE
+    }
+    if (
+        len(joints) != len(MOTOR_NAMES)
+        or len(set(joints)) != len(MOTOR_NAMES)
+        or not known.issuperset(joints)
+    ):
+        raise ReadingError(
+            f"`joints` must be 12 names of {', '.join(sorted(known))}: each leg's abad, hip and knee"
+        )
+    others = known - set(joints)
+    for actuator in list(spec.actuators):
+        if actuator.target in others:
+            spec.delete(actuator)
+    for joint in list(spec.joints):
+        if joint.name in others:
+            spec.delete(joint)
+    for key in list(spec.keys):  # they no longer fit
+        spec.delete(key)

@@ -1,5 +1,4 @@
-"""What holds for every robot of the package: the order of legs and joints, rates,
-gravity and air.
+"""Conventions of all robots: the order of legs and joints, rates, gravity and air.
 
 SI units; world z up, x forward, y left; quaternions w-x-y-z; legs in the order FR, FL,
 RR, RL; joints of a leg in the order abad, hip, knee (then the passive spring, where
@@ -12,6 +11,8 @@ LEGS = ("FR", "FL", "RR", "RL")
 JOINTS = ("abad", "hip", "knee")
 MOTOR_NAMES = tuple(f"{leg}_{joint}" for leg in LEGS for joint in JOINTS)
 NUM_MOTORS = len(MOTOR_NAMES)
+MIRRORED = (1, 0, 3, 2)
+"""Each leg's image, where left and right change places."""
 
 
 class Provenance(NamedTuple):

@@ -6,36 +6,35 @@ trunk's linear velocity (world frame), its angular velocity (body frame), then t
 of the legs' coordinates. Batched over leading axes; NumPy and JAX arrays alike.
 """
 
-from typing import Any
-
 import numpy as np
 
-from bp2_rl.base.arrays import Array
+from bp2_rl.base.arrays import Array, ArrayT
 
 POSE, TWIST = 7, 6  # numbers of the trunk in qpos and in qvel
 
 
-def joint_positions(qpos: Array) -> Any:
+def joint_positions(qpos: ArrayT) -> ArrayT:
     """Angles of the twelve joints ("... 12"), rad."""
     return _joints(qpos, POSE)
 
 
-def joint_velocities(qvel: Array) -> Any:
+def joint_velocities(qvel: ArrayT) -> ArrayT:
     """Speeds of the twelve joints ("... 12"), rad/s."""
     return _joints(qvel, TWIST)
 
 
-def compressions(qpos: Array) -> Any:
-    """Compression of each leg's spring ("... 4"), m; zero where shanks are rigid."""
+def compressions(qpos: ArrayT) -> ArrayT:
+    """Return the springs' compression ("... 4"), m; zero where shanks are rigid."""
     return _springs(qpos, POSE)
 
 
-def compression_rates(qvel: Array) -> Any:
-    """Rate of each spring's compression ("... 4"), m/s; zero where shanks are rigid."""
+def compression_rates(qvel: ArrayT) -> ArrayT:
+    """Return the rate of the springs' compression ("... 4"), m/s; zero where shanks are
+    rigid."""
     return _springs(qvel, TWIST)
 
 
-def with_legs(x: Array, joints: Array, springs: Array) -> Any:
+def with_legs(x: ArrayT, joints: Array, springs: Array) -> ArrayT:
     """Return `qpos` or `qvel` with other joints and springs; with rigid shanks the
     springs are unused."""
     # the legs have 12 or 16 numbers
@@ -51,11 +50,11 @@ def motor_indices(nv: int) -> np.ndarray:
     return np.arange(TWIST, nv).reshape(4, -1)[:, :3].ravel()
 
 
-def _joints(x: Any, trunk: int) -> Any:
+def _joints(x: ArrayT, trunk: int) -> ArrayT:
     legs = x[..., trunk:].reshape(*x.shape[:-1], 4, -1)
     return legs[..., :3].reshape(*x.shape[:-1], 12)
 
 
-def _springs(x: Any, trunk: int) -> Any:
+def _springs(x: ArrayT, trunk: int) -> ArrayT:
     legs = x[..., trunk:].reshape(*x.shape[:-1], 4, -1)
     return legs[..., 3] if legs.shape[-1] == 4 else 0.0 * legs[..., 0]

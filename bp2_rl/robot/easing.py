@@ -1,5 +1,5 @@
-"""What a controller makes of a forward command: it tells its policy no faster rise or
-fall than the robot can follow.
+"""Ease a forward command: a policy is told no faster rise or fall than the robot can
+follow.
 
 Functions take numbers of NumPy or JAX and import neither, so that training, judging and
 the robot's own computer share them.

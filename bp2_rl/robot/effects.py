@@ -1,5 +1,5 @@
-"""What a compiled model's joints and actuators do, whichever of its attributes say so:
-measured, not looked up.
+"""Measure the effects of a compiled model's joints and actuators, whichever attributes
+say so.
 
 Armature and damping may stand at joints, actuators behind their gears, or tendons; a
 loop's gains at several actuators.
@@ -29,7 +29,7 @@ Dofs = Float[np.ndarray, " nv"]
 
 @dataclasses.dataclass(frozen=True)
 class Effects:
-    """What acts on a model's velocity coordinates."""
+    """Effects of joints and actuators on a model's velocity coordinates."""
 
     armature: Float[np.ndarray, "nv nv"]  # kg m2, of the mass matrix without bodies
     spring: Dofs  # Nm/rad, passive

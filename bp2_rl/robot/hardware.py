@@ -16,6 +16,8 @@ from bp2_rl.robot.conventions import LEGS
 
 ByJoint = float | tuple[float, float, float]
 """One number for all joints, or one each for abad, hip and knee."""
+AtJoints = float | np.ndarray
+"""One number for all joints, or one for each of the twelve."""
 
 
 class Size(NamedTuple):
@@ -57,8 +59,7 @@ class Size(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Losses:
-    """What a machine loses between its battery and the road, and how late its motors
-    are.
+    """A machine's losses between battery and road, and the delays of its motors.
 
     `Losses()` are the ideal robot's, which loses nothing; `BUILT` has the losses of the
     built robot. The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
@@ -174,8 +175,7 @@ class HardwareSpec:
         return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other values of fields, those of BP2's body among
-        them."""
+        """Return the robot with other values of its fields or of BP2's body."""
         of_body = {
             name: parameters.pop(name)
             for name in list(parameters)
@@ -242,15 +242,15 @@ class HardwareSpec:
 
 
 def times(factor: float, value: ByJoint) -> ByJoint:
-    """Return a multiple of a number for all joints, or of one for each of abad, hip and
-    knee."""
+    """Return a multiple of a number of all joints, or of abad's, hip's and knee's
+    numbers."""
     if not isinstance(value, tuple):
         return factor * value
     abad, hip, knee = value
     return factor * abad, factor * hip, factor * knee
 
 
-def at_joints(value: ByJoint, factor: float = 1.0) -> Any:
+def at_joints(value: ByJoint, factor: float = 1.0) -> AtJoints:
     """Return a multiple of a number for all joints, or an array of twelve."""
     return (
         np.tile(factor * np.array(value), len(LEGS))

@@ -20,7 +20,7 @@ from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
     """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk
     frame, m."""
-    return hardware.anatomy.geometry.origins
+    return np.asarray(hardware.anatomy.geometry.origins)
 
 
 def hip_places(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
@@ -31,7 +31,7 @@ def hip_places(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
 
 
 def straightest_knees(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4"]:
-    """The angle of each knee, within its range, at which the leg is the longest,
+    """Return the knees' angles, within their ranges, at which the legs are the longest,
     rad."""
     low, high = np.transpose([leg.ranges[2] for leg in hardware.anatomy.legs])
     return np.clip(0.0, low, high)
@@ -42,7 +42,7 @@ def foot_position(
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
 ) -> Float[Any, "... 4 3"]:
-    """Position of each sole in the trunk frame, m.
+    """Return the soles' positions in the trunk frame, m.
 
     Args:
         joints: rad, legs FR FL RR RL x (abad, hip, knee).

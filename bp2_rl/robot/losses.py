@@ -1,5 +1,5 @@
-"""What moves against the robot: air, friction in joints and gears, and friction in the
-slides of the springs.
+"""Forces against the robot: air, friction in joints and gears, friction in the springs'
+slides.
 
 Pure and batched; NumPy and JAX arrays alike, so that every engine applies the same
 forces. They act for a physics step as they are at its beginning. Friction opposes

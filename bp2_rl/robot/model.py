@@ -6,8 +6,8 @@ the order of `MOTOR_NAMES`.
 """
 
 import functools
+import itertools
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -76,7 +76,7 @@ def load_model(
         _drop_visuals(spec)
     if feet_only:
         for name in TRUNK_GEOMS:
-            _find(spec, "geom", name).conaffinity = 0
+            spec.geom(name).conaffinity = 0
     if weighed:
         _weigh(spec)
     if scene is not None:
@@ -90,7 +90,8 @@ def load_model(
 
 
 def model_xml(hardware: HardwareSpec = IDEAL) -> str:
-    """What `load_model` compiles, in one text of MJCF with numbers to six digits."""
+    """Write the model that `load_model` compiles as one text of MJCF, with numbers to
+    six digits."""
     spec = load_spec(hardware)
     spec.option.timestep = PHYSICS_STEP
     if hardware.solid_legs:
@@ -180,7 +181,7 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
     """Give the links their masses, and move hips, knees and toes; links keep their mass
     at their upper ends."""
-    trunk = _find(spec, "body", "trunk")
+    trunk = spec.body("trunk")
     trunk.mass += len(LEGS) * (design.trunk_quarter_mass - bp2.TRUNK_QUARTER_MASS)
     trunk.inertia = np.asarray(trunk.inertia) * design.trunk_inertia_share
     for leg in LEGS:
@@ -188,21 +189,21 @@ def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
             ("thigh", design.thigh_mass / bp2.THIGH_MASS),
             ("toe", design.toe_mass / bp2.TOE_MASS),
         ):
-            body = _find(spec, "body", f"{leg}_{link}")
+            body = spec.body(f"{leg}_{link}")
             body.mass, body.inertia = (
                 share * body.mass,
                 share * np.asarray(body.inertia),
             )
     thigh, toe = design.leg_length, design.leg_length - bp2.TOE_LENGTH
     for leg, lateral in zip(LEGS, design.hip_laterals, strict=True):
-        _find(spec, "body", f"{leg}_abad").pos[1] = lateral
-        _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
-        _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
-        _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
-        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(
+        spec.body(f"{leg}_abad").pos[1] = lateral
+        spec.body(f"{leg}_shank").pos = np.array((0.0, 0.0, -thigh))
+        spec.body(f"{leg}_toe").pos = np.array((0.0, 0.0, -toe))
+        spec.geom(f"{leg}_solid_thigh").fromto[5] = -thigh
+        spec.geom(f"{leg}_solid_toe").fromto[5] = max(
             toe - bp2.RODS_BELOW_KNEE, bp2.LOWER_LEG_RADIUS
         )
-    for key in _all(spec, "keys"):
+    for key in spec.keys:
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, design.leg_length) - _leg_drop(
             qpos, bp2.THIGH_LENGTH
@@ -211,25 +212,26 @@ def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
 
 
 def _scale_masses(spec: mujoco.MjSpec, scale: float) -> None:
-    for body in _all(spec, "bodies")[1:]:
+    for body in spec.bodies[1:]:
         body.mass *= scale
         body.inertia = np.asarray(body.inertia) * scale
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
     for leg in LEGS:
-        joint = _find(spec, "joint", f"{leg}_spring")
-        joint.stiffness = (hardware.spring_stiffness, 0.0, 0.0)
-        joint.damping = (hardware.spring_damping, 0.0, 0.0)
-        stop = _find(spec, "tendon", f"{leg}_stop")
-        stop.stiffness = (hardware.spring_stop_stiffness, 0.0, 0.0)
-        stop.springlength = (0.0, hardware.spring_travel)
+        joint = spec.joint(f"{leg}_spring")
+        joint.stiffness = np.array((hardware.spring_stiffness, 0.0, 0.0))
+        joint.damping = np.array((hardware.spring_damping, 0.0, 0.0))
+        stop = spec.tendon(f"{leg}_stop")
+        stop.stiffness = np.array((hardware.spring_stop_stiffness, 0.0, 0.0))
+        stop.springlength = np.array((0.0, hardware.spring_travel))
         if hardware.rebound_stiffness != hardware.spring_stop_stiffness:
-            stop.springlength = (-FAR, hardware.spring_travel)
-            rebound: Any = spec.add_tendon(
-                name=f"{leg}_rebound", springlength=(0.0, FAR)
+            stop.springlength = np.array((-FAR, hardware.spring_travel))
+            rebound = spec.add_tendon(
+                name=f"{leg}_rebound",
+                springlength=(0.0, FAR),
+                stiffness=(hardware.rebound_stiffness, 0.0, 0.0),
             )
-            rebound.stiffness = (hardware.rebound_stiffness, 0.0, 0.0)
             rebound.wrap_joint(f"{leg}_spring", 1.0)
 
 
@@ -239,16 +241,17 @@ def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         for x in (hardware.reflected_inertia, hardware.joint_peak_torque)
     ]
     for name, armature, peak in zip(conventions.MOTOR_NAMES, *motors, strict=True):
-        joint = _find(spec, "joint", name)
-        joint.armature, joint.solref_limit = armature, (hardware.joint_stop_time, 1.0)
-        _find(spec, "actuator", name).forcerange = (-peak, peak)
+        joint = spec.joint(name)
+        joint.armature = armature
+        joint.solref_limit = np.array((hardware.joint_stop_time, 1.0))
+        spec.actuator(name).forcerange = np.array((-peak, peak))
 
 
 def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
     for name in FOOT_GEOMS:
-        foot = _find(spec, "geom", name)
-        foot.friction = (hardware.friction, *foot.friction[1:])
-        foot.solref = (hardware.contact_time, hardware.contact_damping)
+        foot = spec.geom(name)
+        foot.friction = np.array((hardware.friction, *foot.friction[1:]))
+        foot.solref = np.array((hardware.contact_time, hardware.contact_damping))
 
 
 def _make_legs_solid(spec: mujoco.MjSpec) -> None:
@@ -256,22 +259,18 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
     alone still meets the floor."""
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
-    known = {geom.name for geom in _all(spec, "geoms")}  # a rigid leg has no toe
     for leg, bit in bits.items():
-        parts = [
-            f"{leg}_solid_{part}"
-            for part in SOLID_PARTS
-            if f"{leg}_solid_{part}" in known
-        ]
-        for name in (f"{leg}_foot", *parts):
-            geom = _find(spec, "geom", name)
+        # a rigid leg has no toe
+        solid = [f"{leg}_solid_{part}" for part in SOLID_PARTS]
+        parts = [spec.geom(name) for name in (f"{leg}_foot", *solid)]
+        for geom in filter(None, parts):
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
     for name in TRUNK_GEOMS:
-        _find(spec, "geom", name).conaffinity |= all_legs
+        spec.geom(name).conaffinity |= all_legs
 
 
 def _weigh(spec: mujoco.MjSpec) -> None:
-    for sensor in _all(spec, "sensors"):
+    for sensor in list(spec.sensors):
         spec.delete(sensor)
     # net: of all its contacts, in the world frame
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
@@ -287,13 +286,12 @@ def _weigh(spec: mujoco.MjSpec) -> None:
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
     seen_only = [
-        geom for geom in _all(spec, "geoms") if geom.contype == geom.conaffinity == 0
+        geom for geom in list(spec.geoms) if geom.contype == geom.conaffinity == 0
     ]
-    for geom in _all(spec, "geoms"):
+    for geom in list(spec.geoms):
         geom.material = ""
-    unseen = _all(
-        spec, "meshes", "materials", "textures", "sensors", "lights", "cameras"
-    )
+    pictures = itertools.chain(spec.meshes, spec.materials, spec.textures)
+    unseen = itertools.chain(pictures, spec.sensors, spec.lights, spec.cameras)
     for element in (*seen_only, *unseen):
         spec.delete(element)
 
@@ -306,15 +304,6 @@ def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
             leg_length * np.cos(hip) + (leg_length - compression) * np.cos(hip + knee)
         )
     )
-
-
-def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
-    return getattr(spec, kind)(name)
-
-
-def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
-    """Return a spec's elements of several kinds, such as "bodies"."""
-    return [element for kind in kinds for element in getattr(spec, kind)]
 
 
 @functools.cache

@@ -11,8 +11,9 @@ import json
 import math
 import tomllib
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, cast
 
 import numpy as np
 
@@ -22,18 +23,27 @@ from bp2_rl.base.files import check_values, read_bytes
 from bp2_rl.base.serialization import from_json
 from bp2_rl.base.templates import render
 from bp2_rl.robot import bp2
-from bp2_rl.robot.anatomy import Anatomy, JointConvention, Leg, Link, Vector
-from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
+from bp2_rl.robot.anatomy import (
+    Anatomy,
+    JointConvention,
+    Leg,
+    LegParts,
+    Link,
+    Radius,
+    Vector,
+)
+from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
-from bp2_rl.robot.reading import SLENDER, RobotReading, read_mjcf
+from bp2_rl.robot.reading import SLENDER, RobotReading, SpringReading, read_mjcf
 
 LARGEST = 1 << 18
 """Bytes of the largest robot file that is read."""
 MOST_DOTS = 200
 """In a line: a key of 50,000 levels keeps Python's reader of TOML busy for minutes."""
-Lengths = Annotated[Vector, Within(-10.0, 10.0)]
-Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
 Angle = Annotated[float, Within(-10.0, 10.0)]
+ForeHind = Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
+"""rad, of all left legs, or of the fore and the hind one."""
+TurnRange = Annotated[Range, Within(-10.0, 10.0)]
 
 
 class RobotFileError(UserError):
@@ -48,34 +58,40 @@ class TrunkNumbers(Link):
     size: Annotated[Vector, Within(0.0, 10.0, open_below=True)]
 
 
-@dataclasses.dataclass(frozen=True)
-class LegNumbers:
-    """A left leg; see `Leg`."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LegNumbers(LegParts):
+    """A left leg, its joints' ranges one by one."""
 
-    anchor: Lengths
-    hip: Lengths
-    knee: Lengths
-    foot: Lengths
-    foot_radius: Radius
-    abad: Link
-    thigh: Link
-    shank: Link
-    abad_range: Annotated[Range, Within(-10.0, 10.0)]
-    hip_range: Annotated[Range, Within(-10.0, 10.0)]
-    knee_range: Annotated[Range, Within(-10.0, 10.0)]
-    toe: Link | None = None
-    seat: Lengths = (0.0, 0.0, 0.0)
-    bend: Literal[-1, 1] = -1
+    abad_range: TurnRange
+    hip_range: TurnRange
+    knee_range: TurnRange
+
+    @property
+    def leg(self) -> Leg:
+        """Return the leg as `Anatomy` has it."""
+        parts = {part.name: getattr(self, part.name) for part in fields(LegParts)}
+        return Leg(**parts, ranges=(self.abad_range, self.hip_range, self.knee_range))
 
 
 @dataclasses.dataclass(frozen=True)
 class StandNumbers:
-    """Angles, rad, of the left legs in the standing pose, one number or fore and hind
-    legs'; right legs mirror them."""
+    """Angles of the left legs in the standing pose; right legs mirror them."""
 
-    hip: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
-    knee: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
-    abad: Annotated[float | tuple[float, float], Within(-10.0, 10.0)] = 0.0
+    hip: ForeHind
+    knee: ForeHind
+    abad: ForeHind = 0.0
+
+    @property
+    def joints(self) -> tuple[float, ...]:
+        """Return the twelve joints' angles, rad."""
+        left = (
+            np.broadcast_to(x, 2).tolist() for x in (self.abad, self.hip, self.knee)
+        )
+        both = (
+            (-abad, hip, knee, abad, hip, knee)
+            for abad, hip, knee in zip(*left, strict=True)
+        )
+        return tuple(angle + 0.0 for legs in both for angle in legs)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,15 +114,6 @@ class GainNumbers:
 
 
 @dataclasses.dataclass(frozen=True)
-class SpringNumbers:
-    """The spring in a shank."""
-
-    stiffness: Annotated[float, Within(100.0, 1e7)]  # N/m
-    damping: Annotated[float, Within(0.0, 1e5)]  # N s/m
-    travel: Annotated[float, Within(0.0, 10.0)]  # m
-
-
-@dataclasses.dataclass(frozen=True)
 class ContactNumbers:
     """The feet on the ground."""
 
@@ -117,7 +124,7 @@ class ContactNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class WrittenRobot:
-    """What stands in a robot file."""
+    """The keys of a robot file, and their values."""
 
     name: str
     motors: MotorNumbers
@@ -134,7 +141,7 @@ class WrittenRobot:
     lower_radius: Radius | None = None
     weighed_mass: Positive | None = None
     stand: StandNumbers | None = None
-    spring: SpringNumbers | None = None
+    spring: SpringReading | None = None
     contact: ContactNumbers = ContactNumbers()
     losses: Losses = Losses()
     gains: GainNumbers | None = None
@@ -148,9 +155,7 @@ class RobotFile:
     """A robot, and what its file says besides."""
 
     hardware: HardwareSpec
-    # Nm/rad, of the position loop; None: the file gives no gains
-    stiffness: ByJoint | None = None
-    damping: ByJoint | None = None  # Nm s/rad
+    gains: GainNumbers | None = None  # None: the file gives none
     top_speed: float | None = None  # m/s, published
     reading: RobotReading | None = None  # of its MJCF; None: the file has the numbers
     sources: tuple[str, ...] = ()
@@ -195,14 +200,12 @@ def load_robot(path: Path) -> RobotFile:
         ) from error
 
 
-def _require_tables(given: dict[str, Any]) -> None:
-    """Refuse a file that lacks what every robot needs, all of it named at once; a slip
-    of the pen is told first."""
+def _require_tables(given: dict[str, object]) -> None:
+    """Refuse a file without the tables that every robot needs, and name them all; a
+    misspelt key is told first."""
     body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
     lacking = [name for name in ("motors", *body) if name not in given]
-    if lacking and given.keys() <= {
-        field.name for field in dataclasses.fields(WrittenRobot)
-    }:
+    if lacking and given.keys() <= {field.name for field in fields(WrittenRobot)}:
         tables = ", ".join(
             ["name"] * ("name" not in given) + [f"[{name}]" for name in lacking]
         )
@@ -212,28 +215,28 @@ def _require_tables(given: dict[str, Any]) -> None:
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:
+    """Return the robot that a file describes, by itself or by its MJCF."""
     if written.mjcf is not None and (written.trunk or written.fore or written.hind):
         raise UserError(
             "give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]"
         )
     reading = None
     if written.mjcf is not None:
-        model = path.parent / written.mjcf
         reading = read_mjcf(
-            model,
+            path.parent / written.mjcf,
             joints=written.joints,
             feet=written.feet,
             foot_radius=written.foot_radius,
         )
     anatomy = _anatomy(written, reading)
-    _check(anatomy)
+    _require_possible_body(anatomy)
     motors, spring = written.motors, _spring(written, reading, anatomy)
     hardware = HardwareSpec(
         body=anatomy,
         gear_ratio=anatomy.gear_ratio,
         solid_legs=True,
-        rotor_inertia=_by_joint("armature", motors.armature, reading),
-        peak_torque=_by_joint("peak_torque", motors.peak_torque, reading),
+        rotor_inertia=_of_motors("armature", motors.armature, reading),
+        peak_torque=_of_motors("peak_torque", motors.peak_torque, reading),
         corner_speed=motors.corner_speed,
         no_load_speed=motors.no_load_speed,
         envelope="throughout",
@@ -241,20 +244,13 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
         friction=written.contact.friction,
         contact_time=written.contact.time,
         losses=written.losses,
-        **(
-            {}
-            if spring is None
-            else {
-                f"spring_{name}": value
-                for name, value in dataclasses.asdict(spring).items()
-            }
-        ),
+        **{f"spring_{name}": value for name, value in vars(spring).items()}
+        if spring
+        else {},
     )
-    gains = written.gains
     return RobotFile(
         hardware=hardware,
-        stiffness=gains.stiffness if gains else None,
-        damping=gains.damping if gains else None,
+        gains=written.gains,
         top_speed=written.top_speed,
         reading=reading,
         sources=written.sources,
@@ -262,105 +258,89 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
     )
 
 
-def _by_joint(
+def _of_motors(
     name: str, given: ByJoint | None, reading: RobotReading | None
 ) -> ByJoint:
-    """Return a motor's number by joint: the file's, or in the mean over the legs the
-    model's."""
+    """Return a number of the motors: the file's, or else the model's."""
     if given is not None:
         return given
     if reading is None:
         raise UserError(
             f"motors.{name}: missing; one number, or three for abad, hip and knee"
         )
-    values = [getattr(joint, name) for joint in reading.joints]
-    if not all(map(math.isfinite, values)):
+    numbers = reading.by_joint(name)
+    if not all(map(math.isfinite, numbers)):
         raise UserError(
             f"motors.{name}: the MJCF does not say it; give one number, or three for abad, hip and knee"
         )
-    abad, hip, knee = (sum(values[i::3]) / len(LEGS) for i in range(3))
-    return abad, hip, knee
+    return numbers
 
 
 def _spring(
     written: WrittenRobot, reading: RobotReading | None, anatomy: Anatomy
-) -> SpringNumbers | None:
-    if not anatomy.sprung:
-        if written.spring is not None:
-            raise UserError(
-                "spring: the legs have no toe below a spring; give [fore.toe] and [hind.toe], or leave it out"
-            )
-        return None
-    if written.spring is None and reading is not None and reading.spring is not None:
-        return SpringNumbers(
-            reading.spring.stiffness, reading.spring.damping, reading.spring.travel
+) -> SpringReading | None:
+    """Return the springs in the shanks: the file's, or else the model's."""
+    if written.spring is not None and not anatomy.sprung:
+        raise UserError(
+            "spring: the legs have no toe below a spring; give [fore.toe] and [hind.toe], or leave it out"
         )
-    if written.spring is None:
+    spring = written.spring or (reading.spring if reading else None)
+    if spring is None and anatomy.sprung:
         raise UserError(
             "spring: missing, and the legs have a toe; give stiffness, damping and travel"
         )
-    return written.spring
+    return spring
 
 
 # --- The body -------------------------------------------------------------------------
 
 
 def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
-    if reading is not None:
-        anatomy = reading.anatomy
-    else:
-        # `_require_tables` has seen all three
-        trunk = cast(TrunkNumbers, written.trunk)
-        left = [
-            _leg(cast(LegNumbers, numbers)) for numbers in (written.fore, written.hind)
-        ]
-        if (left[0].toe is None) != (left[1].toe is None):
-            raise UserError("fore.toe, hind.toe: give both, or neither")
-        legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])
-        thick = SLENDER * left[0].thigh_length
-        anatomy = Anatomy.of_parts(
-            Link(trunk.mass, trunk.com, trunk.inertia),
-            legs,
-            trunk.size,
-            name=written.name,
-            stand=(0.0,) * len(MOTOR_NAMES),
-            thigh_radius=thick,
-            lower_radius=thick,
-        )
-    changes: dict[str, Any] = {"name": written.name}
-    if (stand := written.stand) is not None:
-        left = [
-            np.broadcast_to(angle, 2) for angle in (stand.abad, stand.hip, stand.knee)
-        ]
-        both = (
-            (-abad, hip, knee, abad, hip, knee)
-            for abad, hip, knee in zip(*left, strict=True)
-        )
-        changes["stand"] = tuple(float(angle) + 0.0 for legs in both for angle in legs)
-        if reading is not None:  # of a model whose knees bend either way, [stand] tells
-            knees = changes["stand"][2::3]
-            changes["legs"] = tuple(
-                dataclasses.replace(
-                    leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend
-                )
-                for leg, knee in zip(anatomy.legs, knees, strict=True)
+    """Return the body: the numbers in the file, or the model's with what the file says
+    of it."""
+    anatomy = _numbered_body(written) if reading is None else reading.anatomy
+    stand, legs = anatomy.stand, anatomy.legs
+    if written.stand is not None:
+        stand = written.stand.joints
+    if written.stand is not None and reading is not None:
+        # of a model whose knees bend either way, [stand] tells
+        fr, fl, rr, rl = (
+            dataclasses.replace(
+                leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend
             )
-    if written.conventions:
-        changes["joints"] = written.conventions
-    for name in ("thigh_radius", "lower_radius", "weighed_mass"):
-        if (value := getattr(written, name)) is not None:
-            changes[name] = value
-    return dataclasses.replace(anatomy, **changes)
+            for leg, knee in zip(legs, stand[2::3], strict=True)
+        )
+        legs = fr, fl, rr, rl
+    return dataclasses.replace(
+        anatomy,
+        name=written.name,
+        legs=legs,
+        stand=stand,
+        joints=written.conventions or anatomy.joints,
+        thigh_radius=written.thigh_radius or anatomy.thigh_radius,
+        lower_radius=written.lower_radius or anatomy.lower_radius,
+        weighed_mass=written.weighed_mass or anatomy.weighed_mass,
+    )
 
 
-def _leg(numbers: LegNumbers) -> Leg:
-    own = {
-        field.name: getattr(numbers, field.name)
-        for field in dataclasses.fields(Leg)
-        if field.name != "ranges"
-    }
-    return Leg(
-        **own, ranges=(numbers.abad_range, numbers.hip_range, numbers.knee_range)
+def _numbered_body(written: WrittenRobot) -> Anatomy:
+    """Return the body whose numbers stand in the file."""
+    # `_require_tables` has seen all three
+    trunk = cast(TrunkNumbers, written.trunk)
+    fore, hind = (
+        cast(LegNumbers, numbers).leg for numbers in (written.fore, written.hind)
+    )
+    if (fore.toe is None) != (hind.toe is None):
+        raise UserError("fore.toe, hind.toe: give both, or neither")
+    thick = SLENDER * fore.thigh_length
+    return Anatomy.of_parts(
+        Link(trunk.mass, trunk.com, trunk.inertia),
+        (mirrored(fore), fore, mirrored(hind), hind),
+        trunk.size,
+        name=written.name,
+        stand=(0.0,) * len(MOTOR_NAMES),
+        thigh_radius=thick,
+        lower_radius=thick,
     )
 
 
@@ -375,31 +355,32 @@ def mirrored(leg: Leg) -> Leg:
         return Link(part.mass, vector(part.com), (xx, yy, zz, 0.0 - xy, xz, 0.0 - yz))
 
     (low, high), hip, knee = leg.ranges
-    vectors = {
-        name: vector(getattr(leg, name))
-        for name in ("anchor", "hip", "knee", "foot", "seat")
-    }
-    links = {name: link(getattr(leg, name)) for name in ("abad", "thigh", "shank")}
     return dataclasses.replace(
         leg,
-        **vectors,
-        **links,
-        toe=None if leg.toe is None else link(leg.toe),
+        anchor=vector(leg.anchor),
+        hip=vector(leg.hip),
+        knee=vector(leg.knee),
+        foot=vector(leg.foot),
+        seat=vector(leg.seat),
+        abad=link(leg.abad),
+        thigh=link(leg.thigh),
+        shank=link(leg.shank),
+        toe=link(leg.toe) if leg.toe else None,
         ranges=((-high, -low), hip, knee),
     )
 
 
-def _check(anatomy: Anatomy) -> None:
+def _require_possible_body(anatomy: Anatomy) -> None:
     """Refuse a body that cannot be, naming the key at fault."""
     if len(anatomy.joints) != len(MOTOR_NAMES):
         raise UserError(
             f"conventions: {len(anatomy.joints)} are given; give the 12 joints', or leave them out"
         )
-    _check_link("trunk", anatomy.trunk)
+    _require_possible_link("trunk", anatomy.trunk)
     for name, leg in zip(("fore", "hind"), anatomy.legs[1::2], strict=True):
         for part in ("abad", "thigh", "shank", "toe"):
             if (link := getattr(leg, part)) is not None:
-                _check_link(f"{name}.{part}", link)
+                _require_possible_link(f"{name}.{part}", link)
         for part, below in (("knee", leg.knee), ("foot", leg.foot)):
             if abs(below[0]) > 1e-6 or below[2] >= -1e-3:
                 raise UserError(
@@ -418,16 +399,13 @@ def _check(anatomy: Anatomy) -> None:
             raise UserError(
                 f"stand: {motor} at {angle:g} rad is outside its range, {low:g} to {high:g}"
             )
-    if (
-        anatomy.weighed_mass < 0.5 * anatomy.mass
-        or anatomy.weighed_mass > 2.0 * anatomy.mass
-    ):
+    if not 0.5 * anatomy.mass <= anatomy.weighed_mass <= 2.0 * anatomy.mass:
         raise UserError(
             f"weighed_mass: {anatomy.weighed_mass:g} kg, and the links add up to {anatomy.mass:g} kg: one is wrong"
         )
 
 
-def _check_link(name: str, link: Link) -> None:
+def _require_possible_link(name: str, link: Link) -> None:
     moments = np.linalg.eigvalsh(link.inertia_matrix)  # ascending
     if moments[0] <= 0.0 or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]):
         shown = ", ".join(f"{x:.3g}" for x in moments)
@@ -460,14 +438,14 @@ def robot_text(
         foot_radius: as `read_mjcf` was told.
     """
 
-    def by_joint(name: str, otherwise: float, factor: float = 1.0) -> str:
-        values = [getattr(joint, name) for joint in reading.joints]
-        known = [
-            value if math.isfinite(value) and value > 0.0 else otherwise
-            for value in values
-        ]
-        return row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
-
+    sayable = {"no_load_speed": "speed", "peak_torque": None, "armature": None}
+    assumed = ["motors.corner_speed"] + [
+        f"motors.{key}"
+        for key, name in sayable.items()
+        if not all(
+            0.0 < getattr(joint, name or key) < math.inf for joint in reading.joints
+        )
+    ]
     return render(
         "robot/robot_file.toml",
         reading=reading,
@@ -478,27 +456,11 @@ def robot_text(
         foot_radius=foot_radius,
         text=json.dumps,
         row=row,
-        assumed=_assumed(reading),
+        assumed=assumed,
         urdf=any(math.isfinite(joint.speed) for joint in reading.joints),
         torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
         gains=all(joint.stiffness > 0.0 for joint in reading.joints),
-        by_joint=by_joint,
     )
-
-
-def _assumed(reading: RobotReading) -> list[str]:
-    """Return the keys of the numbers that a model does not say."""
-    said = {
-        "motors.corner_speed": False,
-        "motors.no_load_speed": all(
-            math.isfinite(joint.speed) for joint in reading.joints
-        ),
-        "motors.peak_torque": all(
-            math.isfinite(joint.peak_torque) for joint in reading.joints
-        ),
-        "motors.armature": all(joint.armature > 0.0 for joint in reading.joints),
-    }
-    return [key for key, known in said.items() if not known]
 
 
 def row(values: Iterable[float]) -> str:

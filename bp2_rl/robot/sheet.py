@@ -1,20 +1,24 @@
-"""What a robot file makes of a robot, on one sheet: sizes, joints, motors against the
-load of standing, and a stand."""
+"""A robot on one sheet: sizes, joints, motors against the load of standing, and a
+stand."""
 
 import dataclasses
-import itertools
 import math
-from typing import Any
+from typing import cast
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 
+from bp2_rl.base.plotting import FAINT, INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES, PHYSICS_STEP
+from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES, PHYSICS_STEP
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
-from bp2_rl.robot.hardware import HardwareSpec, at_joints
-from bp2_rl.robot.model import foot_geom_ids, load_model
+from bp2_rl.robot.hardware import AtJoints, HardwareSpec, at_joints
+from bp2_rl.robot.model import FOOT_GEOMS, load_model
 from bp2_rl.robot.reading import RobotReading
 from bp2_rl.robot.robot_file import RobotFile, mirrored, row
 
@@ -23,9 +27,6 @@ STAND_TIME = 5.0
 FALLEN = 0.7
 """Share of the standing height below which it has fallen; and cosine of the trunk's
 tilt."""
-GAINS = 250.0, 3.0
-"""Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size
-whatever its file says."""
 LIKE = 0.1
 """Relative difference up to which two loops count as one."""
 DRAG = 0.2
@@ -38,6 +39,9 @@ STROKE = 0.1
 reach is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
+
+MARKS = {"abad": "s", "hip": "o", "knee": "D"}
+"""Marks of the joints in the picture."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,12 +61,10 @@ def stand(robot: RobotFile) -> StandingTrial:
     model = load_model(hardware)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-    target, torque, begin = (
-        np.array(robot.anatomy.stand),
-        np.zeros(12),
-        float(data.qpos[2]),
-    )
-    motors, fallen = _motors(robot), None
+    stiffness, damping = gains(robot)
+    motors = Actuator.from_hardware(hardware, stiffness=stiffness, damping=damping)
+    target, torque = np.array(robot.anatomy.stand), np.zeros(12)
+    begin, fallen = float(data.qpos[2]), None
     for step in range(round(STAND_TIME / PHYSICS_STEP)):
         q, qd = joint_positions(data.qpos), joint_velocities(data.qvel)
         torque = data.ctrl[:] = joint_torque(
@@ -77,24 +79,18 @@ def stand(robot: RobotFile) -> StandingTrial:
         ):
             fallen = (step + 1) * PHYSICS_STEP
             break
-    feet = set(foot_geom_ids(model).tolist())
     pairs = [
-        (int(contact.geom1), int(contact.geom2))
+        {model.geom(contact.geom1).name, model.geom(contact.geom2).name}
         for contact in data.contact[: data.ncon]
     ]
-    down = {
-        geom
-        for pair in pairs
-        for geom in pair
-        if geom in feet and model.geom("floor").id in pair
-    }
-    others = {model.geom(geom).name for geom in itertools.chain(*pairs)} - {"floor"}
+    down = {name for pair in pairs if "floor" in pair for name in pair} & {*FOOT_GEOMS}
+    touching = {name for pair in pairs for name in pair} - {"floor", *FOOT_GEOMS}
     return StandingTrial(
         fallen_after=fallen,
         height=float(data.qpos[2]),
         torque=np.array(torque),
         feet_down=len(down),
-        touching=tuple(sorted(others - {f"{leg}_foot" for leg in LEGS})),
+        touching=tuple(sorted(touching)),
     )
 
 
@@ -102,84 +98,60 @@ def trained_gains(robot: RobotFile) -> tuple[float, float]:
     """Return stiffness (Nm/rad) and damping (Nm s/rad) of the position loop in
     training."""
     size = robot.hardware.size
-    return size.torque * GAINS[0], size.torque * size.time * GAINS[1]
+    stiffness, damping = bp2.LOOP_STIFFNESS, bp2.LOOP_DAMPING
+    return size.torque * stiffness, size.torque * size.time * damping
 
 
-def gains(robot: RobotFile) -> tuple[Any, Any]:
-    """Return stiffness and damping of the position loop, each a number or one for each
-    motor: those of training where the file gives none."""
-    otherwise = trained_gains(robot)
-
-    def of_motors(given: Any, default: float) -> Any:
-        return (
-            np.tile(given, len(LEGS))
-            if isinstance(given, tuple)
-            else default
-            if given is None
-            else given
-        )
-
-    return of_motors(robot.stiffness, otherwise[0]), of_motors(
-        robot.damping, otherwise[1]
-    )
-
-
-def _motors(robot: RobotFile) -> Actuator:
-    stiffness, damping = gains(robot)
-    return Actuator.from_hardware(robot.hardware, stiffness=stiffness, damping=damping)
+def gains(robot: RobotFile) -> tuple[AtJoints, AtJoints]:
+    """Return stiffness and damping of the position loop, the file's or else
+    training's."""
+    if robot.gains is None:
+        return trained_gains(robot)
+    return at_joints(robot.gains.stiffness), at_joints(robot.gains.damping)
 
 
 def sheet(robot: RobotFile, stood: StandingTrial) -> str:
     """Return the sheet as text; lines that begin with "!" are what its user must look
     at."""
-    anatomy, hardware = robot.anatomy, robot.hardware
-    fore, hind = anatomy.legs[1], anatomy.legs[3]
-    published = (
-        ""
-        if robot.top_speed is None
-        else f", published top speed {robot.top_speed:g} m/s"
-    )
+    notes = robot.reading.notes if robot.reading else ()
     lines = [
-        f"{robot.name}: {anatomy.weighed_mass:.3g} kg (links {anatomy.mass:.4g} kg, trunk {anatomy.trunk.mass:.4g} kg)"
-        f"{published}",
-        *(
-            f"{name} legs: thigh {leg.thigh_length:.3g} m, lower leg {leg.lower_length:.3g} m with a foot of "
-            f"{leg.foot_radius:.3g} m, {leg.lateral:.3g} m beside the abduction axis, knee bent "
-            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach "
-            f"{' to '.join(f'{end:.3g}' for end in leg.reach())} m from the hip"
-            for name, leg in (("fore", fore), ("hind", hind))
-        ),
-        f"spring: {hardware.spring_stiffness:g} N/m"
-        if anatomy.sprung
-        else "rigid shanks",
-        *_reach_doubts(robot),
+        *_body_lines(robot),
         "",
         *_joint_lines(robot, robot.reading),
         "",
         *_motor_lines(robot),
         "",
         *_stand_lines(robot, stood),
-        *_symmetry(robot),
-        *(
-            []
-            if robot.reading is None
-            else [f"! {note}" for note in robot.reading.notes]
-        ),
+        *_symmetry_lines(robot),
+        *(f"! {note}" for note in notes),
         *(f"assumed: {what}" for what in robot.assumed),
     ]
     return "\n".join(lines)
 
 
-def _reach_doubts(robot: RobotFile) -> list[str]:
-    """Doubt knees whose range keeps a leg bent, or of one length."""
+def _body_lines(robot: RobotFile) -> list[str]:
+    """Say masses, lengths and springs; doubt knees whose range keeps a leg bent, or of
+    one length."""
+    anatomy, top_speed = robot.anatomy, robot.top_speed
+    published = "" if top_speed is None else f", published top speed {top_speed:g} m/s"
+    sizes = [
+        f"{anatomy.name}: {anatomy.weighed_mass:.3g} kg (links {anatomy.mass:.4g} kg, trunk {anatomy.trunk.mass:.4g} kg)"
+        f"{published}"
+    ]
     doubts: list[str] = []
-    for name, leg in zip(("fore", "hind"), robot.anatomy.legs[1::2], strict=True):
+    for name, leg in (("fore", anatomy.legs[1]), ("hind", anatomy.legs[3])):
         (nearest, farthest), length = leg.reach(), leg.thigh_length + leg.lower_length
+        sizes.append(
+            f"{name} legs: thigh {leg.thigh_length:.3g} m, lower leg {leg.lower_length:.3g} m with a foot of "
+            f"{leg.foot_radius:.3g} m, {leg.lateral:.3g} m beside the abduction axis, knee bent "
+            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach {nearest:.3g} to {farthest:.3g} m from the hip"
+        )
         if farthest < STRETCH * length or farthest - nearest < STROKE * length:
             doubts.append(
                 f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: mend the knee's range"
             )
-    return doubts
+    spring = f"spring: {robot.hardware.spring_stiffness:g} N/m"
+    return [*sizes, spring if anatomy.sprung else "rigid shanks", *doubts]
 
 
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
@@ -225,23 +197,18 @@ def _motor_lines(robot: RobotFile) -> list[str]:
 
 
 def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
-    hardware = robot.hardware
+    """Say how the robot stands, on which position loop, and how near the motors are to
+    their limits."""
+    hardware, losses = robot.hardware, robot.hardware.losses
     peak = np.broadcast_to(hardware.joint_peak_torque, 12)
     share = np.abs(stood.torque) / peak
     worst = int(np.argmax(share))
-    stiffness, damping = (np.broadcast_to(x, 12)[:3] for x in gains(robot))
-    whose = (
-        "gains"
-        if robot.stiffness is not None
-        else "training's own loop, ASSUMED as the file has no [gains]:"
-    )
-    loop = f"{whose} {row(stiffness)} Nm/rad, {row(damping)} Nm s/rad"
-    if stood.fallen_after is not None:
-        lines = [
-            f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
-            "stronger motors"
-        ]
-    else:
+    stiffness, damping = (np.broadcast_to(x, 12) for x in gains(robot))
+    whose = "gains"
+    if robot.gains is None:
+        whose = "training's own loop, ASSUMED as the file has no [gains]:"
+    loop = f"{whose} {row(stiffness[:3])} Nm/rad, {row(damping[:3])} Nm s/rad"
+    if stood.fallen_after is None:
         lines = [
             f"stands {STAND_TIME:g} s at {stood.height:.3f} m, {stood.feet_down} feet down ({loop})"
         ]
@@ -249,8 +216,26 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
             lines.append(
                 "! not all feet are down: mend [stand], so that fore and hind legs are equally high"
             )
-    lines += _note_of_gains(robot)
-    lines += _resistance(robot)
+    else:
+        lines = [
+            f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
+            "stronger motors"
+        ]
+    ours, theirs = trained_gains(robot), (np.mean(stiffness), np.mean(damping))
+    if not np.allclose(ours, theirs, rtol=LIKE):
+        lines.append(
+            f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
+            f"size; to train with [gains]: --env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
+        )
+    # models often put the damping of the position loop there
+    drag = (
+        at_joints(losses.joint_friction)
+        + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
+    )
+    if (resistance := float(np.max(drag / peak))) > DRAG:
+        lines.append(
+            f"! joints resist with up to {resistance:.0%} of the peak torque: mend joint_friction or joint_viscosity in [losses]"
+        )
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "
         f"robot push {_push(robot):.2g} times its weight"
@@ -262,71 +247,30 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     return lines
 
 
-def _note_of_gains(robot: RobotFile) -> list[str]:
-    """Say where training's position loop is another one than the file's, and how to
-    train with the file's."""
-    ours, theirs = trained_gains(robot), [float(np.mean(x)) for x in gains(robot)]
-    if np.allclose(ours, theirs, rtol=LIKE):
-        return []
-    flags = (
-        f"--env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
-    )
-    return [
-        f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
-        f"size; to train with [gains]: {flags}"
-    ]
-
-
-def _resistance(robot: RobotFile) -> list[str]:
-    """Doubt joints that take much of what their motors give, as those of models do that
-    damp for the loop's sake."""
-    hardware, losses = robot.hardware, robot.hardware.losses
-    drag = (
-        at_joints(losses.joint_friction)
-        + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
-    )
-    share = float(np.max(drag / np.asarray(hardware.joint_peak_torque)))
-    if share <= DRAG:
-        return []
-    return [
-        f"! joints resist with up to {share:.0%} of the peak torque: mend joint_friction or joint_viscosity in [losses]"
-    ]
-
-
 def _push(robot: RobotFile) -> float:
     """Return two legs' vertical force in the standing pose at the knee's or hip's peak
     torque, over the weight."""
     anatomy, peak = robot.anatomy, np.broadcast_to(robot.hardware.joint_peak_torque, 12)
     forces: list[float] = []
     for i, leg in enumerate(anatomy.legs):
-        hip, knee = anatomy.stand[3 * i + 1], anatomy.stand[3 * i + 2]
-        levers = (
-            abs(
-                leg.thigh_length * math.sin(hip)
-                + leg.lower_length * math.sin(hip + knee)
-            ),
-            abs(leg.lower_length * math.sin(hip + knee)),
-        )
-        forces.append(
-            min(
-                peak[3 * i + 1 + j] / max(lever, 1e-6) for j, lever in enumerate(levers)
-            )
-        )
+        _, hip, knee = anatomy.stand[3 * i : 3 * i + 3]
+        below_knee = leg.lower_length * math.sin(hip + knee)
+        levers = leg.thigh_length * math.sin(hip) + below_knee, below_knee
+        for torque, lever in zip(peak[3 * i + 1 : 3 * i + 3], levers, strict=True):
+            forces.append(torque / max(abs(lever), 1e-6))
     return 2.0 * min(forces) / (anatomy.weighed_mass * GRAVITY)
 
 
-def _symmetry(robot: RobotFile) -> list[str]:
-    """Say which numbers of the right legs are not those of the left ones mirrored."""
+def _symmetry_lines(robot: RobotFile) -> list[str]:
+    """Name the numbers by which right legs differ from mirrored left ones."""
     different: list[str] = []
     for right, left, which in zip(
         robot.anatomy.legs[::2], robot.anatomy.legs[1::2], ("fore", "hind"), strict=True
     ):
-        ours, theirs = dataclasses.asdict(mirrored(left)), dataclasses.asdict(right)
-        for part, value in ours.items():
-            a, b = np.array(_numbers(value)), np.array(_numbers(theirs[part]))
-            share = np.abs(a - b).max(initial=0.0) / max(
-                np.abs(a).max(initial=0.0), 1e-9
-            )
+        for part, ours in vars(mirrored(left)).items():
+            a, b = np.array(_numbers(ours)), np.array(_numbers(getattr(right, part)))
+            largest = max(np.abs(a).max(initial=0.0), 1e-9)
+            share = np.abs(a - b).max(initial=0.0) / largest
             if share > SAME:
                 different.append(f"{which} {part} by {share:.1%}")
     if not different:
@@ -336,9 +280,80 @@ def _symmetry(robot: RobotFile) -> list[str]:
     ]
 
 
-def _numbers(value: Any) -> list[float]:
-    if isinstance(value, dict):
-        return [x for inner in value.values() for x in _numbers(inner)]
-    if isinstance(value, list | tuple):
-        return [x for inner in value for x in _numbers(inner)]
-    return [] if value is None else [float(value)]
+def _numbers(value: object) -> list[float]:
+    """Return all numbers in nested dataclasses and tuples, in their order."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.astuple(value)
+    if isinstance(value, tuple):
+        return [x for inner in cast(tuple[object, ...], value) for x in _numbers(inner)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+# --- The picture -----------------------------------------------------------------------
+
+
+@styled
+def draw_robot(hardware: HardwareSpec) -> Figure:
+    """Draw the robot as it stands; axes in metres."""
+    anatomy = hardware.anatomy
+    model = load_model(hardware)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    figure = Figure(figsize=(WIDTH, 0.5 * WIDTH), layout="constrained")
+    views: list[Axes] = list(
+        figure.subplots(1, 2, width_ratios=(1.6, 1.0), sharey=True)
+    )
+    for axes, across, title in zip(
+        views, (0, 1), ("from the right, forward is right", "from behind"), strict=True
+    ):
+        shown, sign = [across, 2], (1.0 if across == 0 else -1.0)
+
+        def flat(
+            point: np.ndarray, shown: list[int] = shown, sign: float = sign
+        ) -> np.ndarray:
+            return np.asarray(point)[shown] * (sign, 1.0)
+
+        middle, half = (
+            flat(data.body("trunk").xpos),
+            np.array(anatomy.trunk_size)[shown],
+        )
+        axes.add_patch(
+            Rectangle(
+                tuple(middle - half), *(2.0 * half), facecolor=FAINT, edgecolor=QUIET
+            )
+        )
+        for leg, name in reversed(list(zip(anatomy.legs, LEGS, strict=True))):
+            joints = [flat(data.joint(f"{name}_{joint}").xanchor) for joint in JOINTS]
+            foot = flat(data.geom(f"{name}_foot").xpos)
+            line, color = np.array([*joints, foot]), LEG_COLORS[name]
+            axes.plot(line[:, 0], line[:, 1], color=color, linewidth=2.4, label=name)
+            for joint, at in zip(JOINTS, joints, strict=True):
+                axes.plot(
+                    *at,
+                    MARKS[joint],
+                    color=color,
+                    markeredgecolor="white",
+                    markersize=7,
+                )
+            axes.add_patch(
+                Circle(tuple(foot), leg.foot_radius, facecolor=color, alpha=0.5)
+            )
+        axes.plot(
+            *flat(data.subtree_com[1]), "+", color=INK, markersize=11, markeredgewidth=2
+        )
+        axes.axhline(0.0, color=QUIET)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("m")
+        axes.set_title(title)
+    for joint, mark in MARKS.items():
+        views[1].plot([], [], mark, color=QUIET, label=joint)
+    views[1].plot([], [], "+", color=INK, markersize=11, label="centre of mass")
+    figure.legend(
+        *views[1].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=8,
+        handlelength=1.2,
+    )
+    figure.suptitle(anatomy.name, x=0.01, ha="left", fontweight="bold")
+    return figure

@@ -3,28 +3,42 @@
 import dataclasses
 import math
 from collections.abc import Iterable
+from typing import NamedTuple, TypeVar
 
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
 
-PARTS: dict[str, tuple[str, ...]] = {
-    "air": ("losses.drag_area", "losses.headwind"),
-    "gears": ("losses.gear_efficiency",),
-    "joint friction": ("losses.joint_friction", "losses.joint_viscosity"),
-    "spring slides": ("losses.spring_friction",),
-    "bus power": ("losses.bus_power_out", "losses.bus_power_in"),
-    "bus sag": ("losses.bus_sag",),
-    "torque lag": ("losses.current_lag",),
-    "latency": ("losses.latency",),
-    "envelope throughout": ("envelope",),
-    "braking limit": ("braking_speed",),
-    "ground friction": ("friction",),
-    "ground stiffness": ("contact_time", "contact_damping"),
-    "rebound stop": ("rebound_stiffness", "rebound_damping"),
-    "joint stops": ("joint_stop_time",),
-    "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
+Spec = TypeVar("Spec", HardwareSpec, Losses, BP2Body)
+
+
+class Part(NamedTuple):
+    """Parameters of a robot that belong together, by the class that has them."""
+
+    losses: tuple[str, ...] = ()
+    hardware: tuple[str, ...] = ()
+    body: tuple[str, ...] = ()  # of BP2 alone
+
+
+PARTS = {
+    "air": Part(losses=("drag_area", "headwind")),
+    "gears": Part(losses=("gear_efficiency",)),
+    "joint friction": Part(losses=("joint_friction", "joint_viscosity")),
+    "spring slides": Part(losses=("spring_friction",)),
+    "bus power": Part(losses=("bus_power_out", "bus_power_in")),
+    "bus sag": Part(losses=("bus_sag",)),
+    "torque lag": Part(losses=("current_lag",)),
+    "latency": Part(losses=("latency",)),
+    "envelope throughout": Part(hardware=("envelope",)),
+    "braking limit": Part(hardware=("braking_speed",)),
+    "ground friction": Part(hardware=("friction",)),
+    "ground stiffness": Part(hardware=("contact_time", "contact_damping")),
+    "rebound stop": Part(hardware=("rebound_stiffness", "rebound_damping")),
+    "joint stops": Part(hardware=("joint_stop_time",)),
+    "solid legs, tracks": Part(
+        hardware=("solid_legs",), body=("fore_track", "hind_track")
+    ),
 }
-"""What tells a built robot from the ideal one: parameters of a robot that belong
-together; `losses.x` is a loss."""
+"""The parts in which a built robot differs from the ideal one."""
 
 
 def ideal_of(robot: HardwareSpec) -> HardwareSpec:
@@ -44,26 +58,21 @@ def ideal_of(robot: HardwareSpec) -> HardwareSpec:
 def with_parts(
     robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]
 ) -> HardwareSpec:
-    """A robot with some `PARTS` of another."""
-    fields = [
-        field
-        for part in parts
-        for field in PARTS[part]
-        if "." in field or _has(robot, field)
-    ]
-    own = {field: other.parameter(field) for field in fields if "." not in field}
-    losses = {
-        name: getattr(other.losses, name)
-        for _, dot, name in (f.partition(".") for f in fields)
-        if dot
-    }
-    return robot.changed(losses=dataclasses.replace(robot.losses, **losses), **own)
+    """Return the robot with some `PARTS` of another one."""
+    for part in (PARTS[name] for name in parts):
+        losses = _with_fields(robot.losses, other.losses, part.losses)
+        robot = _with_fields(robot, other, part.hardware)
+        robot = dataclasses.replace(robot, losses=losses)
+        if part.body and robot.is_bp2:
+            body = _with_fields(robot.bp2, other.bp2, part.body)
+            robot = dataclasses.replace(robot, body=body)
+    return robot
 
 
-def _has(robot: HardwareSpec, field: str) -> bool:
-    return hasattr(robot, field) or robot.is_bp2  # what is no field is of BP2's body
+def _with_fields(own: Spec, other: Spec, names: Iterable[str]) -> Spec:
+    return dataclasses.replace(own, **{name: getattr(other, name) for name in names})
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:
-    """The parts in which two robots differ."""
+    """Return the names of the parts in which two robots differ."""
     return tuple(part for part in PARTS if with_parts(robot, other, [part]) != robot)

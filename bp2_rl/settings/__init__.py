@@ -1,5 +1,4 @@
-"""What may be chosen: of the MDP, of the learner, of a training; and what the presets
-choose.
+"""Settings of the MDP, of the learner and of a training, and the presets' choices.
 
 Frozen dataclasses, written whole into every run and every policy's card. Nothing in
 here imports JAX or MuJoCo, so that a mistaken flag is answered at once.

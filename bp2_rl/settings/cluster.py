@@ -1,4 +1,4 @@
-"""Where the processes of one training meet."""
+"""The place where a training's processes meet."""
 
 import dataclasses
 import re
@@ -10,8 +10,8 @@ from bp2_rl.base.errors import UserError
 
 @dataclasses.dataclass(frozen=True)
 class ClusterConfig:
-    """Where the processes of one training meet. By default there is one process, with
-    all GPUs of the machine."""
+    """Where the processes of one training meet; by default one process has all GPUs of
+    the machine."""
 
     coordinator: str | None = None
     """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""

@@ -9,6 +9,7 @@ import tyro
 
 from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
+from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
@@ -29,15 +30,15 @@ Impl = Literal["jax", "kernel", "warp"]
 
 @dataclasses.dataclass(frozen=True)
 class ControlConfig:
-    """What the policy's action means, and the joint PD loop under it (gains
+    """Meaning of the policy's action, and the joint PD loop under it (gains
     ASSUMED)."""
 
     # around the reference motion, or around the standing pose
     mode: Literal["residual", "absolute"] = "residual"
     action_scale: Extent = 0.5  # rad a unit of action
     action_limit: Extent = 3.0  # actions are clipped to +- this
-    stiffness: Annotated[float, Within(0.1, 1e5)] = 250.0  # Nm/rad
-    damping: Annotated[float, Within(0.0, 1e4)] = 3.0  # Nm s/rad
+    stiffness: Annotated[float, Within(0.1, 1e5)] = bp2.LOOP_STIFFNESS  # Nm/rad
+    damping: Annotated[float, Within(0.0, 1e4)] = bp2.LOOP_DAMPING  # Nm s/rad
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
     # Nm/s

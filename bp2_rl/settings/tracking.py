@@ -17,7 +17,7 @@ own name."""
 
 @dataclasses.dataclass(frozen=True)
 class Tracked:
-    """What a resumed run needs to go on under the same name."""
+    """Names under which a resumed run goes on in its tracker."""
 
     tracker: Tracker
     run_id: str

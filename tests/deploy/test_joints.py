@@ -15,10 +15,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.robot.compiling import load_mjcf
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.robot.named import find_robot
-from bp2_rl.robot.reading import load_mjcf, read_mjcf
+from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot, robot_text
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.presets import preset

@@ -48,11 +48,6 @@ def test_corner_speed_is_the_least_that_gives_the_published_power():
     assert power == pytest.approx(1765.0, rel=1e-3)
 
 
-def test_rates_agree():
-    control_step = conventions.SUBSTEPS * conventions.PHYSICS_STEP
-    assert control_step == pytest.approx(conventions.CONTROL_STEP)
-
-
 def test_xml_applying_the_default_hardware_changes_nothing(xml):
     scene = mujoco.MjModel.from_xml_path(str(asset_path("bp2_mjcf/scene_flat.xml")))
     applied = load_model()

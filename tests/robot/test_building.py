@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot import model as modelling
-from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.anatomy import Anatomy, six
 from bp2_rl.robot.building import build_spec, standing
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.reading import read_mjcf, six
+from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot
 
 

@@ -10,9 +10,8 @@ import pytest
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.cli import robot as command
-from bp2_rl.robot import compiling, reading
-from bp2_rl.robot.compiling import ReadingError, compiled_apart
-from bp2_rl.robot.reading import load_mjcf
+from bp2_rl.robot import compiling
+from bp2_rl.robot.compiling import ReadingError, compiled_apart, load_mjcf
 
 
 def packed(model: mujoco.MjModel) -> bytes:
@@ -23,7 +22,7 @@ def packed(model: mujoco.MjModel) -> bytes:
 
 def test_a_model_comes_back_bit_for_bit():
     path = asset_path("bp2_mjcf/bp2.xml")
-    here, notes = reading._compile(path, ())
+    here, notes = compiling.compile_file(path, ())
     assert packed(load_mjcf(path)) == packed(here)
     assert notes == []
 

@@ -486,11 +486,6 @@ def test_trunk_lands_on_its_capsules_unless_told_not_to(feet_only, contacts):
     assert data.ncon == contacts
 
 
-def test_timestep_is_the_callers():
-    assert load_model().opt.timestep == 1e-3
-    assert load_model(timestep=5e-4).opt.timestep == 5e-4
-
-
 def test_a_model_that_does_not_compile_is_refused_in_one_line():
     def break_it(spec: mujoco.MjSpec) -> None:
         spec.body("trunk").mass = -1.0

@@ -8,7 +8,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot.hardware import ROBOTS
 from bp2_rl.settings import presets
 from bp2_rl.settings.presets.rewards import PAPER
-from bp2_rl.settings.presets.robots import on_robot, ranges_of
+from bp2_rl.settings.presets.robots import drawn_for, on_robot
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 
 every_stage = pytest.mark.parametrize("stage", get_args(Stage))
@@ -30,9 +30,10 @@ def test_a_preset_has_the_stage_the_robot_and_the_rewards_that_are_asked_for(
     stage, preset, weights, robot
 ):
     config = presets.preset(stage, preset, weights, robot)
+    drawn = config.env.randomization
     assert config.stage == stage
     assert config.env.hardware == ROBOTS[robot]
-    assert config.env.randomization.losses == ranges_of(ROBOTS[robot]).losses
+    assert drawn.losses == drawn_for(ROBOTS[robot], drawn).losses
     assert (config.env.reward == PAPER[stage]) == (weights == "paper")
     others = presets.preset(
         stage, preset, "paper" if weights == "ours" else "ours", robot

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.arrays import ArrayT
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import (
     ArraySpec,
@@ -73,7 +74,7 @@ class MotionLibrary:
 
     @property
     def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
-        """All but the provenance, by name."""
+        """Return all arrays but the provenance, by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
 
@@ -81,13 +82,7 @@ def save_library(path: Path, library: MotionLibrary) -> None:
     """Write a library to `path`, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     provenance = np.asarray(json.dumps(library.provenance))
-    speeds, *others = library.arrays.items()
-    arrays = {
-        "format": np.asarray(FORMAT),
-        **dict([speeds]),
-        "provenance": provenance,
-        **dict(others),
-    }
+    arrays = {"format": np.asarray(FORMAT), **library.arrays, "provenance": provenance}
     write_npz(path, arrays, compressed=True)
 
 
@@ -110,7 +105,12 @@ def load_library(path: Path) -> MotionLibrary:
         )
     except BadFileError as error:
         raise UserError(f"motion library {error}: {MEND}") from error
-    provenance = _provenance(path, str(contents.pop("provenance")))
+    try:
+        provenance = parse_json(str(contents.pop("provenance")), "its provenance")
+    except BadFileError as error:
+        raise broken(path, "holds a provenance that is not JSON") from error
+    if not isinstance(provenance, dict):
+        raise broken(path, "holds a provenance that is not a JSON object")
     if min(contents["speeds"].size, contents["q"].shape[2]) < 2:
         sizes = f"{contents['speeds'].size} and {contents['q'].shape[2]}"
         raise broken(path, f"needs two speeds and two points a segment, has {sizes}")
@@ -131,31 +131,21 @@ def broken(path: Path, fault: str) -> UserError:
     return UserError(f"motion library {path} {fault}: {MEND}")
 
 
-def by_leg(coordinates: Any) -> Any:
-    """(..., 12) -> (..., 4 legs, 3); NumPy or JAX."""
+def by_leg(coordinates: ArrayT) -> ArrayT:
+    """Return coordinates (..., 12) by leg, (..., 4, 3)."""
     return coordinates.reshape(*coordinates.shape[:-1], 4, 3)
 
 
-def mirror(legs: Any) -> Any:
-    """(..., 4 legs, n) with left and right in each other's place; NumPy or JAX."""
+def mirror(legs: ArrayT) -> ArrayT:
+    """Return legs' numbers (..., 4, n) with left and right in each other's place."""
     xp = legs.__array_namespace__()
     pairs = legs.reshape(*legs.shape[:-2], 2, 2, legs.shape[-1])
     return xp.flip(pairs, axis=-2).reshape(legs.shape)
 
 
-def _provenance(path: Path, text: str) -> dict[str, Any]:
-    try:
-        provenance = parse_json(text, "its provenance")
-    except BadFileError as error:
-        raise broken(path, "holds a provenance that is not JSON") from error
-    if not isinstance(provenance, dict):
-        raise broken(path, "holds a provenance that is not a JSON object")
-    return provenance
-
-
 def _fault(library: MotionLibrary) -> str:
-    """What keeps the trajectories from being periodic trots of ascending speeds, if
-    anything."""
+    """Name what keeps trajectories from being periodic trots of ascending speeds, if
+    anything does."""
     speeds, durations, q = library.speeds, library.durations, library.q
     if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
         return "holds speeds that do not ascend from above 0"

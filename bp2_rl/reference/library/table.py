@@ -69,14 +69,14 @@ def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
         )
     durations = library.durations.astype(float)
     cubics = _cubics(durations, places, rates, tau)
-    middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[
-        :, STANDING_PAIR, 0
-    ]
+    middle = by_leg(_in_the_middle(cubics[:, 0])[:, TRUNK:COORDINATES])
     mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(
         axis=1
     )
     return LibraryTable(
-        strides=np.column_stack([library.speeds.astype(float), durations, middle]),
+        strides=np.column_stack(
+            [library.speeds.astype(float), durations, middle[:, STANDING_PAIR, 0]]
+        ),
         cubics=np.moveaxis(cubics, 0, 2),
         height=float(mean_height.min()),
     )
@@ -99,16 +99,13 @@ def _cubics(
     return np.concatenate([np.stack(cubic, axis=-2), np.stack(line, axis=-2)], axis=-1)
 
 
-def _by_share(
-    cubics: Float[np.ndarray, "... N 4 n"], share: float
+def _in_the_middle(
+    cubics: Float[np.ndarray, "... N 4 n"],
 ) -> Float[np.ndarray, "... n"]:
-    """What coefficients say at a share of their segment."""
-    position = share * cubics.shape[-3]
-    interval = min(int(position), cubics.shape[-3] - 1)
-    return np.sum(
-        cubics[..., interval, :, :] * (position - interval) ** np.arange(4)[:, None],
-        axis=-2,
-    )
+    """Evaluate the cubics of a segment in its middle."""
+    interval, share = divmod(0.5 * cubics.shape[-3], 1.0)
+    powers = share ** np.arange(4)[:, None]
+    return np.sum(cubics[..., int(interval), :, :] * powers, axis=-2)
 
 
 def _with_feet(

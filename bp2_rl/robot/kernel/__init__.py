@@ -1,4 +1,5 @@
-"""A fused physics step: one millisecond of many quadrupeds of one design at once.
+"""A fused physics step: one millisecond for many quadrupeds with the same design at
+once.
 
 MJX and C MuJoCo simulate any robot. This is the same physics for quadrupeds whose four
 legs are abad, hip and knee in series, with or without a spring along the shank: every

@@ -94,7 +94,8 @@ class Floor(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """The rows of abad, hip and knee: of each the nearer end of its range, (4, N)."""
+    """Rows of the joints' stops, (4, N) for abad, hip and knee: the nearer end of a
+    range."""
 
     signs: tuple[Number, ...]  # 1 at the lower end
     stiffness: tuple[Number, ...]  # D, 0 within the range
@@ -236,8 +237,8 @@ def solve_constraints(
 def _newton(
     barriers: FusionBarriers, most: int, problem: _Problem, guess: GeneralizedVector
 ) -> tuple[GeneralizedVector, Array]:
-    """Take Newton's steps until all robots have settled, at most so many; return the
-    last `x` and `changed`."""
+    """Take Newton's steps until all robots have settled, at most `steps`; return `x`
+    and `changed`."""
     inertia, force, constraints = problem
 
     def unsettled(at: _Iterate) -> Array:
@@ -356,8 +357,8 @@ def _floor_rows(
     friction: Number,
     velocities: GeneralizedVector,
 ) -> tuple[Floor, Array]:
-    """The feet's rows, and the heights of their centres, m; `height` is that of the
-    trunk's origin."""
+    """Return the feet's rows and their centres' heights, m; `height` is the trunk
+    origin's."""
     rotation, legs = pose
     anchor = rotation.to_world(design.anchor)
     x_axis = rotation.x[0], rotation.y[0], rotation.z[0]

@@ -1,5 +1,5 @@
-"""What the compiled model says of the robot: its masses and lengths, springs, joint
-limits and contacts.
+"""Read a robot's design from a compiled model: masses, lengths, springs, limits,
+contacts.
 
 The kernel's robots are quadrupeds whose legs hang straight down at zero joint angles,
 the axes of all bodies parallel: abad turns about x, hip and knee about y, and a spring,
@@ -68,7 +68,7 @@ class Design:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":
-        """Return the design of a model whose only contacts are those of feet and floor.
+        """Return the design of a model in which only feet and floor touch.
 
         Raises:
             UserError: it has something that the kernel does not know.
@@ -136,7 +136,7 @@ class Design:
 
 
 class Masses(NamedTuple):
-    """The bodies of one draw of robots."""
+    """Masses and inertias of the bodies in one draw of robots."""
 
     trunk: Body
     links: tuple[Body, ...]
@@ -148,7 +148,7 @@ class Masses(NamedTuple):
         factors: Float[Array, "bodies N"],
         com_offset: Float[Array, "3 N"],
     ) -> "Masses":
-        """Return the bodies of a design, heavier by these factors, in MuJoCo's order,
+        """Return the bodies of a design with their masses times factors, in MuJoCo's order,
         and the trunk's centre moved."""
         trunk, links = (
             design.trunk.times(factors[1]),
@@ -162,7 +162,7 @@ class Masses(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Robots of one design that differ in their masses and in the friction of the floor
+    """Robots with one design that differ in masses and in the friction of the floor
     under them."""
 
     design: Design
@@ -314,7 +314,7 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
 
 
 def _alike(x: np.ndarray) -> bool:
-    """Whether all rows are equal."""
+    """Return whether all rows are equal."""
     return bool(np.all(x == x[:1]))
 
 
@@ -326,7 +326,7 @@ def _require(known: Any, what: str) -> None:
 
 
 def _number(x: Float[np.ndarray, " n"]) -> Number:
-    """A number of one body, or of the four legs."""
+    """Return a number of a body, or the numbers of the four legs' bodies."""
     return _shared(x) if np.any(x) else ZERO
 
 

@@ -113,8 +113,8 @@ def _trunk_block(
 def _coupling(
     design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation
 ) -> Block:
-    """Momentum about the trunk's origin of each joint at unit rate, in the world's
-    axes."""
+    """Return each joint's momentum about the trunk's origin at unit rate, in the
+    world's axes."""
     rows: Block = []
     for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)

@@ -1,27 +1,151 @@
-"""The presets: a module for each size of machine, with a function for each stage;
-rewards and robots' ranges beside.
+"""The presets, each written as its differences from the defaults of `settings.env` and
+`settings.ppo`; rewards and robots' sizes are in the modules beside.
 
-A preset is a config, never a code path: what it does not set is the default of
-`settings.env` and `settings.ppo`. docs/notes/training.md says what was tried.
+A preset is a config, never a code path. docs/notes/training.md says what was tried.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import get_args
 
 from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
-from bp2_rl.settings.presets import cpu, first, gpu, smoke
-from bp2_rl.settings.presets.robots import settled, sized
-from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.presets.rewards import OURS, OURS_SMALL, PAPER
+from bp2_rl.settings.presets.robots import (
+    GROUND,
+    MILD_GROUND,
+    drawn_for,
+    settled,
+    sized,
+)
+from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights
 
-PRESETS = {
-    "smoke": {"imitation": smoke.imitation, "relaxed": smoke.relaxed},
-    "first": {"imitation": first.imitation, "relaxed": first.relaxed},
-    "cpu": {"imitation": cpu.imitation, "relaxed": cpu.relaxed},
-    "gpu": {"imitation": gpu.imitation, "relaxed": gpu.relaxed},
+Differences = Mapping[str, Mapping[str, object]]
+"""Settings that are not the defaults, by their group: `run`, `ppo`, or one of the
+environment's."""
+
+SLOW_TROT: Differences = {
+    "library": {"path": "bp2_trot_slow"},
+    "control": {"clock_at_rest": False},
+    "ppo": {
+        "symmetric": True,
+        "averaging": 0.9,
+        "desired_kl": 0.02,
+        "entropy_cost": 2e-3,
+    },
 }
+"""What all presets but `smoke` have."""
+
+ALL_COMMANDS: Differences = {
+    "commands": {
+        "max_turn": 4.0,
+        "limit_fraction": 0.3,
+        "slow_fraction": 0.2,
+        "stand_fraction": 0.15,
+    },
+    "reset": {"standing_fraction": 0.5},
+}
+"""The whole range of commands: fast, slow, standing and turning."""
+
+EASY: Differences = {
+    "commands": {"max_lateral": 0.2, "straight_fraction": 0.8},
+    "randomization": {
+        "mass": (0.95, 1.05),
+        "com_offset": 0.01,
+        "latency": (0.0, 0.006),
+        "joint_velocity_noise": 0.15,
+        "push_velocity": 0.2,
+    },
+}
+"""Easier commands and less randomisation; the ground is `MILD_GROUND`."""
+
+HISTORY = (5, 10, 15, 20)
+"""Control steps, 25 to 100 ms: a third of a stride, in which legs and trunk tell how
+fast the robot moves."""
+GPU: Differences = {
+    "control": {"history": HISTORY, "launching": 6.0, "launching_speed": 18.0},
+    "ppo": {"dtype": "bfloat16"},
+    "run": {"judged": 60},
+}
+"""The recipe of the shipped policies."""
+GENTLE: Differences = {
+    "control": {"braking": 4.0, "stopping_time": 0.9},
+    "commands": {"stand_time": (1.0, 6.0)},
+    "reset": {"standing_time": (0.0, 1.0), "command_error": 5.0},
+    "ppo": {"learning_rate": 1e-4, "entropy_decay": 200.0},
+}
+"""Launches far behind the command, gentle stops and long stands."""
+
+CPU: Differences = {
+    "ppo": {
+        "num_envs": 1024,
+        "num_minibatches": 8,
+        "policy_layers": (128, 128),
+        "value_layers": (128, 128),
+        "max_learning_rate": 2e-3,
+    },
+    "run": {"steps": 6_000_000, "logs": 100, "checkpoints": 6, "judged": 24},
+}
+"""Six minutes on two cores, with 1024 robots."""
+FIRST: Differences = {
+    "commands": {"max_forward": 2.5, "acceleration": (1.0, 2.0)},
+    "reset": {"standing_fraction": 0.6},
+    "ppo": {"num_envs": 512, "policy_layers": (64, 64), "value_layers": (64, 64)},
+    "run": {"steps": 2_400_000, "logs": 40, "checkpoints": 4, "judged": 4},
+}
+"""From `CPU`: a first training, in which a robot learns to trot at 2 m/s before one's
+eyes."""
+REFINED: Differences = {"ppo": {"learning_rate": 1e-4, "entropy_cost": 1e-3}}
+"""A relaxed stage of `CPU` or `FIRST`, which goes on from trained networks."""
+
+SMOKE: Differences = {
+    "commands": {"max_forward": 3.0, "acceleration": (1.0, 4.0)},
+    "curriculum": {"start_speed": 2.0},
+    "reset": {"standing_fraction": 0.2},
+    "randomization": {"latency": (0.0, 0.006)},
+    "ppo": {
+        "num_envs": 64,
+        "unroll_length": 16,
+        "num_minibatches": 4,
+        "num_epochs": 2,
+        "policy_layers": (64, 64),
+        "value_layers": (64, 64),
+        "episode_length": 400,
+    },
+    "run": {"steps": 40_960, "logs": 20, "checkpoints": 2},
+}
+"""Slow running on the kinematic gait with little randomised, in a minute on two
+cores."""
+
+PRESETS: dict[Preset, dict[Stage, tuple[Differences, ...]]] = {
+    "smoke": {
+        "imitation": (SMOKE,),
+        "relaxed": (SMOKE, {"ppo": {"learning_rate": 1e-4, "entropy_cost": 2e-3}}),
+    },
+    "first": {
+        "imitation": (SLOW_TROT, EASY, CPU, FIRST, {"ppo": {"critic_steps": 12}}),
+        "relaxed": (SLOW_TROT, EASY, CPU, FIRST, REFINED),
+    },
+    "cpu": {
+        "imitation": (
+            *(SLOW_TROT, EASY, CPU, {"ppo": {"critic_steps": 12}}),
+            {"commands": {"max_forward": 13.0, "acceleration": (1.0, 5.0)}},
+        ),
+        "relaxed": (SLOW_TROT, ALL_COMMANDS, CPU, REFINED),
+    },
+    "gpu": {
+        "imitation": (
+            *(SLOW_TROT, ALL_COMMANDS, GPU),
+            {"ppo": {"critic_steps": 6}, "run": {"steps": 40_000_000}},
+        ),
+        "relaxed": (SLOW_TROT, ALL_COMMANDS, GPU, GENTLE),
+    },
+}
+"""Each stage of each preset; what comes later wins."""
 
 
 def preset(
@@ -51,9 +175,48 @@ def preset(
         (str, Path, HardwareSpec),
         "a robot's name, a robot file's path or a HardwareSpec",
     )
+    hardware = robot if isinstance(robot, HardwareSpec) else find_robot(str(robot))
     chosen = weights or ("paper" if preset == "smoke" else "ours")
-    config = PRESETS[preset][stage](
-        chosen, robot if isinstance(robot, HardwareSpec) else find_robot(str(robot))
+    differences = PRESETS[preset][stage]
+    mild = preset == "smoke" or EASY in differences
+    env = EnvConfig(
+        reference="kinematic" if preset == "smoke" else "collocation",
+        hardware=hardware,
+        randomization=drawn_for(
+            hardware, RandomizationConfig(), MILD_GROUND if mild else GROUND
+        ),
+        reward=PAPER[stage],
     )
+    if chosen == "ours":
+        ours = OURS_SMALL if CPU in differences else OURS
+        firm = 1.0 if GENTLE in differences else 0.0
+        reward = dataclasses.replace(ours[stage], stand=firm)
+        env = dataclasses.replace(env, reward=reward)
+    config = TrainConfig(
+        stage, env, PPOConfig(), RunConfig(), "jax" if preset == "smoke" else "kernel"
+    )
+    config = _changed(config, differences)
     config = dataclasses.replace(config, env=sized(config.env))
     return settled(config) if stage == "relaxed" and chosen == "ours" else config
+
+
+def _changed(config: TrainConfig, differences: tuple[Differences, ...]) -> TrainConfig:
+    """Return the settings with the differences applied, in their order."""
+    groups = {group for one in differences for group in one}
+    merged = {
+        group: {
+            name: x for one in differences for name, x in one.get(group, {}).items()
+        }
+        for group in groups
+    }
+    whole = {
+        group: dataclasses.replace(getattr(config, group), **merged.pop(group))
+        for group in groups & {"ppo", "run"}
+    }
+    env = {
+        group: dataclasses.replace(getattr(config.env, group), **values)
+        for group, values in merged.items()
+    }
+    return dataclasses.replace(
+        config, env=dataclasses.replace(config.env, **env), **whole
+    )

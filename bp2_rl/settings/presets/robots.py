@@ -3,16 +3,15 @@ size."""
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
-from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses, Size
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
 from bp2_rl.robot.kinematics import reach
-from bp2_rl.settings.env import CommandConfig, EnvConfig
+from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.reference import KinematicConfig
 from bp2_rl.settings.training import TrainConfig
 
@@ -30,80 +29,87 @@ SLOW_FRACTION = 0.4
 """Least share of slow commands in the relaxed stage."""
 
 
-class RobotRanges(NamedTuple):
-    """Factors on a robot's own friction and losses, from which training draws."""
-
-    friction: Range  # for ground of 0.5 to 1.1
-    mild_friction: Range  # for ground of 0.6 to 1.1
-    losses: Range
+GROUND: Range = 0.5, 1.1
+"""Friction of the ground that training draws."""
+MILD_GROUND: Range = 0.6, 1.1
+"""The same where little is randomised."""
 
 
-def ranges_of(robot: HardwareSpec) -> RobotRanges:
-    """Return the ranges of a robot: as wide as its assumed values are uncertain."""
-    return RobotRanges(
-        friction=(0.5 / robot.friction, 1.1 / robot.friction),
-        mild_friction=(0.6 / robot.friction, 1.1 / robot.friction),
+def drawn_for(
+    robot: HardwareSpec, others: RandomizationConfig, ground: Range = GROUND
+) -> RandomizationConfig:
+    """Return what training draws for a robot, friction and losses as widely as the
+    robot's assumed values are uncertain."""
+    return dataclasses.replace(
+        others,
+        friction=(ground[0] / robot.friction, ground[1] / robot.friction),
         losses=(1.0, 1.0) if robot.losses == Losses() else (0.8, 1.2),
     )
 
 
 def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
-    """Return a BP2's environment with this robot, and friction and losses randomised in
-    its ranges."""
-    ranges = ranges_of(robot)
-    drawn = dataclasses.replace(
-        env.randomization, friction=ranges.friction, losses=ranges.losses
-    )
+    """Return an environment written for BP2 with another robot, sized and randomised
+    for it."""
+    drawn = drawn_for(robot, env.randomization)
     return sized(dataclasses.replace(env, hardware=robot, randomization=drawn))
 
 
 def sized(env: EnvConfig) -> EnvConfig:
-    """Return settings that were written for BP2 for the size of the environment's
-    robot; BP2's are as they were."""
+    """Return settings that were written for BP2, scaled to the size of their robot; those
+    of BP2 stay."""
     size, robot = env.hardware.size, env.hardware
     if robot.is_bp2:
         return env
-    control, reset, drawn, end = (
-        env.control,
-        env.reset,
-        env.randomization,
-        env.termination,
-    )
     speed = speed_factor(robot)
-    start = env.curriculum.start_speed or FIRST_COMMANDS * CommandConfig().max_forward
+    first = env.curriculum.start_speed or FIRST_COMMANDS * CommandConfig().max_forward
+    factors = {
+        "library": {"stepping_speed": size.speed},
+        "control": {
+            "stiffness": size.torque,
+            "damping": size.torque * size.time,
+            "torque_rate": size.torque / size.time,
+            "stopping_time": size.time,
+            "launching_speed": speed,
+        },
+        "commands": {
+            "max_forward": speed,
+            "max_lateral": size.speed,
+            "max_yaw_rate": size.rate,
+            "max_backward": size.speed,
+            "slow": size.speed,
+            "hold_time": size.time,
+            "stand_time": size.time,
+        },
+        "reset": {"command_error": size.speed},
+        "randomization": {"com_offset": size.length, "push_velocity": size.speed},
+        "termination": {"min_height": size.length, "max_overlap": size.length},
+    }
+    groups = {
+        group: dataclasses.replace(
+            getattr(env, group),
+            **{
+                name: _multiple(factor, getattr(getattr(env, group), name))
+                for name, factor in of_group.items()
+            },
+        )
+        for group, of_group in factors.items()
+    }
     return dataclasses.replace(
         env,
+        **groups,
         reference="kinematic" if env.reference == "collocation" else env.reference,
         gait=_sized_gait(env.gait, robot),
-        library=dataclasses.replace(
-            env.library, stepping_speed=size.speed * env.library.stepping_speed
-        ),
-        control=dataclasses.replace(
-            control,
-            stiffness=size.torque * control.stiffness,
-            damping=size.torque * size.time * control.damping,
-            torque_rate=size.torque / size.time * control.torque_rate,
-            stopping_time=size.time * control.stopping_time,
-            launching_speed=speed * control.launching_speed,
-        ),
-        commands=_sized_commands(env.commands, size, speed),
         curriculum=dataclasses.replace(
-            env.curriculum, start_speed=speed * min(start, env.commands.max_forward)
-        ),
-        reset=dataclasses.replace(
-            reset, command_error=size.speed * reset.command_error
-        ),
-        randomization=dataclasses.replace(
-            drawn,
-            com_offset=size.length * drawn.com_offset,
-            push_velocity=size.speed * drawn.push_velocity,
-        ),
-        termination=dataclasses.replace(
-            end,
-            min_height=size.length * end.min_height,
-            max_overlap=size.length * end.max_overlap,
+            env.curriculum, start_speed=speed * min(first, env.commands.max_forward)
         ),
     )
+
+
+def _multiple(factor: float, value: float | Range | None) -> float | Range | None:
+    """Return a setting times a factor; a range is multiplied at both ends."""
+    if isinstance(value, tuple):
+        return factor * value[0], factor * value[1]
+    return None if value is None else factor * value
 
 
 def settled(config: TrainConfig) -> TrainConfig:
@@ -153,23 +159,6 @@ def _limits(robot: HardwareSpec) -> tuple[float, float]:
     hips = slice(1, None, 3)
     power = float(np.mean(torque * speed)) / (robot.mass * GRAVITY)
     return float(np.min(speed[hips])) * 2.0 * robot.anatomy.leg_length, power
-
-
-def _sized_commands(commands: CommandConfig, size: Size, speed: float) -> CommandConfig:
-    low, high = commands.hold_time
-    stand = commands.stand_time
-    return dataclasses.replace(
-        commands,
-        max_forward=speed * commands.max_forward,
-        max_lateral=size.speed * commands.max_lateral,
-        max_yaw_rate=size.rate * commands.max_yaw_rate,
-        max_backward=size.speed * commands.max_backward,
-        slow=size.speed * commands.slow,
-        hold_time=(size.time * low, size.time * high),
-        stand_time=stand
-        if stand is None
-        else (size.time * stand[0], size.time * stand[1]),
-    )
 
 
 def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
