@@ -12,9 +12,9 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from bp2_rl.base.assets import render
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
-from bp2_rl.base.templates import render
 from bp2_rl.evaluation.judge import JudgeProcesses
 from bp2_rl.learning.exports import JudgeResult, best_policy, judge_results
 from bp2_rl.learning.monitor import count

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import jax
 
-from bp2_rl.base.workers import processors, spawned
+from bp2_rl.base.processes import processors, spawned
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import PolicyCard, blank_policy, load_policy

@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Callable
 
-from bp2_rl.base.listening import STOPPING, listening
+from bp2_rl.base.processes import STOPPING, listening
 from bp2_rl.learning import cluster
 
 

@@ -16,7 +16,7 @@ from bp2_rl.base.files import (
     read_bytes,
     write_bytes,
 )
-from bp2_rl.base.imports import left_out
+from bp2_rl.base.processes import left_out
 
 METRICS = "metrics.jsonl"
 LARGEST_METRICS = 256 << 20

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 
 LONGEST = 12
 """s that a robot may take to compile: ours take .05."""

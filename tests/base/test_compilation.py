@@ -7,13 +7,13 @@ import sys
 
 KEPT = """
 import jax, bp2_rl
-from bp2_rl.base.compilation import keep_compiled
+from bp2_rl.base.processes import keep_compiled
 print(keep_compiled(), jax.config.values["jax_compilation_cache_dir"])
 """
 LATE = """
 import jax.numpy as jnp
 jnp.ones(3).sum()  # compiled before there is a cache
-from bp2_rl.base.compilation import keep_compiled
+from bp2_rl.base.processes import keep_compiled
 keep_compiled()
 jnp.ones(5).prod()
 """

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from bp2_rl.base.listening import STOPPING
+from bp2_rl.base.processes import STOPPING
 from bp2_rl.learning.signals import StopSignals
 
 

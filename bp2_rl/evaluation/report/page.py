@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from bp2_rl.base.templates import render
+from bp2_rl.base.assets import render
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
 from bp2_rl.evaluation.report.pictures import data_url
 from bp2_rl.evaluation.report.player.content import describe

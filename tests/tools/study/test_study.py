@@ -461,7 +461,7 @@ if __name__ == "__main__":
 """
 TRAINING = """
 import os, signal, time
-from bp2_rl.base.workers import end_with_caller
+from bp2_rl.base.processes import end_with_caller
 
 def save(*_):
     while not os.path.exists("let go"):

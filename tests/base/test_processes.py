@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bp2_rl.base.workers import PARENT
+from bp2_rl.base.processes import PARENT
 
 WORK = """
 import ctypes, os
@@ -18,7 +18,7 @@ def work(_):
     ctypes.PyDLL(None).sleep(600)  # a solver that never lets Python run
 """
 POOL = """
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from work import work
 
 with spawned(2) as pool:  # without `if __name__ == "__main__"`: workers do not run the script again
@@ -26,7 +26,7 @@ with spawned(2) as pool:  # without `if __name__ == "__main__"`: workers do not 
 """
 INTERRUPTED = """
 import time
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.cli import app
 
 def command():
@@ -39,7 +39,7 @@ raise SystemExit(app.run(command))
 """
 CHILD = """
 import os, signal, sys, time
-from bp2_rl.base.workers import end_with_caller
+from bp2_rl.base.processes import end_with_caller
 
 def save(*_):
     time.sleep(0.5)
