@@ -42,7 +42,7 @@ from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
-from bp2_rl.learning.writers import LogWriter
+from bp2_rl.learning.writers import Writer
 from bp2_rl.robot import conventions
 from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
 
@@ -58,7 +58,7 @@ class TrainingRun:
     # of the exported policies; of a cluster's processes only the first has one
     judge: Judge | None = None
     # of the metrics, beside the run's own files; only in the first process
-    writers: Sequence[LogWriter] = ()
+    writers: Sequence[Writer] = ()
     # devices that trained the checkpoint of a resumed run, if that is known
     before: str | None = None
 

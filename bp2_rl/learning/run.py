@@ -40,8 +40,7 @@ from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.programs import use_kept
-from bp2_rl.learning.trackers import open_tracker
-from bp2_rl.learning.writers import LogWriter
+from bp2_rl.learning.writers import Writer, open_tracker
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.tracking import Tracker
@@ -84,7 +83,7 @@ def start(
             inherited, origin = _inherit(Path(parent), config, learner.shape)
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
-    writers: list[LogWriter] = []
+    writers: list[Writer] = []
     # of a half-made run, however the process ends; until it can be resumed
     removal: Finalize | None = None
     with contextlib.ExitStack() as held:

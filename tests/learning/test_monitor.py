@@ -256,7 +256,7 @@ def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(
 
     def log() -> None:
         with Monitor(tmp_path, 10, console=pipe()) as monitor:
-            lines: Any = monitor._writers[0]
+            lines: Any = monitor._writers[1]
             lines.close()
             monkeypatch.setattr(lines, "_file", Full())
             monitor.log(1, HEADLINES)
