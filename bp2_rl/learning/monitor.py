@@ -7,7 +7,6 @@ feeds back into training.
 
 import collections
 import contextlib
-import datetime
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -21,9 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.learning.writers import (
-    LOG,
     METRICS,
     EventsFile,
     LogFile,
@@ -32,7 +29,6 @@ from bp2_rl.learning.writers import (
     TrackerError,
     Writer,
 )
-from bp2_rl.settings.training import CONFIG
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
 WAITING = "waiting for the first step"
@@ -286,24 +282,6 @@ class Progress(Writer):
             return None
         (t0, step0), (t1, step1) = self._history[0], self._history[-1]
         return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
-
-
-def run_began(run_dir: Path) -> float:
-    """Return when a run began, s since 1970: when its settings were written, after
-    which it compiled.
-
-    A copied folder may have forgotten that time; then the first line of log.txt, which
-    comes later, gives it.
-
-    Raises:
-        OSError: the run's settings are gone.
-    """
-    began = (run_dir / CONFIG).stat().st_mtime
-    # a log that is gone or damaged tells no time
-    with contextlib.suppress(OSError, ValueError):
-        logged = read_bytes(run_dir / LOG, LARGEST_TEXT).decode().split(" ", 1)[0]
-        began = min(began, datetime.datetime.fromisoformat(logged).timestamp())
-    return began
 
 
 def count(number: float) -> str:

@@ -111,7 +111,7 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
         "steps_per_second" in json.loads(line)
         for line in (run / "metrics.jsonl").read_text().splitlines()
     )
-    policy = load_policy(run / "policy", layout_of=layout_of)
+    policy = load_policy(run, layout_of=layout_of)
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
     assert (run / "log.txt").read_text()
@@ -340,11 +340,8 @@ def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(
     shutil.copytree(run, killed)
     for steps in lost:
         shutil.rmtree(killed / "policies" / str(steps))
-    if 256 in lost:  # the run's own policy is of the save before
-        shutil.rmtree(killed / "policy")
-        shutil.copytree(run / "policies" / "128", killed / "policy")
     training.resume(killed)
-    for name in ("policies/128", "policies/256", "policy"):
+    for name in ("policies/128", "policies/256"):
         assert (killed / name / "weights.npz").read_bytes() == (
             run / name / "weights.npz"
         ).read_bytes()

@@ -22,7 +22,7 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import study as command
 from bp2_rl.cli.train import TrainArguments, _parse
 from bp2_rl.evaluation import judge
-from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.judged import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.env import TrackingShape
 from bp2_rl.settings.jobs import JobsConfig
