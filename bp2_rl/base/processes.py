@@ -29,6 +29,8 @@ STOPPING = tuple(
 )
 """Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's,
 which Windows has not."""
+IMPORTED_AT = time.time()
+"""s since 1970: a source written later may not be what this process has imported."""
 PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end
 with."""

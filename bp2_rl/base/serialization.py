@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
-import bp2_rl
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
@@ -207,10 +206,8 @@ def utc_now() -> str:
 
 def package_versions() -> dict[str, str]:
     """The versions that a result depends on, to be written beside it."""
-    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "numpy")
-    return {"bp2_rl": bp2_rl.__version__} | {
-        name: importlib.metadata.version(name) for name in others
-    }
+    names = "bp2_rl jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    return {name: importlib.metadata.version(name) for name in names.split()}
 
 
 # --- Encoding -------------------------------------------------------------------------

@@ -61,8 +61,6 @@ class Programs(NamedTuple):
 
     init: Any  # jitted: key -> TrainState
     train_step: Any  # jitted: TrainState, which it consumes -> (TrainState, metrics)
-    # TrainState of shapes and dtypes; None where it is not known without tracing
-    shape: Any = None
 
 
 class PPO:
@@ -109,12 +107,10 @@ class PPO:
 
     def jitted(
         self,
-        init: Callable[..., Any],
-        train_step: Callable[..., Any],
-        shape: Any = None,
+        init: Callable[[Array], TrainState],
+        train_step: Callable[[TrainState], tuple[TrainState, dict[str, Array]]],
     ) -> Programs:
-        """Return the programs of these functions for the mesh; `shape`: that of the
-        state, where it is known."""
+        """Return the programs of these functions for the mesh."""
         # Run once, and on a CPU compiled in half the time.
         options: Any = (
             {"xla_backend_optimization_level": 0}
@@ -127,13 +123,7 @@ class PPO:
             donate_argnums=0,
             out_shardings=(self.shardings(), self.everywhere),
         )
-        return Programs(first, step, shape)
-
-    def use(self, programs: Programs) -> None:
-        """Compute with these programs from now on, which must be of the same
-        environment and hyperparameters."""
-        self.programs = programs
-        self.__dict__.pop("shape", None)
+        return Programs(first, step)
 
     def init(self, seed: int) -> TrainState:
         """Return the state before the first train step, spread over the mesh."""
@@ -162,7 +152,7 @@ class PPO:
     @functools.cached_property
     def shape(self) -> TrainState:
         """Return the state's shapes and dtypes, for restoring a checkpoint."""
-        shapes = self.programs.shape or self.programs.init.eval_shape(self.first_key(0))
+        shapes = self.programs.init.eval_shape(self.first_key(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(
                 leaf.shape, leaf.dtype, sharding=sharding
