@@ -127,9 +127,13 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
     Their numbers are those of a fall with reward 0; physics and observation are still
     to be replaced.
     """
-    parts = (after.pipeline_state, after.info), after.obs, (after.reward, after.done)
+    parts = {
+        "fault/physics": (after.pipeline_state, after.info),
+        "fault/observation": after.obs,
+        "fault/reward": (after.reward, after.done),
+    }
     sound, faults = jnp.ones(after.done.shape, bool), {}
-    for name, part in zip(FAULTS, parts, strict=False):
+    for name, part in parts.items():
         faults[name] = (sound & ~_finite(part)).astype(jnp.float32)
         sound &= faults[name] == 0
 
