@@ -39,7 +39,6 @@ from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
-from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.writers import Writer
 from bp2_rl.robot import conventions
 from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
@@ -115,7 +114,7 @@ def train(
         loop.export_late(unexported, state)
         with (
             Saver(run_dir, to_json(config)) as saver,
-            StopSignals(monitor.note, monitor.release_terminal) as signals,
+            cluster.StopSignals(monitor.note, monitor.release_terminal) as signals,
         ):
             state, done = loop.repeat(
                 state, Log(monitor, config.ppo, unlogged or Unlogged()), saver, signals
@@ -197,7 +196,7 @@ class _Loop:
         )
 
     def repeat(
-        self, state: TrainState, log: Log, saver: Saver, signals: StopSignals
+        self, state: TrainState, log: Log, saver: Saver, signals: cluster.StopSignals
     ) -> tuple[TrainState, int]:
         """Train from `state` on; return the last state and the number of train steps
         done with it.

@@ -257,7 +257,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            "bp2_rl.learning.loop.StopSignals.received", caught_in_the_fourth_step
+            "bp2_rl.learning.cluster.StopSignals.received", caught_in_the_fourth_step
         )
         with pytest.raises(RunStopped):
             training.start(small(), tmp_path / "run", judge=judge)
