@@ -169,8 +169,7 @@ def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> C
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
-    """Make a folder, and make it that of `settings`, so that work which goes on in it
-    later is the same work.
+    """Make a folder for work with these settings; refuse one that has other settings.
 
     Args:
         folder: of the work.

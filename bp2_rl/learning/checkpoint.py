@@ -63,7 +63,7 @@ class CheckpointError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class Metadata:
-    """What is known of a checkpoint without its arrays."""
+    """The description of a checkpoint, beside its arrays."""
 
     format_version: int
     step: int
@@ -224,7 +224,7 @@ def restore_checkpoint(
 
 
 def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metadata:
-    """What is known of a checkpoint without its arrays.
+    """Read the description of a checkpoint, without its arrays.
 
     Raises:
         CheckpointError: no such checkpoint, or it is half-written, damaged, foreign or

@@ -72,7 +72,7 @@ def devices() -> str:
 
 
 def is_first() -> bool:
-    """Whether this is process 0, which alone writes and speaks."""
+    """Return whether this is process 0, which alone writes and speaks."""
     return jax.process_index() == 0
 
 
@@ -191,8 +191,7 @@ def leave(status: int) -> int:
 
 
 def _leave_after(seconds: float, status: int, line: str = "") -> threading.Timer:
-    """End the process after so many seconds, without JAX's farewell to the others,
-    unless the timer is cancelled."""
+    """Start a timer that ends the process without JAX's farewell to the others."""
 
     def leave_now() -> None:
         sys.stdout.flush()

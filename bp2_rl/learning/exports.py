@@ -85,12 +85,12 @@ class ExportedPolicies:
 
     @property
     def idle(self) -> bool:
-        """Whether the judge could begin to measure another policy at once."""
+        """Return whether the judge could begin to measure another policy at once."""
         return self._judge is not None and len(self._pending) < self._judge.places
 
     @property
     def reached(self) -> bool:
-        """Whether a policy has reached the speed that ends the run."""
+        """Return whether a policy has reached the speed that ends the run."""
         return any(one.result.reaches(self._until) for one in self._judged.values())
 
     def export(self, policy: Policy, steps: int) -> None:

@@ -27,7 +27,7 @@ could not be used."""
 
 
 class Fleet:
-    """A batch of one environment's robots.
+    """A batch of robots, each in an episode of its own.
 
     Args:
         env: any `brax.envs.Env`. If it has `restart(state, rng)`, new episodes come
@@ -158,7 +158,7 @@ def _finite(tree: Any) -> Bool[Array, " robots"]:
 
 
 def _where(choose: Bool[Array, " robots"], these: Any, those: Any) -> Any:
-    """Robot by robot, the leaves of one tree or of the other."""
+    """Return a tree with each robot's rows from `these` where chosen, else `those`."""
 
     def select(this: Array, that: Array) -> Array:
         return jnp.where(choose.reshape((-1,) + (1,) * (that.ndim - 1)), this, that)

@@ -1,4 +1,4 @@
-"""A run's policies and what the judge measured of them: which one is the run's own.
+"""Which of a run's policies is its own, by the judge's measurements.
 
     RUN/policies/<control steps>/    every policy that the run exported
     RUN/judged.json                  the judge's results, and the best policy's control steps
@@ -18,7 +18,7 @@ POLICIES, JUDGED = "policies", "judged.json"
 
 @dataclasses.dataclass(frozen=True)
 class JudgeResult:
-    """What the judge measured of a policy."""
+    """The judge's measurements of one policy."""
 
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
@@ -105,7 +105,7 @@ def exported_steps(run_dir: Path) -> list[int]:
 
 
 def policy_folder(run_dir: Path, steps: int) -> Path:
-    """Return the folder of the policy after so many control steps."""
+    """Return the folder of the policy of control step `steps`."""
     return find_folder(run_dir / POLICIES / str(steps))
 
 

@@ -1,5 +1,4 @@
-"""What a run tells its watcher: a progress line, log.txt, and its metrics to whoever
-writes them down.
+"""The monitor passes a run's metrics and notes to writers, the console among them.
 
 The only place of the learner with side effects besides the checkpoint; nothing here
 feeds back into training.

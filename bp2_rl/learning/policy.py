@@ -62,7 +62,7 @@ class PolicyError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCard:
-    """What a reader needs to run a policy and to judge it."""
+    """The card of a policy: all that its reader needs to run it and to judge it."""
 
     stage: Stage
     # (name, size) in the order of the observation vector
@@ -92,8 +92,7 @@ class PolicyCard:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: call it with an observation, or a batch of them, to get
-    the mean action."""
+    """A deterministic policy, called with observations to get mean actions."""
 
     card: PolicyCard
     mean: Float[np.ndarray, " observation"]
@@ -102,7 +101,7 @@ class Policy:
     layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]
 
     def __repr__(self) -> str:
-        """What it is: the card says more, and the layers are for programs."""
+        """Name the policy's stage, robot, training and seed."""
         card = self.card
         robot = card.env.hardware.anatomy.name
         return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"

@@ -57,7 +57,7 @@ class TrainState(struct.PyTreeNode):
 
 
 class Programs(NamedTuple):
-    """What a learner computes with."""
+    """The two compiled functions that a learner computes with."""
 
     init: Any  # jitted: key -> TrainState
     train_step: Any  # jitted: TrainState, which it consumes -> (TrainState, metrics)
@@ -277,8 +277,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Unroll the robots of one device; each robot draws random numbers from its own
-        key."""
+        """Unroll the robots of one device; each robot draws from a key of its own."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
@@ -449,7 +448,7 @@ def _all_finite(tree: Any) -> Array:
 
 
 def _step_metrics(state: envs.State) -> dict[str, Array]:
-    """What a control step contributes to the metrics, robot by robot."""
+    """Return the terms that a control step adds to the metrics, robot by robot."""
     terminated = state.done * (1.0 - state.info["truncation"])
     return {
         **state.metrics,

@@ -173,8 +173,10 @@ def replay(run_dir: Path) -> str:
 
 
 def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
-    """Return the learner of a run, on all of JAX's devices; `programs`: where its
-    traced programs are kept, if so."""
+    """Return the learner of a run, on all of JAX's devices.
+
+    `programs` is the folder where its traced programs are kept, if they are.
+    """
     robots = -(-config.ppo.num_envs // len(jax.devices()))
     env = BP2Env(config.env, impl=config.impl, num_robots=robots)
     learner = PPO(env, config.ppo)
@@ -210,8 +212,10 @@ def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
 def _inherit(
     parent: Path, config: TrainConfig, shape: TrainState
 ) -> tuple[dict[str, Any], Parent]:
-    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and
-    what it is."""
+    """Read the part of a state that the newest checkpoint of the run `parent` gives.
+
+    The second value names the parent.
+    """
     old = load_run_config(parent)
     names = [f"ppo.{name}" for name in NETWORK]
     names += [
@@ -259,7 +263,7 @@ def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
 
 
 def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
-    """What the run's log had not written when a checkpoint was saved."""
+    """Return the metrics that the log had not written when a checkpoint was saved."""
     try:
         return from_json(Unlogged, metadata.log)
     except ConfigError as error:

@@ -37,7 +37,7 @@ late."""
 
 
 class Record(NamedTuple):
-    """Metrics of one control step."""
+    """The metrics of a run at one control step."""
 
     step: int
     wall_time: float  # s since 1970
