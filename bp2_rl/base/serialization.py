@@ -214,7 +214,7 @@ def _convert(annotation: Any, value: Any, path: str, *, reading: bool) -> Any:
     """Return the JSON value of what is declared as `annotation` at `path`, or the
     Python value of the JSON (`reading`)."""
     annotation = _bare(annotation)
-    if value is None and type(None) in get_args(annotation):
+    if type(None) in get_args(annotation) and value is None:
         return None
     if choices := _choices(annotation):
         return _convert_choice(choices, annotation, value, path, reading=reading)
@@ -230,7 +230,7 @@ def _convert(annotation: Any, value: Any, path: str, *, reading: bool) -> Any:
         _require(isinstance(value, str if reading else Path), annotation, value, path)
         return Path(value) if reading else value.as_posix()
     if get_origin(annotation) is tuple:
-        kinds = list | tuple if reading else tuple
+        kinds: Any = (list, tuple) if reading else tuple
         _require(isinstance(value, kinds), annotation, value, path)
         items = [
             _convert(*item, reading=reading) for item in _items(annotation, value, path)

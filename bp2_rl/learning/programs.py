@@ -25,7 +25,10 @@ from bp2_rl.settings.training import TrainConfig
 
 FLOORS = ("base", "robot", "settings", "reference", "env", "learning")
 """The packages that a training computes with: no other source changes a program."""
-NAMES = ("init", "train_step")
+WANTED = {
+    "init": ArraySpec(np.uint8, (None,)),
+    "train_step": ArraySpec(np.uint8, (None,)),
+}
 KEPT = 8
 """Files in the folder: others were made before."""
 PALLAS = [
@@ -127,7 +130,7 @@ def _load(learner: PPO, kept: Mapping[str, np.ndarray]) -> Programs:
     """Return the kept programs as functions of the state."""
     tree = jax.tree.structure(learner.shape)
     first, then = (
-        export.deserialize(bytearray(kept[name].tobytes())).call for name in NAMES
+        export.deserialize(bytearray(kept[name].tobytes())).call for name in WANTED
     )
 
     def init(key: jax.Array) -> TrainState:
@@ -142,9 +145,8 @@ def _load(learner: PPO, kept: Mapping[str, np.ndarray]) -> Programs:
 
 def _read(path: Path) -> dict[str, np.ndarray] | None:
     """Return the programs in a file; None where it is not there or damaged."""
-    wanted = dict.fromkeys(NAMES, ArraySpec(np.uint8, (None,)))
     try:
-        return read_npz(path, wanted)
+        return read_npz(path, WANTED)
     except UserError:
         return None
 
