@@ -14,7 +14,6 @@ Each public name has its own help, such as `help(bp2_rl.rollout)`.
 """
 
 import importlib
-import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # isort: off
@@ -42,8 +41,6 @@ if TYPE_CHECKING:  # isort: off
 # isort: on
 
 __version__ = "0.1.0"
-IMPORTED_AT = time.time()
-"""s since 1970: a source written later may not be what this process has imported."""
 HOMES = {
     name: home
     for home, names in {

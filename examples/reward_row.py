@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.base.compilation import keep_compiled
+from bp2_rl.base.processes import keep_compiled
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig

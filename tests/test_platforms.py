@@ -48,7 +48,7 @@ for module in pkgutil.walk_packages(bp2_rl.__path__, "bp2_rl."):
 print(count, "modules")
 
 from bp2_rl.base.folders import lock_folder, new_folder
-from bp2_rl.base.workers import processors
+from bp2_rl.base.processes import processors
 assert processors() >= 1
 with new_folder(pathlib.Path("made")) as folder:
     (folder / "file").write_text("content")

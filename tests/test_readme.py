@@ -116,8 +116,8 @@ def test_the_lines_of_python_run(tmp_path):
         assert done.returncode == 0, done.stderr
         said += done.stdout.split()
     assert 9.5 < float(said[0]) < 11.0
-    card = json.loads(
-        (tmp_path / "runs/go1/policy/card.json").read_text(encoding="utf-8")
-    )
+    judged = json.loads((tmp_path / "runs/go1/judged.json").read_text(encoding="utf-8"))
+    policy = tmp_path / "runs/go1/policies" / str(judged["own"])
+    card = json.loads((policy / "card.json").read_text(encoding="utf-8"))
     # the robot of the second block
     assert card["env"]["hardware"]["body"]["name"] == "Unitree Go1"

@@ -1,47 +1,70 @@
-"""What functions may ask of numbers that are NumPy's, JAX's or CasADi's, without
-importing any of these."""
+"""Arithmetic that NumPy, JAX and CasADi share: types of its numbers, and polynomials.
 
-from typing import Any, Protocol, TypeVar, runtime_checkable
+In the polynomials `s` is the share of an interval that has gone by, from 0 to 1; `left`
+and `right` are values at its ends, `middle` the one halfway, `out` and `into` the rates
+at the ends, and `h` the interval's length.
+"""
 
+from typing import Any, TypeAlias, TypeVar
 
-@runtime_checkable
-class Number(Protocol):
-    """A float, an array of NumPy or JAX, or an expression of CasADi: all that one can
-    calculate with."""
-
-    def __add__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __radd__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __sub__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __rsub__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __mul__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __rmul__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __truediv__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __rtruediv__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __pow__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __neg__(self) -> Any: ...  # noqa: D105
-    def __gt__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __ge__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __lt__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __le__(self, other: Any, /) -> Any: ...  # noqa: D105
-
-
-@runtime_checkable
-class Array(Number, Protocol):
-    """An array of NumPy or JAX: a number with a shape, whose functions are in
-    `__array_namespace__()`."""
-
-    @property
-    def shape(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def dtype(self) -> Any: ...  # noqa: D102
-    @property
-    def ndim(self) -> int: ...  # noqa: D102
-    def __array_namespace__(self) -> Any: ...  # noqa: D105
-    def __array__(self) -> Any: ...  # noqa: D105
-    def __getitem__(self, key: Any, /) -> Any: ...  # noqa: D105
-    def sum(self, axis: Any = ...) -> Any: ...  # noqa: D102
-    def reshape(self, *shape: Any) -> Any: ...  # noqa: D102
-
-
+Number: TypeAlias = Any
+"""A float, an array of NumPy or JAX, or an expression of CasADi; no type checker knows
+what they have in common."""
+Array: TypeAlias = Any
+"""An array of NumPy or JAX, whose functions are in `__array_namespace__()`."""
 ArrayT = TypeVar("ArrayT", bound=Array)
 """The one kind of array that a function takes and returns."""
+
+
+def line(s: Number, left: Number, right: Number) -> Number:
+    """The straight line between two points."""
+    return left + s * (right - left)
+
+
+def parabola(s: Number, left: Number, middle: Number, right: Number) -> Number:
+    """Lagrange's polynomial through three points."""
+    return (
+        left * (1 - s) * (1 - 2 * s)
+        + middle * 4 * s * (1 - s)
+        + right * s * (2 * s - 1)
+    )
+
+
+def hermite_and_rate(
+    s: Number, h: Number, left: Number, right: Number, out: Number, into: Number
+) -> tuple[Number, Number]:
+    """Hermite's cubic through two values and their rates: (value, rate)."""
+    out, into, r = h * out, h * into, 1.0 - s
+    value = (
+        left * r**2 * (1.0 + 2.0 * s)
+        + right * s**2 * (3.0 - 2.0 * s)
+        + out * s * r**2
+        - into * s**2 * r
+    )
+    slope = (
+        6.0 * s * r * (right - left)
+        + out * r * (1.0 - 3.0 * s)
+        - into * s * (2.0 - 3.0 * s)
+    )
+    return value, slope / h
+
+
+def hermite_coefficients(
+    h: Number, left: Number, right: Number, out: Number, into: Number
+) -> tuple[Number, Number, Number, Number]:
+    """Coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
+    out, into = h * out, h * into
+    return (
+        left,
+        out,
+        3.0 * (right - left) - 2.0 * out - into,
+        2.0 * (left - right) + out + into,
+    )
+
+
+def cubic_and_slope(
+    s: Number, c: tuple[Number, Number, Number, Number]
+) -> tuple[Number, Number]:
+    """A cubic by its coefficients, and its derivative by s."""
+    value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+    return value, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])

@@ -24,7 +24,7 @@ from bp2_rl.base.errors import UserError, shown
 
 @dataclasses.dataclass(frozen=True)
 class Within:
-    """What a number may be: from `least` to `most`."""
+    """Bounds of a number: from `least` to `most`."""
 
     least: float = -math.inf
     most: float = math.inf
@@ -33,7 +33,7 @@ class Within:
     infinite: bool = False  # plus infinity is allowed, and means that there is no limit
 
     def __contains__(self, number: float) -> bool:
-        """Whether a number keeps to the bounds; NaN never does."""
+        """Return whether a number keeps to the bounds; NaN never does."""
         if not _is_finite(number):
             return self.infinite and number == math.inf
         above = number > self.least if self.open_below else number >= self.least
@@ -154,8 +154,10 @@ def _bounds(annotation: Any) -> Within:
 
 
 def _fits(value: Any, annotation: Any) -> bool:
-    """Whether a value is of a type; of one that cannot be looked into, such as a
-    function's, it always is."""
+    """Return whether a value is of a type.
+
+    It always is of a type that cannot be looked into, such as a function's.
+    """
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _fits(value, inner[0])
@@ -194,7 +196,7 @@ def _kinds(annotation: Any) -> list[Any]:
 
 
 def _in_words(kind: Any) -> str:
-    """Say what a value of this kind is, after "takes"."""
+    """Name a value of this kind, after "takes"."""
     inner = [each for each in get_args(kind) if each is not ...]
     if get_origin(kind) is Literal:
         return " or ".join(map(str, inner))
@@ -213,7 +215,7 @@ def _in_words(kind: Any) -> str:
 
 
 def _is_finite(number: float) -> bool:
-    """Whether a float is finite, or an integer of at most 64 bits."""
+    """Return whether a float is finite, or an integer has at most 64 bits."""
     return (
         -(2**63) <= number < 2**63 if isinstance(number, int) else math.isfinite(number)
     )

@@ -16,8 +16,7 @@ class UserError(ValueError):
 def not_installed(
     what: str, package: str, extra: str, otherwise: str = ""
 ) -> UserError:
-    """The mistake of asking for what needs a package of one of the project's extras,
-    and how to install that."""
+    """Return the error that names a missing package and the extra that installs it."""
     return UserError(
         f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}'
     )
@@ -56,7 +55,7 @@ class RunStopped(Exception):
 
 
 def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
-    """Raise a `UserError` that lists the choices where `name` is none of them."""
+    """Raise a `UserError` that lists the choices, unless `name` is one of them."""
     if name not in (names := tuple(choices)):
         near = did_you_mean(str(name), names) or ":"
         raise UserError(
@@ -65,8 +64,10 @@ def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the question whether that of the `known` was meant that is spelled most
-    like a word, if one is like it."""
+    """Return the question whether the most similar of the `known` words was meant.
+
+    It is empty where no known word is similar.
+    """
     return "".join(
         f": did you mean {near}?"
         for near in difflib.get_close_matches(word, list(known), 1)

@@ -263,8 +263,9 @@ writing."""
 
 
 class ArraySpec(NamedTuple):
-    """What an array of an .npz file must be: NumPy's dtype (or a kind of them,
-    `np.floating`) and a shape.
+    """The type and the shape that an array of an .npz file must have.
+
+    The type is NumPy's dtype, or a kind of dtypes such as `np.floating`.
 
     A name in the shape is a size that must be the same wherever it stands; None is any
     size.
@@ -281,8 +282,7 @@ def read_npz(
     content: bytes | None = None,
     largest: int = LARGEST_ARRAYS,
 ) -> dict[str, np.ndarray]:
-    """The arrays `wanted` of an .npz file, and nothing else of it: pickles and further
-    arrays are never unpacked.
+    """Return the arrays `wanted` of an .npz file, and unpack nothing else of the file.
 
     Names, types, shapes and sizes are compared with the headers before an array is
     read, so that a small file cannot fill the memory.
@@ -371,8 +371,10 @@ def _read_header(member: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
 def _fits(
     dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]
 ) -> bool:
-    """Whether an array is as wanted; the sizes that `spec` names are set by their first
-    appearance."""
+    """Return whether an array has the type and the shape of `spec`.
+
+    The sizes that `spec` names are set by their first appearance.
+    """
     kind = isinstance(spec.dtype, type) and issubclass(spec.dtype, np.generic)
     right_type = np.issubdtype(dtype, spec.dtype) if kind else dtype == spec.dtype
     if not right_type or dtype.hasobject or len(shape) != len(spec.shape):

@@ -57,8 +57,7 @@ def new_folder(path: Path) -> Generator[Path]:
 
 
 def remove_folder(path: Path) -> None:
-    """Remove a folder so that, killed half-way, nothing of it is left under its
-    name."""
+    """Remove a folder; a kill half-way leaves nothing under the folder's name."""
     doomed = _aside(Path(path), "gone")
     Path(path).rename(doomed)
     _remove(doomed)

@@ -1,4 +1,4 @@
-"""How every picture of the package looks, and the few things that several of them draw.
+"""The style of the package's pictures, and elements that several pictures share.
 
 Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a shade of
 grey is never data.

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
-import bp2_rl
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
@@ -43,7 +42,7 @@ def to_json(config: Any) -> dict[str, Any]:
     Raises:
         ConfigError: a field holds a value of another type than the one declared.
     """
-    return _encode(type(config), config, "")
+    return _convert(type(config), config, "", reading=False)
 
 
 def from_json(cls: type[Config], data: Any) -> Config:
@@ -57,7 +56,7 @@ def from_json(cls: type[Config], data: Any) -> Config:
         ConfigError: an unknown key, a missing one, a wrong type, or a value that the
             dataclass itself refuses.
     """
-    return _decode(cls, data, "")
+    return _convert(cls, data, "", reading=True)
 
 
 def flatten(data: Any, path: str = "") -> dict[str, Any]:
@@ -170,8 +169,7 @@ def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> C
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
-    """Make a folder, and make it that of `settings`, so that work which goes on in it
-    later is the same work.
+    """Make a folder for work with these settings; refuse one that has other settings.
 
     Args:
         folder: of the work.
@@ -207,109 +205,94 @@ def utc_now() -> str:
 
 def package_versions() -> dict[str, str]:
     """The versions that a result depends on, to be written beside it."""
-    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "numpy")
-    return {"bp2_rl": bp2_rl.__version__} | {
-        name: importlib.metadata.version(name) for name in others
-    }
+    names = "bp2_rl jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    return {name: importlib.metadata.version(name) for name in names.split()}
 
 
-# --- Encoding -------------------------------------------------------------------------
-def _encode(annotation: Any, value: Any, path: str) -> Any:
-    """The JSON value of `value`, which is declared as `annotation` at `path`."""
+# --- The walk over a type, in both directions -----------------------------------------
+def _convert(annotation: Any, value: Any, path: str, *, reading: bool) -> Any:
+    """Return the JSON value of what is declared as `annotation` at `path`, or the
+    Python value of the JSON (`reading`)."""
     annotation = _bare(annotation)
-    if chosen := _choices(annotation).get(type(value).__name__):
-        return {_TYPE: chosen.__name__, **_encode(chosen, value, path)}
-    if (some := _number_or_tuple(annotation)) is not None:
-        return _encode(some[isinstance(value, tuple)], value, path)
-    if (inner := _of_optional(annotation, path)) is not None:
-        return None if value is None else _encode(inner, value, path)
+    if type(None) in get_args(annotation) and value is None:
+        return None
+    if choices := _choices(annotation):
+        return _convert_choice(choices, annotation, value, path, reading=reading)
+    if get_origin(annotation) in (Union, types.UnionType):
+        member = _member(annotation, value, path)
+        return _convert(member, value, path, reading=reading)
     if dataclasses.is_dataclass(annotation):
-        _require(type(value) is annotation, annotation, value, path)
-        hints = _hints(annotation)
-        return {
-            field.name: _encode(
-                hints[field.name], getattr(value, field.name), _join(path, field.name)
-            )
-            for field in dataclasses.fields(annotation)
-            if field.init
-        }
+        convert = _read_dataclass if reading else _write_dataclass
+        return convert(annotation, value, path)
     if annotation is float:
-        _require(
-            isinstance(value, int | float) and not isinstance(value, bool),
-            annotation,
-            value,
-            path,
-        )
-        number = float(value)
-        return number if math.isfinite(number) else str(number)
+        return _convert_float(value, path, reading=reading)
     if annotation is Path:
-        _require(isinstance(value, Path), annotation, value, path)
-        return value.as_posix()
+        _require(isinstance(value, str if reading else Path), annotation, value, path)
+        return Path(value) if reading else value.as_posix()
     if get_origin(annotation) is tuple:
-        _require(isinstance(value, tuple), annotation, value, path)
-        return [_encode(*item) for item in _items(annotation, value, path)]
+        kinds: Any = (list, tuple) if reading else tuple
+        _require(isinstance(value, kinds), annotation, value, path)
+        items = [
+            _convert(*item, reading=reading) for item in _items(annotation, value, path)
+        ]
+        return tuple(items) if reading else items
     if get_origin(annotation) is dict:
         _require(isinstance(value, Mapping), annotation, value, path)
+        inner = get_args(annotation)[1]
         return {
-            key: _encode(get_args(annotation)[1], entry, _join(path, key))
+            key: _convert(inner, entry, _join(path, key), reading=reading)
             for key, entry in value.items()
         }
     return _plain(annotation, value, path)
 
 
-# --- Decoding -------------------------------------------------------------------------
-def _decode(annotation: Any, data: Any, path: str) -> Any:
-    """The value, declared as `annotation` at `path`, that the JSON value `data` stands
-    for."""
-    annotation = _bare(annotation)
-    nothing, optional = data is None, type(None) in get_args(annotation)
-    if (choices := _choices(annotation)) and not (nothing and optional):
-        _require(isinstance(data, dict), annotation, data, path)
-        name = data.get(_TYPE)
-        if name not in choices:
-            raise ConfigError(
-                f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}"
-            )
-        return _decode(
-            choices[name],
-            {key: entry for key, entry in data.items() if key != _TYPE},
-            path,
+def _convert_choice(
+    choices: dict[str, Any], annotation: Any, value: Any, path: str, *, reading: bool
+) -> Any:
+    """Convert one of several dataclasses, which JSON tells apart by their names."""
+    if not reading:
+        name = type(value).__name__
+        _require(name in choices, annotation, value, path)
+        return {_TYPE: name, **_write_dataclass(choices[name], value, path)}
+    _require(isinstance(value, dict), annotation, value, path)
+    name = value.get(_TYPE)
+    if name not in choices:
+        raise ConfigError(
+            f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}"
         )
-    if (some := _number_or_tuple(annotation)) is not None:
-        return _decode(some[isinstance(data, list | tuple)], data, path)
-    if (inner := _of_optional(annotation, path)) is not None:
-        return None if data is None else _decode(inner, data, path)
-    if dataclasses.is_dataclass(annotation):
-        return _decode_dataclass(annotation, data, path)
-    if annotation is float:
-        if isinstance(data, str) and data in _NON_FINITE:
-            return _NON_FINITE[data]
-        _require(
-            isinstance(data, int | float) and not isinstance(data, bool),
-            annotation,
-            data,
-            path,
-        )
-        try:
-            return float(data)
-        except OverflowError as error:  # an integer of hundreds of digits
-            raise _mismatch(annotation, data, path) from error
-    if annotation is Path:
-        _require(isinstance(data, str), annotation, data, path)
-        return Path(data)
-    if get_origin(annotation) is tuple:
-        _require(isinstance(data, list | tuple), annotation, data, path)
-        return tuple(_decode(*item) for item in _items(annotation, data, path))
-    if get_origin(annotation) is dict:
-        _require(isinstance(data, dict), annotation, data, path)
-        return {
-            key: _decode(get_args(annotation)[1], entry, _join(path, key))
-            for key, entry in data.items()
-        }
-    return _plain(annotation, data, path)
+    rest = {key: entry for key, entry in value.items() if key != _TYPE}
+    return _read_dataclass(choices[name], rest, path)
 
 
-def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
+def _convert_float(value: Any, path: str, *, reading: bool) -> float | str:
+    """Convert a number; JSON has those that are not finite as strings."""
+    if reading and isinstance(value, str) and value in _NON_FINITE:
+        return _NON_FINITE[value]
+    fits = isinstance(value, int | float) and not isinstance(value, bool)
+    _require(fits, float, value, path)
+    try:
+        number = float(value)
+    except OverflowError as error:  # an integer of hundreds of digits
+        raise _mismatch(float, value, path) from error
+    return number if reading or math.isfinite(number) else str(number)
+
+
+def _write_dataclass(cls: Any, value: Any, path: str) -> dict[str, Any]:
+    _require(type(value) is cls, cls, value, path)
+    hints = _hints(cls)
+    return {
+        field.name: _convert(
+            hints[field.name],
+            getattr(value, field.name),
+            _join(path, field.name),
+            reading=False,
+        )
+        for field in dataclasses.fields(cls)
+        if field.init
+    }
+
+
+def _read_dataclass(cls: Any, data: Any, path: str) -> Any:
     _require(isinstance(data, dict), cls, data, path)
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
     for key in data:
@@ -317,28 +300,24 @@ def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
             raise ConfigError(
                 f"{_join(path, key)}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}"
             )
-    hints = _hints(cls)
-    values = {}
     for name, field in fields.items():
-        if name in data:
-            values[name] = _decode(hints[name], data[name], _join(path, name))
-        elif (
-            field.default is dataclasses.MISSING
-            and field.default_factory is dataclasses.MISSING
-        ):
+        defaults = (field.default, field.default_factory)
+        if name not in data and defaults == 2 * (dataclasses.MISSING,):
             raise ConfigError(
                 f"{_join(path, name)}: missing, and {cls.__name__} has no default for it"
             )
+    hints = _hints(cls)
+    values = {
+        name: _convert(hints[name], entry, _join(path, name), reading=True)
+        for name, entry in data.items()
+    }
     try:
         return cls(**values)
-    except (
-        ValueError,
-        ArithmeticError,
-    ) as error:  # the dataclass's own checks, in __post_init__
+    # the dataclass's own checks, in __post_init__
+    except (ValueError, ArithmeticError) as error:
         raise ConfigError(f"{path}: {error}" if path else str(error)) from error
 
 
-# --- What both ways share -------------------------------------------------------------
 def _plain(annotation: Any, value: Any, path: str) -> Any:
     """Values that are the same in Python and in JSON."""
     if get_origin(annotation) is Literal:
@@ -387,25 +366,14 @@ def _choices(annotation: Any) -> dict[str, Any]:
     return found
 
 
-def _number_or_tuple(annotation: Any) -> tuple[Any, Any] | None:
-    """Return the two of a `float | tuple[...]`; None of what is another type."""
-    members = get_args(annotation)
-    fits = len(members) == 2 and members[0] is float and get_origin(members[1]) is tuple
-    return (
-        (members[0], members[1])
-        if fits and get_origin(annotation) in (Union, types.UnionType)
-        else None
-    )
-
-
-def _of_optional(annotation: Any, path: str) -> Any:
-    """Return X of an `X | None`; None of what is no union."""
-    if get_origin(annotation) not in (Union, types.UnionType):
-        return None
-    members = [member for member in get_args(annotation) if member is not type(None)]
+def _member(union: Any, value: Any, path: str) -> Any:
+    """Return X of an `X | None`; of a `float | tuple[...]` what the value is."""
+    members = [member for member in get_args(union) if member is not type(None)]
+    if len(members) == 2 and members[0] is float and get_origin(members[1]) is tuple:
+        return members[isinstance(value, list | tuple)]
     if len(members) != 1:
         raise TypeError(
-            f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None"
+            f"{path}: a config cannot hold fields of type {union}; of unions, only X | None"
         )
     return members[0]
 

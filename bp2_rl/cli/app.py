@@ -29,7 +29,7 @@ from bp2_rl.base.errors import (
     did_you_mean,
     one_line,
 )
-from bp2_rl.base.listening import STOPPING, listening
+from bp2_rl.base.processes import STOPPING, listening
 from bp2_rl.cli import usage
 
 Config = TypeVar("Config")

@@ -76,7 +76,7 @@ def play(config: PlayConfig) -> None:
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered
     # at once.
-    from bp2_rl.base.compilation import keep_compiled
+    from bp2_rl.base.processes import keep_compiled
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
     from bp2_rl.evaluation.benchmarks.options import Setup

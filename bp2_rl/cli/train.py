@@ -13,9 +13,8 @@ import tyro
 
 from bp2_rl.base.errors import OK, UserError
 from bp2_rl.base.files import require_name
-from bp2_rl.base.imports import left_out
+from bp2_rl.base.processes import end_with_caller, left_out, use_all_processors
 from bp2_rl.base.serialization import merge
-from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.named import find_robot
@@ -189,7 +188,7 @@ def answer_early(
 def _train(argv: list[str], prog: str) -> None:
     import numpy as np
 
-    from bp2_rl.base.compilation import keep_compiled
+    from bp2_rl.base.processes import keep_compiled
     from bp2_rl.cli.runtime import (
         find_backend,
         repeat_bit_for_bit,

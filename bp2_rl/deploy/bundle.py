@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from bp2_rl.base import arrays, bounds, errors, files, polynomials
+from bp2_rl.base import arrays, bounds, errors, files
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
@@ -78,7 +78,7 @@ PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
 LAWS = [
     str(module.__file__)
     for module in (
-        *(arrays, bounds, errors, files, polynomials),
+        *(arrays, bounds, errors, files),
         *(
             actuator,
             anatomy,

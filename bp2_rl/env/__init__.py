@@ -5,6 +5,6 @@ Importing any of this keeps XLA to one thread on CPUs, if JAX has not computed a
 yet.
 """
 
-from bp2_rl.base.workers import use_one_xla_thread
+from bp2_rl.base.processes import use_one_xla_thread
 
 use_one_xla_thread()

@@ -11,11 +11,11 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from bp2_rl.base.assets import render
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
-from bp2_rl.base.templates import render
 from bp2_rl.evaluation.judge import JudgeProcesses
-from bp2_rl.learning.exports import JudgeResult, best_policy, judge_results
+from bp2_rl.learning.judged import JudgeResult, best_policy, read_judged
 from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
@@ -26,7 +26,6 @@ SHOT = Shot(
     length=3.0, frame_rate=25, width=432, height=240, to_the_end=True, beside=True
 )
 RELOAD = 10  # s after which a page of a run that goes on looks for more
-EVER = 10**18  # control steps
 
 
 @contextlib.contextmanager
@@ -76,7 +75,10 @@ class Filmed:
         the run's own."""
         if self._results is None:
             self._run_dir = policy.parent.parent
-            self._results = judge_results(self._run_dir, EVER)
+            self._results = {
+                one.control_steps: one.result
+                for one in read_judged(self._run_dir).policies
+            }
         if not policy.name.isdecimal():  # one that a killed process has set aside
             return self._workers.submit(policy)
         kept = None

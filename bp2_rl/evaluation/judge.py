@@ -16,9 +16,9 @@ from pathlib import Path
 
 import jax
 
-from bp2_rl.base.workers import processors, spawned
+from bp2_rl.base.processes import processors, spawned
 from bp2_rl.env.observations import layout_of
-from bp2_rl.learning.exports import JudgeResult
+from bp2_rl.learning.judged import JudgeResult
 from bp2_rl.learning.policy import PolicyCard, blank_policy, load_policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec

@@ -10,10 +10,9 @@ import jax
 
 from bp2_rl.robot import mjx  # noqa: F401  # isort: skip  # before Brax, which imports MJX and lets it print
 
-from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.base.files import require_name
-from bp2_rl.base.workers import use_all_processors
+from bp2_rl.base.processes import keep_compiled, use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, loop, run
 from bp2_rl.learning.exports import Judge

@@ -14,9 +14,10 @@ lies on the others' devices), the first writes, and all read: the run's folder i
 file system that they share.
 """
 
+import contextlib
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,7 +44,7 @@ from bp2_rl.base.serialization import (
 )
 from bp2_rl.learning import cluster
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 CHECKPOINTS, FAILED = "checkpoints", "failed"
 KEPT = 3
 """Checkpoints of a run that remain when another one is saved."""
@@ -61,16 +62,8 @@ class CheckpointError(UserError):
 
 
 @dataclasses.dataclass(frozen=True)
-class FileFacts:
-    """A file as it was written."""
-
-    bytes: int
-    sha256: str
-
-
-@dataclasses.dataclass(frozen=True)
 class Metadata:
-    """What is known of a checkpoint without its arrays."""
+    """The description of a checkpoint, beside its arrays."""
 
     format_version: int
     step: int
@@ -79,7 +72,7 @@ class Metadata:
     config: dict[str, Any]  # the run's settings, as JSON
     log: dict[str, Any]  # what the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
-    files: dict[str, FileFacts]
+    files: dict[str, str]  # the SHA-256 of every other file
     devices: str = ""  # that trained the state; empty: of a program that did not say
 
 
@@ -208,30 +201,30 @@ def restore_checkpoint(
             )
     metadata = read_metadata(run_dir, step, folder)
     directory = find_folder(Path(run_dir) / folder / str(step))
-    content = _read_state(directory, metadata.files[STATE])
     wanted = leaves_by_path(template)
-    require_same(
-        metadata.tree,
-        {path: _describe(leaf) for path, leaf in wanted.items()},
-        directory,
-        part=part,
-    )
     specs = {
         path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape))
         for path, leaf in wanted.items()
     }
-    try:
+    with _refusing_damage(directory):
+        content = read_bytes(directory / STATE)
+        if hashlib.sha256(content).hexdigest() != metadata.files[STATE]:
+            raise BadFileError(f"{directory / STATE} is damaged: its checksum differs")
+        require_same(
+            metadata.tree,
+            {path: _describe(leaf) for path, leaf in wanted.items()},
+            directory,
+            part=part,
+        )
         arrays = read_npz(
             directory / STATE, specs, content=content, largest=len(content)
         )
-    except BadFileError as error:
-        raise CheckpointError(f"{error}; {_advice(directory)}") from error
     leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
     return step, jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
 def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metadata:
-    """What is known of a checkpoint without its arrays.
+    """Read the description of a checkpoint, without its arrays.
 
     Raises:
         CheckpointError: no such checkpoint, or it is half-written, damaged, foreign or
@@ -248,12 +241,8 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
         raise CheckpointError(
             f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl"
         )
-    try:
+    with _refusing_damage(directory):
         metadata = load_sealed(Metadata, path, CHECKSUM, FORMAT_VERSION)
-    except BadFileError as error:
-        raise CheckpointError(f"{error}; {_advice(directory)}") from error
-    except ConfigError as error:
-        raise CheckpointError(str(error)) from error
     if metadata.step != step or STATE not in metadata.files:
         raise CheckpointError(
             f"{path} is damaged: it does not describe the checkpoint of step {step}"
@@ -347,33 +336,22 @@ def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> 
         created=utc_now(),
         versions=package_versions(),
         tree={path: _describe(leaf) for path, leaf in leaves.items()},
-        files={STATE: FileFacts(path.stat().st_size, digest)},
+        files={STATE: digest},
         **extra,
     )
     save_sealed(directory / METADATA, metadata, CHECKSUM)
 
 
-def _read_state(directory: Path, expected: FileFacts) -> bytes:
-    """Return the arrays' file, as long as it was and with its checksum."""
-    path = directory / STATE
-    if not path.is_file():
-        raise CheckpointError(
-            f"{directory} is damaged: {STATE} is missing; {_advice(directory)}"
-        )
-    size = path.stat().st_size
-    if size != expected.bytes:
-        raise CheckpointError(
-            f"{directory} is damaged: {STATE} has {size} bytes of {expected.bytes}; {_advice(directory)}"
-        )
+@contextlib.contextmanager
+def _refusing_damage(directory: Path) -> Generator[None]:
+    """Turn what is wrong with a checkpoint's files into a `CheckpointError`; of damage
+    it says from where the run can go on."""
     try:
-        content = read_bytes(path)
+        yield
     except BadFileError as error:
+        raise CheckpointError(f"{error}; {_advice(directory)}") from error
+    except ConfigError as error:
         raise CheckpointError(str(error)) from error
-    if hashlib.sha256(content).hexdigest() != expected.sha256:
-        raise CheckpointError(
-            f"{directory} is damaged: {STATE} fails its checksum; {_advice(directory)}"
-        )
-    return content
 
 
 def _advice(directory: Path) -> str:

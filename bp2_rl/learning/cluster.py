@@ -1,4 +1,5 @@
-"""Many processes, one training: how they meet, and what they agree on.
+"""Many processes, one training: how they meet, and what they agree on, such as when to
+stop.
 
 Every process runs the same program on its own devices, and JAX makes one mesh of them
 all. So all must take the same decisions at the same step: what a process has from its
@@ -9,15 +10,17 @@ these together; with one process they cost nothing.
 import contextlib
 import hashlib
 import os
+import signal
 import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.processes import STOPPING, listening
 from bp2_rl.settings.cluster import ClusterConfig
 
 EXIT_DELAY = 10.0
@@ -69,7 +72,7 @@ def devices() -> str:
 
 
 def is_first() -> bool:
-    """Whether this is process 0, which alone writes and speaks."""
+    """Return whether this is process 0, which alone writes and speaks."""
     return jax.process_index() == 0
 
 
@@ -118,6 +121,64 @@ def together() -> Generator[None]:
         raise UserError("another process of the cluster failed: see its line")
 
 
+class StopSignals:
+    """While open, SIGINT, SIGTERM and SIGHUP only ask training to stop; a SIGINT after
+    any quits at once.
+
+    The signals are received while JAX compiles, too, when Python's own handlers must
+    wait. A SIGHUP that is ignored, as after `nohup`, stays so. In another thread than
+    the main one, where Python allows no handlers, nothing changes. A context manager;
+    on exit the handlers are what they were.
+
+    Args:
+        say: called with one line at the first signal, from a thread of its own.
+        leave: called before quitting at once.
+    """
+
+    def __init__(self, say: Callable[[str], None], leave: Callable[[], None]):
+        self.caught: signal.Signals | None = None
+        self._say, self._leave = say, leave
+        self._open = contextlib.ExitStack()
+
+    def __enter__(self) -> "StopSignals":
+        """Take over the handlers."""
+        if threading.current_thread() is threading.main_thread():
+            self._open.enter_context(listening(self._hear))
+            for number in STOPPING:
+                if (
+                    number not in (signal.SIGINT, signal.SIGTERM)
+                    and signal.getsignal(number) == signal.SIG_IGN
+                ):
+                    continue
+                self._open.callback(
+                    signal.signal, number, signal.signal(number, lambda *_: None)
+                )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give back the handlers."""
+        self._open.close()
+
+    def received(self) -> signal.Signals | None:
+        """Return the signal that this or another process of the cluster has caught; all
+        must call at the same step."""
+        number = largest(self.caught or 0)
+        if number:
+            self.caught = signal.Signals(number)
+        return self.caught if number else None
+
+    def _hear(self, number: signal.Signals) -> None:
+        if self.caught is None and number in STOPPING:
+            self.caught = number
+            with contextlib.suppress(OSError):  # a full disk must not deafen us
+                self._say(
+                    f"{number.name}: stopping after this train step; Ctrl-C now quits at once"
+                )
+        elif number is signal.SIGINT:
+            self._leave()
+            os._exit(128 + number)
+
+
 def leave(status: int) -> int:
     """Return the exit status of this process; one that failed does not wait long for
     the others, which may be at work.
@@ -130,8 +191,7 @@ def leave(status: int) -> int:
 
 
 def _leave_after(seconds: float, status: int, line: str = "") -> threading.Timer:
-    """End the process after so many seconds, without JAX's farewell to the others,
-    unless the timer is cancelled."""
+    """Start a timer that ends the process without JAX's farewell to the others."""
 
     def leave_now() -> None:
         sys.stdout.flush()

@@ -27,7 +27,7 @@ could not be used."""
 
 
 class Fleet:
-    """A batch of one environment's robots.
+    """A batch of robots, each in an episode of its own.
 
     Args:
         env: any `brax.envs.Env`. If it has `restart(state, rng)`, new episodes come
@@ -127,9 +127,13 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
     Their numbers are those of a fall with reward 0; physics and observation are still
     to be replaced.
     """
-    parts = (after.pipeline_state, after.info), after.obs, (after.reward, after.done)
+    parts = {
+        "fault/physics": (after.pipeline_state, after.info),
+        "fault/observation": after.obs,
+        "fault/reward": (after.reward, after.done),
+    }
     sound, faults = jnp.ones(after.done.shape, bool), {}
-    for name, part in zip(FAULTS, parts, strict=False):
+    for name, part in parts.items():
         faults[name] = (sound & ~_finite(part)).astype(jnp.float32)
         sound &= faults[name] == 0
 
@@ -154,7 +158,7 @@ def _finite(tree: Any) -> Bool[Array, " robots"]:
 
 
 def _where(choose: Bool[Array, " robots"], these: Any, those: Any) -> Any:
-    """Robot by robot, the leaves of one tree or of the other."""
+    """Return a tree with each robot's rows from `these` where chosen, else `those`."""
 
     def select(this: Array, that: Array) -> Array:
         return jnp.where(choose.reshape((-1,) + (1,) * (that.ndim - 1)), this, that)

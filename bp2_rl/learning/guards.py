@@ -1,4 +1,4 @@
-"""What can go wrong with the numbers of a training, in words."""
+"""Signs of a training that goes wrong, found in its numbers and said in words."""
 
 import itertools
 from collections.abc import Mapping

@@ -59,7 +59,7 @@ class Log:
         interval.timed += 1
 
     def unwritten(self) -> Unlogged:
-        """What has been added since the last interval was closed."""
+        """Return the metrics that were added since the last interval was closed."""
         sums = jax.device_get(self._interval.sums)
         return Unlogged(
             self._interval.count, {name: float(value) for name, value in sums.items()}

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from bp2_rl.base.errors import RunStopped, UserError
-from bp2_rl.base.folders import find_folder
 from bp2_rl.base.serialization import config_hash, package_versions, to_json, utc_now
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import cluster
@@ -28,21 +27,19 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
     saved_steps,
 )
-from bp2_rl.learning.exports import (
-    POLICIES,
-    POLICY,
-    ExportedPolicies,
-    Judge,
-    judge_results,
-    reaches,
+from bp2_rl.learning.exports import ExportedPolicies, Judge
+from bp2_rl.learning.judged import (
+    exported_steps,
+    own_policy,
+    policy_folder,
+    read_judged,
 )
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
-from bp2_rl.learning.signals import StopSignals
-from bp2_rl.learning.writers import LogWriter
+from bp2_rl.learning.writers import Writer
 from bp2_rl.robot import conventions
 from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
 
@@ -58,7 +55,7 @@ class TrainingRun:
     # of the exported policies; of a cluster's processes only the first has one
     judge: Judge | None = None
     # of the metrics, beside the run's own files; only in the first process
-    writers: Sequence[LogWriter] = ()
+    writers: Sequence[Writer] = ()
     # devices that trained the checkpoint of a resumed run, if that is known
     before: str | None = None
 
@@ -117,7 +114,7 @@ def train(
         loop.export_late(unexported, state)
         with (
             Saver(run_dir, to_json(config)) as saver,
-            StopSignals(monitor.note, monitor.release_terminal) as signals,
+            cluster.StopSignals(monitor.note, monitor.release_terminal) as signals,
         ):
             state, done = loop.repeat(
                 state, Log(monitor, config.ppo, unlogged or Unlogged()), saver, signals
@@ -135,7 +132,7 @@ def train(
         minutes = (time.monotonic() - started) / 60
         steps = (done - first) * per_step
         monitor.note(
-            f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}"
+            f"done: {steps:,} control steps in {minutes:.1f} min, policy in {own_policy(run_dir)}"
         )
     return run_dir
 
@@ -199,7 +196,7 @@ class _Loop:
         )
 
     def repeat(
-        self, state: TrainState, log: Log, saver: Saver, signals: StopSignals
+        self, state: TrainState, log: Log, saver: Saver, signals: cluster.StopSignals
     ) -> tuple[TrainState, int]:
         """Train from `state` on; return the last state and the number of train steps
         done with it.
@@ -268,9 +265,9 @@ class _Loop:
             except CheckpointError as error:
                 self._monitor.note(f"warning: no policy of step {step}: {error}")
                 continue
-            self._export(state, newest=False)
+            self._export(state)
 
-    def _export(self, state: TrainState, *, newest: bool = True) -> None:
+    def _export(self, state: TrainState) -> None:
         """Write the policy of a state; leave out, with a warning, one whose weights
         overflow: training may mend it."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
@@ -296,7 +293,7 @@ class _Loop:
             policy = make_policy(
                 dense_layers(params, self._run.learner.mirrors), normalizer, card
             )
-            self._policies.export(policy, steps, newest=newest)
+            self._policies.export(policy, steps)
         except PolicyError as error:
             if isinstance(error.__cause__, OSError):
                 raise
@@ -344,21 +341,22 @@ def is_finished(run_dir: Path) -> bool:
         return False
     config = load_run_config(run_dir)
     steps = train_steps(config) * config.ppo.steps_per_train_step
-    last = find_folder(run_dir / POLICIES / str(steps)).is_dir()
-    if last or config.run.until is None:
-        return last
+    if policy_folder(run_dir, steps).is_dir():
+        return True
     kept = (latest_step(run_dir) or 0) * config.ppo.steps_per_train_step
-    return reaches(judge_results(run_dir, kept), config.run.until)
+    return any(
+        one.result.reaches(config.run.until)
+        for one in read_judged(run_dir).policies
+        if one.control_steps <= kept
+    )
 
 
 def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
     """Return the steps of the checkpoints without a policy: a kill between save and
     export has left them."""
-    policies = run_dir / POLICIES
-    per_step = config.ppo.steps_per_train_step
-    steps = sorted(step for step in saved_steps(run_dir) if step > 0)
+    exported, per_step = exported_steps(run_dir), config.ppo.steps_per_train_step
     return [
         step
-        for step in steps
-        if not find_folder(policies / str(step * per_step)).is_dir()
+        for step in sorted(saved_steps(run_dir))
+        if step > 0 and step * per_step not in exported
     ]

@@ -84,7 +84,7 @@ def _values(
     normalizer: Any,
     data: Transition,
 ) -> Float[Array, "robots values"]:
-    """Return what the critic says of each observation and of the one after the last."""
+    """Return the critic's values of all observations, the one after the last included."""
     apply = network.value_network.apply
     known, last = (
         apply(normalizer, params.value, seen)

@@ -1,5 +1,4 @@
-"""What a run tells its watcher: a progress line, log.txt, and its metrics to whoever
-writes them down.
+"""The monitor passes a run's metrics and notes to writers, the console among them.
 
 The only place of the learner with side effects besides the checkpoint; nothing here
 feeds back into training.
@@ -7,13 +6,11 @@ feeds back into training.
 
 import collections
 import contextlib
-import datetime
-import io
 import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.live import Live
@@ -22,18 +19,15 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import LARGEST_TEXT, open_in_place, read_bytes
-from bp2_rl.base.serialization import utc_now
 from bp2_rl.learning.writers import (
     METRICS,
     EventsFile,
-    LogWriter,
+    LogFile,
     MetricsFile,
+    Record,
     TrackerError,
+    Writer,
 )
-from bp2_rl.settings.training import CONFIG
-
-LOG = "log.txt"
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
 WAITING = "waiting for the first step"
@@ -58,10 +52,8 @@ HEADLINES = (
 
 
 class Monitor:
-    """Records a run in its folder and shows it on the console; a context manager.
-
-    On a terminal two or three lines are kept up to date; elsewhere a plain line is
-    printed about every ten seconds.
+    """Passes what a run tells to its writers, the console among them; a context
+    manager.
 
     Args:
         run_dir: the run's folder, made if absent; None in a cluster's further
@@ -71,8 +63,8 @@ class Monitor:
             was lost: they are dropped. Lines that cannot be read are moved to a file of
             their own, which log.txt names.
         title: stands before the progress bar.
-        writers: further ones of the metrics, beside metrics.jsonl and TensorBoard's
-            events; closed with the monitor.
+        writers: further ones, beside log.txt, metrics.jsonl, TensorBoard's events and
+            the console; closed with the monitor.
         console: where to show it, with the clock for the throughput; standard output by
             default.
 
@@ -87,114 +79,146 @@ class Monitor:
         *,
         start_step: int = 0,
         title: str = "training",
-        writers: Sequence[LogWriter] = (),
+        writers: Sequence[Writer] = (),
         console: Console | None = None,
     ):
-        self._total, self._step, self._title = total_steps, start_step, title
-        self._console = console or Console(quiet=run_dir is None)
-        self._clock = self._console.get_time
-        self._began = self._clock()
-        self._metrics: dict[str, float] = {}
-        # below the progress line, and what of it has been printed
-        self._remark, self._said = "", ""
-        # (time, step) of recent logs
-        self._history: collections.deque[tuple[float, int]] = collections.deque()
-        # step of the last plain line, time of the next
-        self._shown, self._next_line = start_step, -math.inf
-        on_terminal = self._console.is_terminal and not self._console.quiet
-        self._live = (
-            Live(self, console=self._console, refresh_per_second=4)
-            if on_terminal
-            else None
-        )
-        self._writers: list[LogWriter] = []
-        self._log_file: IO[str] = io.StringIO()
+        console = console or Console(quiet=run_dir is None)
+        self._progress = Progress(console, title, start_step, total_steps)
+        self._log = Writer()
+        self._writers: list[Writer] = [self._progress]
         if run_dir is None:
             return
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
-            self._log_file = open_in_place(run_dir / LOG)
-            lines = MetricsFile(run_dir, start_step)
-            self._writers = [lines, EventsFile(run_dir, start_step), *writers]
+            self._log = LogFile(run_dir)
+            metrics = MetricsFile(run_dir, start_step)
+            events = EventsFile(run_dir, start_step)
         except OSError as error:
             raise UserError(
                 f"cannot write to run folder {run_dir}: {error.strerror}"
             ) from error
-        if lines.damaged:
+        self._writers = [self._log, metrics, events, *writers, self._progress]
+        if metrics.damaged:
             self.note(
-                f"warning: {METRICS} held lines that cannot be read, now in {lines.damaged}"
+                f"warning: {METRICS} held lines that cannot be read, now in {metrics.damaged}"
             )
 
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
-        if self._live:
-            self._live.start(refresh=True)
-        else:
-            self._say(f"{self._title}: {WAITING}")
+        self._progress.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
         """Leave the last state on the console and close the files, also when training
         failed."""
-        self.release_terminal()
-        if not self._live and (self._step, self._remark) != (self._shown, self._said):
-            self._print_plain()
-        for file in (*self._writers, self._log_file):
+        self._progress.close()
+        for writer in self._writers:
             # Everything was flushed when it was written; where that failed, so would
             # this.
             with contextlib.suppress(OSError):
-                file.close()
+                writer.close()
 
     def release_terminal(self) -> None:
         """Stop the progress line; the cursor is visible again."""
-        if self._live:
-            self._live.stop()
+        self._progress.stop()
 
     def log(self, step: int, metrics: Mapping[str, float]) -> None:
         """Record the metrics of `step`, by all writers.
 
         On return they are on disk. Raises `OSError` where that is full or gone.
         """
-        self.add(step, metrics)
-        now = self._clock()
-        self._step, self._metrics = (
-            step,
-            {name: float(value) for name, value in metrics.items()},
+        self._write(step, metrics, late=False)
+
+    def add(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Record what became known later of a step that the run may have left behind,
+        as `log` does; show nothing."""
+        self._write(step, metrics, late=True)
+
+    def show(self, remark: str) -> None:
+        """Let a remark stand below the progress line from now on, in the place of the
+        one before."""
+        self._progress.remark = remark
+
+    def note(self, text: str) -> None:
+        """Say something once: on the console, and with the time in log.txt."""
+        for writer in self._writers:
+            writer.note(text)
+
+    def record(self, text: str) -> None:
+        """Write a line with the time to log.txt alone; raises `OSError` where the disk
+        is full."""
+        self._log.note(text)
+
+    def _write(self, step: int, metrics: Mapping[str, float], *, late: bool) -> None:
+        values = {name: float(value) for name, value in metrics.items()}
+        record = Record(step, round(time.time(), 3), values, late)
+        for writer in list(self._writers):
+            try:
+                writer.write(record)
+            except TrackerError as lost:
+                self._writers.remove(writer)
+                self.note(f"warning: {lost}")
+
+
+class Progress(Writer):
+    """Shows on a console how far a run is, and its notes.
+
+    On a terminal two or three lines are kept up to date; elsewhere a plain line is
+    printed about every ten seconds.
+    """
+
+    def __init__(self, console: Console, title: str, start_step: int, total_steps: int):
+        self._total, self._step, self._title = total_steps, start_step, title
+        self._console, self._clock = console, console.get_time
+        self._began = self._clock()
+        self._metrics: Mapping[str, float] = {}
+        # below the progress line, and what of it has been printed
+        self.remark, self._said = "", ""
+        # (time, step) of recent logs
+        self._history: collections.deque[tuple[float, int]] = collections.deque()
+        # step of the last plain line, time of the next
+        self._shown, self._next_line = start_step, -math.inf
+        self._live = (
+            Live(self, console=console, refresh_per_second=4)
+            if console.is_terminal and not console.quiet
+            else None
         )
-        self._history.append((now, step))
+
+    def start(self) -> None:
+        """Show the first line."""
+        if self._live:
+            self._live.start(refresh=True)
+        else:
+            self.note(f"{self._title}: {WAITING}")
+
+    def stop(self) -> None:
+        """Stop the progress line; the cursor is visible again."""
+        if self._live:
+            self._live.stop()
+
+    def close(self) -> None:
+        """Leave the last state on the console."""
+        self.stop()
+        there = (self._step, self.remark) == (self._shown, self._said)
+        if not self._live and not there:
+            self._print_plain()
+
+    def write(self, record: Record) -> None:
+        """Show the metrics of a step that the run has reached."""
+        if record.late:
+            return
+        now = self._clock()
+        self._step, self._metrics = record.step, record.metrics
+        self._history.append((now, record.step))
         while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
             self._history.popleft()
         if self._live is None and now >= self._next_line:
             self._print_plain()
             self._next_line = now + PLAIN_INTERVAL
 
-    def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record what became known later of a step that the run may have left behind,
-        as `log` does; show nothing."""
-        values = {name: float(value) for name, value in metrics.items()}
-        now = round(time.time(), 3)
-        for writer in list(self._writers):
-            try:
-                writer.write(step, now, values)
-            except TrackerError as lost:
-                self._writers.remove(writer)
-                self.note(f"warning: {lost}")
-
-    def show(self, remark: str) -> None:
-        """Let a remark stand below the progress line from now on, in the place of the
-        one before."""
-        self._remark = remark
-
     def note(self, text: str) -> None:
-        """Say something once: on the console, and with the time in log.txt."""
-        self.record(text)
-        self._say(text)
-
-    def record(self, text: str) -> None:
-        """Write a line with the time to log.txt alone; raises `OSError` where the disk
-        is full."""
-        self._log_file.write(f"{utc_now()} {text}\n")
-        self._log_file.flush()
+        """Print a line as it is."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def __rich__(self) -> Table:
         """Two lines for the terminal: how far, and how well; and the remark, if there
@@ -206,7 +230,7 @@ class Monitor:
         bar.add_row(
             self._title,
             ProgressBar(total=max(self._total, 1), completed=self._step),
-            Text(self._progress(), style="bold"),
+            Text(self._how_far(), style="bold"),
         )
         headlines = "   ".join(
             f"{headline.label} {self._metrics[headline.key]:{headline.format}} {headline.unit}".rstrip()
@@ -221,8 +245,8 @@ class Monitor:
                 style="dim",
             )
         )
-        if self._remark:
-            lines.add_row(Text(self._remark, style="dim"))
+        if self.remark:
+            lines.add_row(Text(self.remark, style="dim"))
         return lines
 
     def _print_plain(self) -> None:
@@ -233,17 +257,13 @@ class Monitor:
             for headline in HEADLINES
             if headline.key in self._metrics
         )
-        self._say(" ".join([self._progress(), *headlines]))
+        self.note(" ".join([self._how_far(), *headlines]))
         self._shown = self._step
-        if self._remark != self._said:
-            self._say(self._remark)
-            self._said = self._remark
+        if self.remark != self._said:
+            self.note(self.remark)
+            self._said = self.remark
 
-    def _say(self, text: str) -> None:
-        """Print a line as it is."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-    def _progress(self) -> str:
+    def _how_far(self) -> str:
         share = min(self._step / max(self._total, 1), 1.0)
         parts = [f"{share:4.0%}", f"{count(self._step)}/{count(self._total)}"]
         rate = self._rate()
@@ -261,24 +281,6 @@ class Monitor:
             return None
         (t0, step0), (t1, step1) = self._history[0], self._history[-1]
         return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
-
-
-def run_began(run_dir: Path) -> float:
-    """Return when a run began, s since 1970: when its settings were written, after
-    which it compiled.
-
-    A copied folder may have forgotten that time; then the first line of log.txt, which
-    comes later, gives it.
-
-    Raises:
-        OSError: the run's settings are gone.
-    """
-    began = (run_dir / CONFIG).stat().st_mtime
-    # a log that is gone or damaged tells no time
-    with contextlib.suppress(OSError, ValueError):
-        logged = read_bytes(run_dir / LOG, LARGEST_TEXT).decode().split(" ", 1)[0]
-        began = min(began, datetime.datetime.fromisoformat(logged).timestamp())
-    return began
 
 
 def count(number: float) -> str:

@@ -89,11 +89,10 @@ def reflect(
 
 
 def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Any, Any]]:
-    """Return (weight, bias) of each layer of an ordinary MLP that computes the mean
-    action of these policy parameters.
+    """Return the layers (weight, bias) of an ordinary MLP that acts as the policy does.
 
-    The arrays are NumPy's: some fifty small operations would be compiled for a GPU one
-    by one.
+    It computes the mean action of these policy parameters. The arrays are NumPy's: some
+    fifty small operations would be compiled for a GPU one by one.
     """
     tree = jax.device_get(params["params"])
     if mirrors:
@@ -152,8 +151,9 @@ class SymmetricMLP(linen.Module):
 def _assemble(
     blocks: Mapping[str, Any], first: Bases, last: Bases
 ) -> list[tuple[Any, Any]]:
-    """Return (weight, bias) of each layer, as arrays of its blocks' library, NumPy or
-    JAX.
+    """Assemble each layer (weight, bias) of a symmetric MLP from its two blocks.
+
+    The arrays are of the blocks' library, NumPy or JAX.
 
     W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of
     what comes out.

@@ -1,8 +1,8 @@
 """A trained policy as data: two files that anyone can read, and the function that they
 describe.
 
-    policy/weights.npz   the observation's mean and standard deviation, and each layer's weight and bias
-    policy/card.json     what the numbers mean: observation layout, action, environment, versions, results
+    POLICY/weights.npz   the observation's mean and standard deviation, and each layer's weight and bias
+    POLICY/card.json     what the numbers mean: observation layout, action, environment, versions, results
 
     action = MLP((observation - mean) / std)        deterministic; float32; NumPy or JAX arrays
 
@@ -34,6 +34,7 @@ from bp2_rl.base.files import (
 )
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
+from bp2_rl.learning.judged import own_policy, results_of_judge
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 from bp2_rl.settings.training import Stage
@@ -61,7 +62,7 @@ class PolicyError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCard:
-    """What a reader needs to run a policy and to judge it."""
+    """The card of a policy: all that its reader needs to run it and to judge it."""
 
     stage: Stage
     # (name, size) in the order of the observation vector
@@ -91,8 +92,7 @@ class PolicyCard:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic policy: call it with an observation, or a batch of them, to get
-    the mean action."""
+    """A deterministic policy, called with observations to get mean actions."""
 
     card: PolicyCard
     mean: Float[np.ndarray, " observation"]
@@ -101,7 +101,7 @@ class Policy:
     layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]
 
     def __repr__(self) -> str:
-        """What it is: the card says more, and the layers are for programs."""
+        """Name the policy's stage, robot, training and seed."""
         card = self.card
         robot = card.env.hardware.anatomy.name
         return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"
@@ -233,8 +233,9 @@ def load_policy(
     """Load an exported policy, or a run's.
 
     Args:
-        path: a policy directory (it holds card.json), a run directory (it holds
-            policy/), or the name of a policy that ships, such as `built`.
+        path: a policy directory (it holds card.json), a run directory (`own_policy`
+            says which of its policies is meant), or the name of a policy that ships,
+            such as `built`.
         layout_of: the observation's (name, size) pairs that the caller will feed under
             a controller; None takes any.
 
@@ -244,6 +245,8 @@ def load_policy(
     """
     directory = find_policy(path)
     card = _read_card(directory)
+    results = card.results | results_of_judge(directory)
+    card = dataclasses.replace(card, results=results)
     if card.library_sha256 and card.library_sha256 != card.env.library.sha256:
         raise PolicyError(
             f"policy {directory} was trained on another motion library: checksum {card.library_sha256[:12]}, that of "
@@ -276,9 +279,11 @@ def find_policy(path: Path | str) -> Path:
         else Path(path)
     )
     require_name(path)
-    for directory in map(find_folder, (path, path / "policy")):
-        if (directory / CARD).is_file():
-            return directory
+    directory: Path | None = find_folder(path)
+    if not (directory / CARD).is_file():
+        directory = own_policy(path)
+    if directory is not None and (directory / CARD).is_file():
+        return directory
     if not path.exists():
         near = did_you_mean(str(path), SHIPPED)
         raise PolicyError(
@@ -293,7 +298,7 @@ def find_policy(path: Path | str) -> Path:
             f"run {path} has exported no policy yet: train it to its first save"
         )
     raise PolicyError(
-        f"no policy in {path}: expected {CARD} and {WEIGHTS} there or in its folder policy"
+        f"no policy in {path}: expected {CARD} and {WEIGHTS} there, or a run's policies"
     )
 
 

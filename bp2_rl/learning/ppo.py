@@ -57,12 +57,10 @@ class TrainState(struct.PyTreeNode):
 
 
 class Programs(NamedTuple):
-    """What a learner computes with."""
+    """The two compiled functions that a learner computes with."""
 
     init: Any  # jitted: key -> TrainState
     train_step: Any  # jitted: TrainState, which it consumes -> (TrainState, metrics)
-    # TrainState of shapes and dtypes; None where it is not known without tracing
-    shape: Any = None
 
 
 class PPO:
@@ -109,12 +107,10 @@ class PPO:
 
     def jitted(
         self,
-        init: Callable[..., Any],
-        train_step: Callable[..., Any],
-        shape: Any = None,
+        init: Callable[[Array], TrainState],
+        train_step: Callable[[TrainState], tuple[TrainState, dict[str, Array]]],
     ) -> Programs:
-        """Return the programs of these functions for the mesh; `shape`: that of the
-        state, where it is known."""
+        """Return the programs of these functions for the mesh."""
         # Run once, and on a CPU compiled in half the time.
         options: Any = (
             {"xla_backend_optimization_level": 0}
@@ -127,13 +123,7 @@ class PPO:
             donate_argnums=0,
             out_shardings=(self.shardings(), self.everywhere),
         )
-        return Programs(first, step, shape)
-
-    def use(self, programs: Programs) -> None:
-        """Compute with these programs from now on, which must be of the same
-        environment and hyperparameters."""
-        self.programs = programs
-        self.__dict__.pop("shape", None)
+        return Programs(first, step)
 
     def init(self, seed: int) -> TrainState:
         """Return the state before the first train step, spread over the mesh."""
@@ -162,7 +152,7 @@ class PPO:
     @functools.cached_property
     def shape(self) -> TrainState:
         """Return the state's shapes and dtypes, for restoring a checkpoint."""
-        shapes = self.programs.shape or self.programs.init.eval_shape(self.first_key(0))
+        shapes = self.programs.init.eval_shape(self.first_key(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(
                 leaf.shape, leaf.dtype, sharding=sharding
@@ -287,8 +277,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Unroll the robots of one device; each robot draws random numbers from its own
-        key."""
+        """Unroll the robots of one device; each robot draws from a key of its own."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
@@ -459,7 +448,7 @@ def _all_finite(tree: Any) -> Array:
 
 
 def _step_metrics(state: envs.State) -> dict[str, Array]:
-    """What a control step contributes to the metrics, robot by robot."""
+    """Return the terms that a control step adds to the metrics, robot by robot."""
     terminated = state.done * (1.0 - state.info["truncation"])
     return {
         **state.metrics,

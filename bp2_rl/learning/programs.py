@@ -7,22 +7,28 @@ StableHLO, of which JAX's cache has the compiled program.
 """
 
 import hashlib
-import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import jax
 import mujoco
 import numpy as np
 from jax import export
 
-import bp2_rl
-from bp2_rl.base.files import read_bytes, write_bytes
+from bp2_rl.base.assets import PACKAGE
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import ArraySpec, read_npz, write_npz
+from bp2_rl.base.processes import IMPORTED_AT
 from bp2_rl.base.serialization import config_hash, package_versions
-from bp2_rl.learning.ppo import PPO, Programs
+from bp2_rl.learning.ppo import PPO, Programs, TrainState
 from bp2_rl.settings.training import TrainConfig
 
+FLOORS = ("base", "robot", "settings", "reference", "env", "learning")
+"""The packages that a training computes with: no other source changes a program."""
+WANTED = {
+    "init": ArraySpec(np.uint8, (None,)),
+    "train_step": ArraySpec(np.uint8, (None,)),
+}
 KEPT = 8
 """Files in the folder: others were made before."""
 PALLAS = [
@@ -51,14 +57,14 @@ def use_kept(
     if several or jax.process_count() > 1 or config.impl == "warp":
         return
     key, newest = _key(learner, config, robot)
-    path = folder / f"{key[:32]}.programs"
-    kept = _read(path, key)
+    path = folder / f"{key}.programs"
+    kept = _read(path)
     if kept is None:
-        kept = {"key": key, **_trace(learner)}
+        kept = _trace(learner)
         # else a source may have been edited since it was imported
-        if newest < bp2_rl.IMPORTED_AT:
+        if newest < IMPORTED_AT:
             _write(path, kept)
-    learner.use(_load(learner, kept))
+    learner.programs = _load(learner, kept)
 
 
 def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str, float]:
@@ -81,76 +87,74 @@ def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str,
         ),
     )
     whole = hashlib.sha256(repr(made_from).encode())
-    sources = sorted(Path(bp2_rl.__file__).parent.rglob("*.py"))
+    sources = [
+        source for floor in FLOORS for source in sorted((PACKAGE / floor).rglob("*.py"))
+    ]
     for source in sources:
         whole.update(hashlib.sha256(source.read_bytes()).digest())
     return whole.hexdigest(), max(source.stat().st_mtime for source in sources)
 
 
-def _trace(learner: PPO) -> dict[str, Any]:
-    """Trace both programs as functions of the leaves of the state, whose types JAX
-    could not write."""
+def _trace(learner: PPO) -> dict[str, np.ndarray]:
+    """Trace both programs, as bytes by their names.
+
+    They are functions of the leaves of the state: JAX could not write the state's type.
+    """
     leaves, tree = jax.tree.flatten(learner.shape)
     shardings = [leaf.sharding for leaf in leaves]
-    first, then = (
-        learner.programs.init.__wrapped__,
-        learner.programs.train_step.__wrapped__,
-    )
+    first, then = learner.programs.init, learner.programs.train_step
 
     def init(key: jax.Array) -> list[jax.Array]:
-        return jax.tree.leaves(first(key))
+        return jax.tree.leaves(first.__wrapped__(key))
 
     def train_step(
         leaves: list[jax.Array],
     ) -> tuple[list[jax.Array], dict[str, jax.Array]]:
-        state, metrics = then(tree.unflatten(leaves))
+        state, metrics = then.__wrapped__(tree.unflatten(leaves))
         return jax.tree.leaves(state), metrics
 
-    def traced(program: Callable[..., Any], out_shardings: Any, argument: Any) -> bytes:
+    def traced(
+        program: Callable[..., object], out_shardings: object, argument: object
+    ) -> np.ndarray:
         jitted = jax.jit(program, out_shardings=out_shardings)
-        return bytes(
-            export.export(jitted, disabled_checks=PALLAS)(argument).serialize()
-        )
+        exported = export.export(jitted, disabled_checks=PALLAS)(argument)
+        return np.frombuffer(bytes(exported.serialize()), np.uint8)
 
     return {
-        "shape": (tree, [(leaf.shape, leaf.dtype) for leaf in leaves]),
         "init": traced(init, shardings, learner.first_key(0)),
         "train_step": traced(train_step, (shardings, learner.everywhere), leaves),
     }
 
 
-def _load(learner: PPO, kept: dict[str, Any]) -> Programs:
+def _load(learner: PPO, kept: Mapping[str, np.ndarray]) -> Programs:
     """Return the kept programs as functions of the state."""
-    tree, bare = kept["shape"]
-    shape = tree.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in bare])
+    tree = jax.tree.structure(learner.shape)
     first, then = (
-        export.deserialize(bytearray(kept[name])).call
-        for name in ("init", "train_step")
+        export.deserialize(bytearray(kept[name].tobytes())).call for name in WANTED
     )
 
-    def init(key: jax.Array) -> Any:
+    def init(key: jax.Array) -> TrainState:
         return tree.unflatten(first(key))
 
-    def train_step(state: Any) -> Any:
+    def train_step(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         leaves, metrics = then(jax.tree.leaves(state))
         return tree.unflatten(leaves), metrics
 
-    return learner.jitted(init, train_step, shape)
+    return learner.jitted(init, train_step)
 
 
-def _read(path: Path, key: str) -> dict[str, Any] | None:
-    """Return what is kept in a file, if anything is."""
+def _read(path: Path) -> dict[str, np.ndarray] | None:
+    """Return the programs in a file; None where it is not there or damaged."""
     try:
-        kept = pickle.loads(read_bytes(path))
-        return kept if kept["key"] == key else None
-    except Exception:  # a file may be damaged in any way, and is made anew
+        return read_npz(path, WANTED)
+    except UserError:
         return None
 
 
-def _write(path: Path, kept: dict[str, Any]) -> None:
+def _write(path: Path, kept: Mapping[str, np.ndarray]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, pickle.dumps(kept))
+        write_npz(path, kept)
         files = sorted(
             path.parent.glob("*.programs"), key=lambda file: file.stat().st_mtime
         )

@@ -40,8 +40,7 @@ from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.programs import use_kept
-from bp2_rl.learning.trackers import open_tracker
-from bp2_rl.learning.writers import LogWriter
+from bp2_rl.learning.writers import Writer, open_tracker
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.tracking import Tracker
@@ -84,7 +83,7 @@ def start(
             inherited, origin = _inherit(Path(parent), config, learner.shape)
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
-    writers: list[LogWriter] = []
+    writers: list[Writer] = []
     # of a half-made run, however the process ends; until it can be resumed
     removal: Finalize | None = None
     with contextlib.ExitStack() as held:
@@ -174,8 +173,10 @@ def replay(run_dir: Path) -> str:
 
 
 def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
-    """Return the learner of a run, on all of JAX's devices; `programs`: where its
-    traced programs are kept, if so."""
+    """Return the learner of a run, on all of JAX's devices.
+
+    `programs` is the folder where its traced programs are kept, if they are.
+    """
     robots = -(-config.ppo.num_envs // len(jax.devices()))
     env = BP2Env(config.env, impl=config.impl, num_robots=robots)
     learner = PPO(env, config.ppo)
@@ -211,8 +212,10 @@ def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
 def _inherit(
     parent: Path, config: TrainConfig, shape: TrainState
 ) -> tuple[dict[str, Any], Parent]:
-    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and
-    what it is."""
+    """Read the part of a state that the newest checkpoint of the run `parent` gives.
+
+    The second value names the parent.
+    """
     old = load_run_config(parent)
     names = [f"ppo.{name}" for name in NETWORK]
     names += [
@@ -260,7 +263,7 @@ def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
 
 
 def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
-    """What the run's log had not written when a checkpoint was saved."""
+    """Return the metrics that the log had not written when a checkpoint was saved."""
     try:
         return from_json(Unlogged, metadata.log)
     except ConfigError as error:

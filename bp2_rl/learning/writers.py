@@ -1,13 +1,18 @@
-"""Where a run's metrics are written: metrics.jsonl and TensorBoard's events, one more
-with a tracker (`trackers`)."""
+"""Writers take down what a run tells: log.txt, metrics.jsonl, TensorBoard, W&B.
 
+`monitor.Monitor` passes every record and note to each writer; the console is one, too.
+"""
+
+import contextlib
 import itertools
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
+from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import (
     BadFileError,
     flush,
@@ -16,36 +21,69 @@ from bp2_rl.base.files import (
     read_bytes,
     write_bytes,
 )
-from bp2_rl.base.imports import left_out
+from bp2_rl.base.processes import left_out
+from bp2_rl.base.serialization import save_config, to_json, utc_now
+from bp2_rl.settings.tracking import TRACKED, Tracked, Tracker, tracked
+from bp2_rl.settings.training import TrainConfig
 
-METRICS = "metrics.jsonl"
+LOG, METRICS = "log.txt", "metrics.jsonl"
 LARGEST_METRICS = 256 << 20
 """Bytes of the largest metrics.jsonl that is read: a hundred times our own."""
+PROJECT = "bp2_rl"
+"""W&B's project, unless WANDB_PROJECT says otherwise."""
+STEP = "step"
+"""W&B's x-axis. Its own step may not go back, as ours does where a policy is judged
+late."""
+
+
+class Record(NamedTuple):
+    """The metrics of a run at one control step."""
+
+    step: int
+    wall_time: float  # s since 1970
+    metrics: Mapping[str, float]
+    late: bool = False  # the run may have left the step behind
 
 
 class TrackerError(Exception):
     """A writer that a run can do without has failed; the line says how."""
 
 
-@runtime_checkable
-class LogWriter(Protocol):
-    """Takes a run's metrics down; process 0 alone has any."""
+class Writer:
+    """Takes down what a run tells: what a subclass does not override it ignores.
 
-    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
-        """Record metrics of control step `step`, which may be one before the last, at
-        `wall_time`, s since 1970.
+    An `OSError` of a method, where the disk is full or gone, stops the run. After a
+    `TrackerError` the run goes on without the writer. Process 0 alone has writers.
+    """
 
-        Raises:
-            OSError: the disk is full or gone: the run stops.
-            TrackerError: the run goes on without this writer.
-        """
+    def write(self, record: Record) -> None:
+        """Take down metrics."""
+
+    def note(self, text: str) -> None:
+        """Take down a line of text."""
 
     def close(self) -> None:
         """Close the writer: the run has ended, or has been stopped."""
 
 
-class MetricsFile:
-    """metrics.jsonl: a line a call, non-finite numbers as null, on disk when `write`
+class LogFile(Writer):
+    """log.txt: every note with its time, on disk when `note` returns."""
+
+    def __init__(self, run_dir: Path):
+        self._file = open_in_place(run_dir / LOG)
+
+    def note(self, text: str) -> None:
+        """See `Writer`."""
+        self._file.write(f"{utc_now()} {text}\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """See `Writer`."""
+        self._file.close()
+
+
+class MetricsFile(Writer):
+    """metrics.jsonl: a line a record, non-finite numbers as null, on disk when `write`
     returns.
 
     Args:
@@ -61,22 +99,22 @@ class MetricsFile:
         self.damaged = _truncate(run_dir / METRICS, start_step)
         self._file = open_in_place(run_dir / METRICS)
 
-    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
-        """See `LogWriter`."""
-        record = {
+    def write(self, record: Record) -> None:
+        """See `Writer`."""
+        metrics = {
             name: value if math.isfinite(value) else None
-            for name, value in metrics.items()
+            for name, value in record.metrics.items()
         }
-        line = {"step": step, "wall_time": wall_time, **record}
+        line = {"step": record.step, "wall_time": record.wall_time, **metrics}
         self._file.write(json.dumps(line, allow_nan=False) + "\n")
         flush(self._file)
 
     def close(self) -> None:
-        """See `LogWriter`."""
+        """See `Writer`."""
         self._file.close()
 
 
-class EventsFile:
+class EventsFile(Writer):
     """TensorBoard's finite scalars, in a new file; TensorBoard hides what earlier ones
     hold past `start_step`.
 
@@ -94,30 +132,101 @@ class EventsFile:
         self._event, self._scalar = Event, scalar
         self._writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
         if start_step:
-            self._writer.write_event(
-                Event(step=start_step + 1, file_version="brain.Event:2")
-            )
-            self._writer.write_event(
-                Event(
-                    step=start_step + 1, session_log=SessionLog(status=SessionLog.START)
-                )
-            )
+            start = {"session_log": SessionLog(status=SessionLog.START)}
+            for content in ({"file_version": "brain.Event:2"}, start):
+                self._writer.write_event(Event(step=start_step + 1, **content))
 
-    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
-        """See `LogWriter`."""
-        for summary in [
-            self._scalar(name, value)
-            for name, value in metrics.items()
-            if math.isfinite(value)
-        ]:
-            self._writer.write_event(
-                self._event(step=step, wall_time=wall_time, summary=summary)
-            )
+    def write(self, record: Record) -> None:
+        """See `Writer`."""
+        for name, value in record.metrics.items():
+            if math.isfinite(value):
+                summary = self._scalar(name, value)
+                self._writer.write_event(
+                    self._event(
+                        step=record.step, wall_time=record.wall_time, summary=summary
+                    )
+                )
         self._writer.flush()
 
     def close(self) -> None:
-        """See `LogWriter`."""
+        """See `Writer`."""
         self._writer.close()
+
+
+class WandbRun(Writer):
+    """Weights & Biases; WANDB_MODE=offline keeps all on disk for `wandb sync`.
+
+    A run that is resumed keeps its name there, and metrics that W&B has already are not
+    sent twice.
+    """
+
+    def __init__(self, run_dir: Path, config: TrainConfig, had: Tracked | None):
+        import wandb
+
+        project = had.place if had else os.environ.get("WANDB_PROJECT", PROJECT)
+        self._run = wandb.init(
+            project=project,
+            dir=os.environ.get("WANDB_DIR", str(run_dir)),
+            name=run_dir.resolve().name,
+            id=had.run_id if had else None,
+            resume="allow" if had else None,
+            config=to_json(config),
+            settings=wandb.Settings(console="off", silent=True),
+        )
+        self._run.define_metric("*", step_metric=STEP)
+        self.tracked = Tracked("wandb", self._run.id, project)
+        lines = read_metrics(run_dir) if had else []
+        self._told = {(line["step"], name) for line in lines for name in line}
+
+    def write(self, record: Record) -> None:
+        """See `Writer`."""
+        news = {
+            name: value
+            for name, value in record.metrics.items()
+            if (record.step, name) not in self._told
+        }
+        try:
+            if news:
+                self._run.log({STEP: record.step, "wall_time": record.wall_time} | news)
+        # whatever it is, a server that is gone must not stop a training
+        except Exception as error:
+            raise TrackerError(
+                f"wandb has failed, and is told no more of this run: {_line(error)}"
+            ) from error
+
+    def close(self) -> None:
+        """See `Writer`."""
+        with contextlib.suppress(Exception):
+            self._run.finish()
+
+
+def open_tracker(
+    tracker: Tracker | None, run_dir: Path, config: TrainConfig
+) -> list[Writer]:
+    """Return a run's tracker as a writer, new or resumed; an empty list without one.
+
+    W&B's own files are kept in the run's folder, unless WANDB_DIR says otherwise.
+
+    Raises:
+        UserError: the tracker does not answer, or does not know the user.
+    """
+    if tracker is None:
+        return []
+    had = tracked(run_dir)
+    try:
+        writer = WandbRun(run_dir, config, had)
+    except Exception as error:
+        raise UserError(f"--track {tracker} does not work: {_line(error)}") from error
+    if had is None:
+        save_config(run_dir / TRACKED, writer.tracked)
+    return [writer]
+
+
+def _line(error: Exception) -> str:
+    return one_line(f"{type(error).__name__}: {error}")[:300]
+
+
+# --- Reading metrics.jsonl ------------------------------------------------------------
 
 
 def read_metrics(run_dir: Path) -> list[dict[str, Any]]:

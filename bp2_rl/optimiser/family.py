@@ -33,7 +33,7 @@ from jaxtyping import Float, Int
 from bp2_rl.base import serialization as config
 from bp2_rl.base.bounds import Bounded, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.cycle import center_of_mass
 from bp2_rl.optimiser.links import hip_of, leg_of
 from bp2_rl.optimiser.problem import (

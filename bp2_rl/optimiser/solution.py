@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base import serialization as config
+from bp2_rl.base.arrays import hermite_and_rate, line, parabola
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, read_bytes, read_json, read_npz, write_npz
-from bp2_rl.base.polynomials import hermite_and_rate, line, parabola
 from bp2_rl.optimiser.problem import Problem
 
 FORMAT = 1

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.polynomials import hermite_and_rate, parabola
+from bp2_rl.base.arrays import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.links import leg_of
 from bp2_rl.optimiser.problem import SOLVE_TIME, TRUNK, Problem, Stride, contact_rows

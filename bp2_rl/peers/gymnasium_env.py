@@ -52,7 +52,7 @@ def scaled(action: np.ndarray, env: BP2Env) -> jax.Array:
 
 
 def draw_key(draws: np.random.Generator) -> int:
-    """What JAX's random numbers of an episode begin with."""
+    """Draw the seed of JAX's random numbers in an episode."""
     return int(draws.integers(2**31))
 
 

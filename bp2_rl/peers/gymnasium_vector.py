@@ -36,7 +36,7 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """So many robots side by side.
+    """Many robots side by side, in one compiled program.
 
     A robot whose episode has ended begins a new one at the next step, whose action it
     does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
@@ -123,7 +123,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._seen(), self._info()
 
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
-        """One control step of each robot, 5 ms."""
+        """Take one control step, 5 ms, with each robot."""
         begins = self._over
         self._state = self._step(self._state, scaled(actions, self.env))
         self._age += 1

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.templates import render
+from bp2_rl.base.assets import render
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.templates import render
+from bp2_rl.base.assets import render
 from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import Anatomy, Link, possible_moments
 from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES

@@ -16,7 +16,7 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.robot.anatomy import Link, possible_moments, six
 from bp2_rl.robot.conventions import MOTOR_NAMES
 

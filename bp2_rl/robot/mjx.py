@@ -4,7 +4,7 @@ kept from hanging on CPUs."""
 import contextlib
 import io
 
-from bp2_rl.base.workers import use_one_xla_thread
+from bp2_rl.base.processes import use_one_xla_thread
 
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx

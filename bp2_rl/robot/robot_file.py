@@ -17,11 +17,11 @@ from typing import Annotated, cast
 
 import numpy as np
 
+from bp2_rl.base.assets import render
 from bp2_rl.base.bounds import Positive, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import check_values, read_bytes
 from bp2_rl.base.serialization import from_json
-from bp2_rl.base.templates import render
 from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import (
     Anatomy,

@@ -1,15 +1,14 @@
-"""Which tracker follows a run: W&B or MLflow, beside the run's own metrics.jsonl and
-TensorBoard."""
+"""Whether W&B follows a run, beside the run's own metrics.jsonl and TensorBoard."""
 
 import dataclasses
 import importlib.util
 from pathlib import Path
 from typing import Literal
 
-from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.base.errors import not_installed
 from bp2_rl.base.serialization import load_config
 
-Tracker = Literal["wandb", "mlflow"]
+Tracker = Literal["wandb"]
 TRACKED = "tracker.json"
 """The file in a run's folder that names the run's tracker, and the run by the tracker's
 own name."""
@@ -21,7 +20,7 @@ class Tracked:
 
     tracker: Tracker
     run_id: str
-    place: str  # W&B's project, MLflow's tracking URI
+    place: str  # W&B's project
 
 
 def tracked(run_dir: Path) -> Tracked | None:
@@ -41,13 +40,9 @@ def choose_tracker(
     whether it is installed.
 
     Raises:
-        UserError: it is not, or the run has another one.
+        UserError: it is not, or the run's tracker.json is damaged.
     """
     had = tracked(run_dir) if run_dir is not None else None
-    if had is not None and named not in (None, had.tracker):
-        raise UserError(
-            f"--track {named}: {run_dir} is tracked by {had.tracker}, and goes on with that"
-        )
     tracker = had.tracker if had is not None else named
     if tracker is not None and importlib.util.find_spec(tracker) is None:
         raise not_installed(f"--track {tracker}", tracker, "track")

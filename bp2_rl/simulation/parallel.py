@@ -9,8 +9,7 @@ from typing import TypeVar
 import jax
 import numpy as np
 
-from bp2_rl.base.compilation import keep_compiled
-from bp2_rl.base.workers import processors, spawned
+from bp2_rl.base.processes import keep_compiled, processors, spawned
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.rollout import RunRequest, simulate

@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
+from bp2_rl.base.processes import keep_compiled
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy

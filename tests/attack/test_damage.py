@@ -32,7 +32,7 @@ pytestmark = pytest.mark.attack
 
 LONGEST = 20.0  # s, for an answer
 FLIPS = 12  # of one bit, for each file
-POLICY_FILES = ("run/policy/card.json", "run/policy/weights.npz")
+POLICY_FILES = ("run/policies/128/card.json", "run/policies/128/weights.npz")
 SOLUTION = ("family/speed-00.50.json", "family/speed-00.50.npz")
 SWEEP_FILES = ("sweep/sweep.json", "sweep/speed-00.50-start-0.attempt.json")
 SLOWEST = ["--slowest", "0.5", "--fastest", "0.5", "--starts", "1", "--intervals", "40"]

@@ -180,7 +180,7 @@ def test_no_message_installs_from_an_index_what_is_not_on_one():
 def test_a_signal_ends_a_command_that_computes_for_minutes_outside_python(number, line):
     program = """
 import hashlib, os, signal, sys
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.cli import app
 app.GRACE = 0.5
 signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored, in the background

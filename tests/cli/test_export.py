@@ -48,7 +48,7 @@ def standing_policy(seed: int = 0) -> Policy:
 def measured(tmp_path_factory):
     """A folder with a run that has exported a policy, and eval.py's report of it."""
     folder = tmp_path_factory.mktemp("measured")
-    save_policy(folder / "run" / "policy", standing_policy())
+    save_policy(folder / "run" / "policies" / "64", standing_policy())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MUJOCO_GL", "")
         # s: it stands anyway
@@ -95,14 +95,14 @@ def refused(capsys, *arguments):
 # --- Done -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", ["run", "run/policy"])
+@pytest.mark.parametrize("source", ["run", "run/policies/64"])
 def test_the_copy_is_the_runs_policy(capsys, source):
     assert command.main([source, "--to", "kept/policy"]) == 0
     assert capsys.readouterr().out == f"exported {source} to kept/policy\n"
     for name in ("card.json", "weights.npz"):
         assert (
             Path("kept/policy", name).read_bytes()
-            == Path("run/policy", name).read_bytes()
+            == Path("run/policies/64", name).read_bytes()
         )
 
 
@@ -150,10 +150,10 @@ def test_a_later_report_adds_to_the_card():
 
 
 def test_a_policy_may_get_its_results_where_it_lies():
-    before = Path("run/policy/weights.npz").read_bytes()
-    assert command.main(["run", "--to", "run/policy", "--report", "report"]) == 0
+    before = Path("run/policies/64/weights.npz").read_bytes()
+    assert command.main(["run", "--to", "run/policies/64", "--report", "report"]) == 0
     assert load_policy("run").card.results["topspeed"]["commanded_speed"] == 0.3
-    assert Path("run/policy/weights.npz").read_bytes() == before
+    assert Path("run/policies/64/weights.npz").read_bytes() == before
 
 
 def test_an_exported_policy_can_be_measured_as_it_was():
@@ -199,7 +199,7 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
         (["run", "--to", "kept", "--stopping-time", "-1"], "control.stopping_time"),
         (["gone", "--to", "kept"], "no policy at gone"),
         (["report", "--to", "kept"], "no policy in report"),
-        (["run/policy/card.json", "--to", "kept"], "is a file"),
+        (["run/policies/64/card.json", "--to", "kept"], "is a file"),
         (
             ["run", "--to", "kept", "--report", "gone"],
             "no report in gone: expected metrics.json",
@@ -257,6 +257,6 @@ def test_a_report_that_does_not_say_of_which_policy_is_refused(capsys):
 
 
 def test_a_damaged_policy_is_not_passed_on(capsys):
-    weights = Path("run/policy/weights.npz")
+    weights = Path("run/policies/64/weights.npz")
     weights.write_bytes(weights.read_bytes()[:-50])
     assert "weights.npz is truncated" in refused(capsys, "run", "--to", "kept")

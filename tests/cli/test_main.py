@@ -9,7 +9,7 @@ import pytest
 import bp2_rl
 from bp2_rl.cli.__main__ import COMMANDS, main
 
-PLUGS = ("gymnasium", "mlflow", "mujoco_playground", "optuna", "submitit", "wandb")
+PLUGS = ("gymnasium", "mujoco_playground", "optuna", "submitit", "wandb")
 """Packages of others, which only those who ask for them wait for."""
 PLUG_MODULES = tuple(
     f"bp2_rl.{name}" for name in ("peers.gymnasium_env", "peers.gymnasium_vector")

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from bp2_rl.base import workers
+from bp2_rl.base import processes
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import bench, study, train, tune
 from bp2_rl.settings import presets
@@ -32,9 +32,9 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(
 ):
     """With MJX its thread pool may wait for ever."""
     monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(processes, "NPROC_IS_OURS", True)
     monkeypatch.setenv("XLA_FLAGS", "")
-    monkeypatch.setattr(workers, "processors", lambda: 3)
+    monkeypatch.setattr(processes, "processors", lambda: 3)
     train.use_processors(train.read_named(words))
     assert os.environ["NPROC"] == threads
 
@@ -94,8 +94,8 @@ def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monke
 def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(
     monkeypatch,
 ):
-    monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
-    monkeypatch.setattr(workers, "processors", lambda: 3)
+    monkeypatch.setattr(processes, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(processes, "processors", lambda: 3)
     for words, before, after in (
         (["--preset", "cpu"], "", "--xla_force_host_platform_device_count=3"),
         (
@@ -136,7 +136,7 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
 
 def test_a_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(workers, "NPROC_IS_OURS", False)
+    monkeypatch.setattr(processes, "NPROC_IS_OURS", False)
     train.use_processors(train.read_named(["--preset", "cpu"]))
     assert os.environ["NPROC"] == "1"
 

@@ -150,7 +150,7 @@ def test_another_robots_settings_are_its_own(another):
 
 
 def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
-    save_policy(here / "run" / "policy", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", tiny(make_card))
     for _ in range(2):  # a bundle that is there is replaced
         assert command.main(["run", "--to", "robot", "--format", "onnx"]) == 0
     assert capsys.readouterr().out.splitlines()[-3:] == [
@@ -174,11 +174,14 @@ def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
     [
         (["--to", "robot", "--report", "report"], "a bundle has none"),
         (["--to", "run"], "holds files that are no bundle's"),
-        (["--to", "run/policy/card.json"], "cannot write bundle run/policy/card.json"),
+        (
+            ["--to", "run/policies/64/card.json"],
+            "cannot write bundle run/policies/64/card.json",
+        ),
     ],
 )
 def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
-    save_policy(here / "run" / "policy", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", tiny(make_card))
     assert command.main(["run", "--format", "onnx", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -188,7 +191,7 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
 
 
 def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
-    save_policy(here / "run" / "policy", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", tiny(make_card))
     code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
     line = [sys.executable, "-c", code, "run", "--to", "robot", "--format", "onnx"]
     done = subprocess.run(line, capture_output=True, text=True, check=False)

@@ -1,7 +1,6 @@
 """Films beside a training: they follow the results, on a page that is there from the
 first result on."""
 
-import dataclasses
 import re
 import threading
 from concurrent.futures import Future
@@ -13,7 +12,8 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
 from bp2_rl.evaluation.judge import JudgeProcesses
-from bp2_rl.learning.exports import Judge, JudgeResult
+from bp2_rl.learning.exports import Judge
+from bp2_rl.learning.judged import Judged, JudgedPolicy, JudgeResult, write_judged
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
@@ -127,14 +127,8 @@ def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(
 def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
     with filming(Fleet({64: FAST}), print) as judge:
         hear(judge, tmp_path, 64)
-    judged = {
-        f"judged/{name}": value
-        for name, value in dataclasses.asdict(JudgeResult(12.5, 0, 3, 12.5)).items()
-    }
-    line = ", ".join(
-        f'"{name}": {value}' for name, value in ({"step": 64} | judged).items()
-    )
-    (tmp_path / "metrics.jsonl").write_text(f"{{{line}}}\n")
+    known = JudgedPolicy(64, 1.0, JudgeResult(12.5, 0, 3, 12.5))
+    write_judged(tmp_path, Judged(1.0, (known,), own=64))
     with filming(Fleet({128: FALLEN}), print) as judge:
         hear(judge, tmp_path, 128)
     assert re.findall(r"films/(\d+).mp4", page(tmp_path)) == ["64", "128"]
@@ -161,7 +155,7 @@ def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera
 
 
 def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera):
-    """One that ends the run comes before one that falls less, as in `policy/`."""
+    """One that ends the run comes before one that falls less, as in `judged.json`."""
     slow, reaching = JudgeResult(9.0, 0, 3, 9.0), JudgeResult(11.0, 2, 3, 4.0)
     for until, best in ((None, "64"), (10.5, "128")):
         run_dir = tmp_path / best

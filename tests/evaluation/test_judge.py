@@ -16,7 +16,7 @@ from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
-from bp2_rl.learning.exports import JudgeResult
+from bp2_rl.learning.judged import JudgeResult
 from bp2_rl.learning.policy import NETWORKS, load_policy, save_policy
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import CommandConfig, EnvConfig

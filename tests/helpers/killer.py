@@ -31,7 +31,7 @@ def save_step(run, step):
 def save_card(run):
     policy = load_policy(run)
     save_policy(
-        run / "policy",
+        run / "policies" / "64",
         dataclasses.replace(policy, card=dataclasses.replace(policy.card, seed=8)),
     )
 

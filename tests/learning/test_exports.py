@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from aim import StandIn
 
-from bp2_rl.base.errors import RunStopped
+from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import latest_step
-from bp2_rl.learning.exports import JudgeResult, judge_results
+from bp2_rl.learning.judged import JudgeResult, own_policy
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
@@ -129,7 +129,7 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
     judge = Fake(steady(1, 5, 2, 9, 9, 3, 4, 2))
     run = training.start(small(), tmp_path / "run", judge=judge)
     assert judge.asked == [k * PER_STEP for k in range(1, STEPS + 1)]
-    assert weights(run / "policy") == weights(run / "policies" / str(5 * PER_STEP))
+    assert weights(own_policy(run)) == weights(run / "policies" / str(5 * PER_STEP))
     card = load_policy(run).card
     assert card.results["judged"] == {
         "control_steps": 5 * PER_STEP,
@@ -232,14 +232,14 @@ def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_ow
         "warning: no policy is judged any more, the newest is the run's own: a process of his was killed"
         in log(run)
     )
-    assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
+    assert weights(own_policy(run)) == weights(run / "policies" / str(STEPS * PER_STEP))
     assert len(judged_lines(run)) == results_before
 
 
 def test_a_judge_that_fails_in_the_end_leaves_the_newest_policy(tmp_path):
     results: dict = {**steady(*range(STEPS, 0, -1)), STEPS * PER_STEP: KeyError()}
     run = training.start(small(), tmp_path / "run", judge=Fake(results))
-    assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
+    assert weights(own_policy(run)) == weights(run / "policies" / str(STEPS * PER_STEP))
 
 
 def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
@@ -257,7 +257,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            "bp2_rl.learning.loop.StopSignals.received", caught_in_the_fourth_step
+            "bp2_rl.learning.cluster.StopSignals.received", caught_in_the_fourth_step
         )
         with pytest.raises(RunStopped):
             training.start(small(), tmp_path / "run", judge=judge)
@@ -268,7 +268,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
     training.resume(run, judge=judge)
     assert judge.asked == [k * PER_STEP for k in (4, 5, 6, 7, 8)]
     assert judged_lines(run) == judged_lines(whole)
-    assert weights(run / "policy") == weights(whole / "policy")
+    assert weights(own_policy(run)) == weights(own_policy(whole))
     states = [
         (folder / "checkpoints" / str(STEPS) / "state.npz").read_bytes()
         for folder in (run, whole)
@@ -281,44 +281,22 @@ def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
         small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3))
     )
     shutil.rmtree(run / "checkpoints" / str(STEPS))
-    before = weights(run / "policy")
     (run / "policies" / str(4 * PER_STEP) / "weights.npz").write_bytes(b"")
     training.resume(run, judge=Fake(steady(*[3.0] * STEPS)))
     assert latest_step(run) == STEPS
-    assert "warning: the run's own policy stays as it is: " in log(run)
-    assert weights(run / "policy") == before
+    with pytest.raises(
+        UserError, match=f"policies/{4 * PER_STEP}/weights.npz is trunc"
+    ):
+        load_policy(run)
 
 
-def test_damaged_lines_of_metrics_are_no_results(tmp_path):
-    def line(step, speed, falls):
-        result = {
-            "speed": speed,
-            "falls": falls,
-            "launches": 3,
-            "mean": 2,
-            "fell_told": 0,
-            "fell_after": 0,
-        }
-        return (
-            json.dumps(
-                {"step": step}
-                | {f"judged/{name}": value for name, value in result.items()}
-            )
-            + "\n"
-        )
-
-    (tmp_path / "metrics.jsonl").write_text(
-        line(64, 3, 0)
-        + '{"step": 64, "reward": 3}\n'
-        + line(128, None, 0)
-        + "[1]\n"
-        + line("x", 3, 0)
-        + "not JSON\n"
-        + line(192, 4, 1)
-        + line(256, 5, 0)
-        + '{"step": 320, "judged/sp'
-    )
-    assert judge_results(tmp_path, 192) == {
-        64: JudgeResult(3.0, 0, 3, 2.0),
-        192: JudgeResult(4.0, 1, 3, 2.0),
-    }
+def test_a_damaged_file_of_results_is_a_line_on_how_to_mend_it(tmp_path):
+    run = training.start(small(), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
+    (run / "judged.json").write_text('{"began": 1.0, "own": "best"}')
+    for read in (load_policy, lambda run: training.resume(run, judge=Fake({}))):
+        with pytest.raises(UserError, match=r"own: expected an integer, .*; remove it"):
+            read(run)
+    (run / "judged.json").unlink()
+    judge = Fake(steady(*range(STEPS)))
+    training.resume(run, judge=judge)
+    assert judge.asked == [k * PER_STEP for k in range(1, STEPS + 1)]

@@ -26,6 +26,7 @@ from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import (
     PolicyCard,
     PolicyError,
+    find_policy,
     load_policy,
     make_policy,
     save_policy,
@@ -233,8 +234,11 @@ def test_statistics_of_the_policys_part_alone_will_do(
     ).read_bytes()
 
 
-def test_a_runs_policy_is_found_by_the_runs_folder(exported: Path):
-    assert load_policy(exported.parent).card == load_policy(str(exported)).card
+def test_a_runs_policy_is_found_by_the_runs_folder(exported: Path, tmp_path: Path):
+    for steps in ("64", "128"):
+        shutil.copytree(exported, tmp_path / "policies" / steps)
+    assert find_policy(tmp_path) == tmp_path / "policies" / "128"
+    assert load_policy(tmp_path).card == load_policy(str(exported)).card
 
 
 def test_exporting_again_replaces_the_policy(
@@ -312,14 +316,13 @@ def test_a_policy_set_aside_by_a_killed_export_comes_back(
 def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(
     policy_dir: Path, tmp_path: Path
 ):
-    (tmp_path / "run").mkdir()
-    shutil.copytree(policy_dir, tmp_path / "run" / "policy")
+    shutil.copytree(policy_dir, tmp_path / "run" / "policies" / "64")
     seeds = []
     for run in killed_at_every_operation(tmp_path, "save_card"):
         policy = load_policy(run)
         seeds.append(policy.card.seed)
-        save_policy(run / "policy", policy)  # and exports go on
-        assert [path.name for path in run.iterdir()] == ["policy"]
+        save_policy(run / "policies" / "64", policy)  # and exports go on
+        assert [path.name for path in (run / "policies").iterdir()] == ["64"]
     assert seeds == sorted(seeds)
     assert {*seeds} == {7, 8}
 
@@ -402,9 +405,8 @@ def test_no_such_folder(tmp_path: Path):
 
 
 def test_a_folder_without_a_policy(tmp_path: Path):
-    assert (
-        "expected card.json and weights.npz there or in its folder policy"
-        in refusal(tmp_path)
+    assert "expected card.json and weights.npz there, or a run's policies" in refusal(
+        tmp_path
     )
 
 

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from aim_run import begin
 
+from bp2_rl.learning.policy import load_policy
+
 CHATTER = ("[Gloo]", "Failed to import")
 STEPS = 20
 NEW = [
@@ -101,7 +103,7 @@ def test_two_processes_train_as_one_and_the_first_alone_speaks_and_writes(runs):
     assert "imitation on 2 x cpu" in " ".join(out)
     assert other == (0, [], "")
     assert steps(folder / "two") == steps(folder / "one") == [0, 10, 20]
-    assert (folder / "two" / "policy" / "weights.npz").is_file()
+    assert load_policy(folder / "two")
     assert len(list((folder / "two").glob("events*"))) == 1
     assert len((folder / "two" / "metrics.jsonl").read_text().splitlines()) == STEPS
     # float32 sums in another order, 1e-7 here; a step of Adam is 3e-4.

@@ -4,7 +4,6 @@ settings, robots or sources."""
 import dataclasses
 import inspect
 import os
-import pickle
 import subprocess
 import sys
 import types
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 from aim import TINY, Aim, assert_equal
 
-import bp2_rl
 from bp2_rl.learning import programs
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.learning.programs import use_kept
@@ -172,28 +170,30 @@ def test_old_files_go(tmp_path, monkeypatch):
 
 def test_edited_sources_are_traced_anew(tmp_path, traced, monkeypatch):
     package = tmp_path / "package"
-    package.mkdir()
-    monkeypatch.setattr(bp2_rl, "__file__", str(package / "__init__.py"))
-    source = package / "rewards.py"
+    (package / "env").mkdir(parents=True)
+    monkeypatch.setattr(programs, "PACKAGE", package)
+    source = package / "env" / "rewards.py"
     for text in ("a = 1", "a = 2"):
         source.write_text(text)
         os.utime(source, (0, 0))  # where an edit keeps even the time
         use(tmp_path / "kept")
         use(tmp_path / "kept")
     assert len(traced) == 2
+    (package / "paper").mkdir()
+    (package / "paper" / "figure.py").write_text("no training computes with it")
+    use(tmp_path / "kept")
+    assert len(traced) == 2
 
 
 def test_programs_of_sources_edited_since_they_were_imported_are_not_kept(
     tmp_path, traced, monkeypatch
 ):
-    monkeypatch.setattr(bp2_rl, "IMPORTED_AT", 0.0)
+    monkeypatch.setattr(programs, "IMPORTED_AT", 0.0)
     use(tmp_path / "kept")
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"no pickle", pickle.dumps({}), pickle.dumps([]), None]
-)
+@pytest.mark.parametrize("content", [b"", b"no programs", None])
 def test_a_damaged_file_is_written_anew(tmp_path, traced, content):
     use(tmp_path)
     [file] = tmp_path.iterdir()

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from bp2_rl.base.listening import STOPPING
-from bp2_rl.learning.signals import StopSignals
+from bp2_rl.base.processes import STOPPING
+from bp2_rl.learning.cluster import StopSignals
 
 
 def handlers():

@@ -18,6 +18,7 @@ import pytest
 from aim_run import begin
 
 from bp2_rl.learning.checkpoint import latest_step
+from bp2_rl.learning.judged import own_policy
 from bp2_rl.learning.policy import load_policy
 
 CLOCKS = ("wall_time", "steps_per_second")
@@ -99,8 +100,8 @@ def assert_same_run(run, other):
     """Bit for bit, but for clocks."""
     assert arrays(run) == arrays(other)
     assert metrics(run) == metrics(other)
-    assert (run / "policy/weights.npz").read_bytes() == (
-        other / "policy/weights.npz"
+    assert (own_policy(run) / "weights.npz").read_bytes() == (
+        own_policy(other) / "weights.npz"
     ).read_bytes()
 
 

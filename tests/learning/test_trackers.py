@@ -1,5 +1,5 @@
-"""W&B and MLflow, the real ones: what they have on disk is what the run logged, under
-one name for all its parts."""
+"""W&B, the real one: what it has on disk is what the run logged, under one name for all
+its parts."""
 
 import io
 import json
@@ -15,7 +15,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
 from bp2_rl.learning.monitor import Monitor
-from bp2_rl.learning.trackers import open_tracker
+from bp2_rl.learning.writers import open_tracker
 from bp2_rl.settings import tracking
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracking import TRACKED, Tracked, choose_tracker, tracked
@@ -64,48 +64,6 @@ def twice(tracker: Any, run_dir: Path) -> Tracked:
     assert first is not None
     assert tracked(run_dir) == first
     return first
-
-
-def test_mlflow_has_every_finite_metric_once_and_the_settings(run_dir, monkeypatch):
-    mlflow = pytest.importorskip(
-        "mlflow", reason="MLflow is not installed (the extra `track`)"
-    )
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    known = twice("mlflow", run_dir)
-    client = mlflow.MlflowClient((run_dir.parent / "mlruns").as_uri())
-    run = client.get_run(known.run_id)
-    assert (run.info.run_name, run.info.status) == ("trot", "FINISHED")
-    assert run.data.params["ppo.num_envs"] == "64"
-    history = {
-        name: client.get_metric_history(known.run_id, name) for name in run.data.metrics
-    }
-    points = {
-        name: [(point.step, point.value) for point in history[name]] for name in history
-    }
-    assert points == {
-        "reward": [(10, 1.0), (20, 2.0), (30, 3.0), (40, 4.0)],
-        "judged.speed": [(10, 3.0)],
-    } | {"reward.tracking": [(10, 0.5)]}
-
-
-def test_a_server_that_is_gone_stops_the_tracking_and_not_the_training(
-    run_dir, monkeypatch
-):
-    mlflow = pytest.importorskip(
-        "mlflow", reason="MLflow is not installed (the extra `track`)"
-    )
-    writers = open_tracker("mlflow", run_dir, CONFIG)
-
-    def gone(*_: object, **__: object) -> None:
-        raise ConnectionError("no route to host")
-
-    monkeypatch.setattr(mlflow.MlflowClient, "log_batch", gone)
-    console = Console(file=io.StringIO(), width=200)
-    with Monitor(run_dir, 20, writers=writers, console=console) as monitor:
-        monitor.log(10, {"reward": 1.0})
-        monitor.log(20, {"reward": 2.0})
-    assert console.file.getvalue().count("warning: mlflow has failed") == 1  # pyright: ignore[reportAttributeAccessIssue]
-    assert len((run_dir / "metrics.jsonl").read_text().splitlines()) == 2
 
 
 def test_wandb_offline_keeps_every_metric_once_under_one_id(run_dir, monkeypatch):
@@ -161,6 +119,27 @@ def wandb_history(file: Path) -> list[dict[str, Any]]:
     return lines
 
 
+def test_a_server_that_is_gone_stops_the_tracking_and_not_the_training(
+    run_dir, monkeypatch
+):
+    wandb = pytest.importorskip(
+        "wandb", reason="W&B is not installed (the extra `track`)"
+    )
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    writers = open_tracker("wandb", run_dir, CONFIG)
+
+    def gone(*_: object, **__: object) -> None:
+        raise ConnectionError("no route to host")
+
+    monkeypatch.setattr(wandb.Run, "log", gone)
+    console = Console(file=io.StringIO(), width=200)
+    with Monitor(run_dir, 20, writers=writers, console=console) as monitor:
+        monitor.log(10, {"reward": 1.0})
+        monitor.log(20, {"reward": 2.0})
+    assert console.file.getvalue().count("warning: wandb has failed") == 1  # pyright: ignore[reportAttributeAccessIssue]
+    assert len((run_dir / "metrics.jsonl").read_text().splitlines()) == 2
+
+
 def test_wandb_without_a_key_is_a_mistake_of_the_user(run_dir, monkeypatch, tmp_path):
     wandb = pytest.importorskip(
         "wandb", reason="W&B is not installed (the extra `track`)"
@@ -178,20 +157,19 @@ def test_wandb_without_a_key_is_a_mistake_of_the_user(run_dir, monkeypatch, tmp_
     assert list(run_dir.iterdir()) == []
 
 
-@pytest.mark.parametrize("tracker", ["wandb", "mlflow"])
 def test_a_tracker_that_is_not_installed_is_one_line_before_training(
-    tracker, tmp_path, monkeypatch, capsys
+    tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr(tracking.importlib.util, "find_spec", lambda name: None)
     monkeypatch.chdir(tmp_path)
     assert (
-        command.main(["--stage", "imitation", "--preset", "smoke", "--track", tracker])
+        command.main(["--stage", "imitation", "--preset", "smoke", "--track", "wandb"])
         == 2
     )
     install = 'pip install -c constraints.txt -e ".[track]"'
     assert (
         capsys.readouterr().err
-        == f"error: --track {tracker} needs the package {tracker}: {install}\n"
+        == f"error: --track wandb needs the package wandb: {install}\n"
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -200,12 +178,8 @@ def test_a_resumed_run_keeps_its_tracker(run_dir, monkeypatch):
     monkeypatch.setattr(tracking.importlib.util, "find_spec", lambda name: sys)
     assert choose_tracker(None, run_dir) is None
     assert choose_tracker("wandb", run_dir) == "wandb"
-    save_config(run_dir / TRACKED, Tracked("mlflow", "12ab", "file:///runs/mlruns"))
-    assert choose_tracker(None, run_dir) == "mlflow"
-    with pytest.raises(
-        UserError, match="trot is tracked by mlflow, and goes on with that"
-    ):
-        choose_tracker("wandb", run_dir)
+    save_config(run_dir / TRACKED, Tracked("wandb", "12ab", "bp2_rl"))
+    assert choose_tracker(None, run_dir) == "wandb"
 
 
 def test_a_damaged_tracker_file_is_a_line(run_dir):

@@ -15,10 +15,10 @@ from pathlib import Path
 import jax
 from rich.console import Console
 
-from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
+from bp2_rl.base.processes import keep_compiled
 from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
 from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import require_accelerator
@@ -47,7 +47,7 @@ from bp2_rl.tools.throughput.report import (
 )
 
 FIRST_STEP = """import sys; from bp2_rl.cli import bench; bench.import_jax(sys.argv[1:])
-from bp2_rl.base import compilation; compilation.keep_compiled()
+from bp2_rl.base import processes; processes.keep_compiled()
 from bp2_rl.cli import runtime; runtime.wake_device()
 from bp2_rl.cli.bench.measuring import first_step; first_step()"""
 """The program whose start `--startup` times."""

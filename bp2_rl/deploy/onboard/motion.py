@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.arrays import hermite_and_rate
 from bp2_rl.base.files import ArraySpec
-from bp2_rl.base.polynomials import hermite_and_rate
 from bp2_rl.reference.trot_law import TrotLaw
 from bp2_rl.robot.anatomy import LegGeometry
 

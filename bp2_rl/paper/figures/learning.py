@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.learning.exports import read_judge_results
-from bp2_rl.learning.monitor import run_began
+from bp2_rl.learning.judged import read_judged
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import LearningSettings
 from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
@@ -26,9 +25,7 @@ class JudgedPolicy:
     """A policy, under the judge's launches from a stand."""
 
     steps: int  # control steps before it
-    # from the first line of log.txt, settings read and robots made, until its speed was
-    # known
-    seconds: float
+    seconds: float  # from when the run's settings were written until it was judged
     speed: float  # m/s, held for 5 s after a launch at 3 m/s2; 0 where it fell
     falls: int  # of all launches
 
@@ -74,20 +71,12 @@ def read_curve(run: Path) -> Curve:
     """What the judge said beside a training.
 
     Raises:
-        UserError: there is no training, or it had no judge.
+        UserError: there is no training, or it had no judge; or its judged.json is
+            damaged.
     """
-    try:
-        start = run_began(run)
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"--runs: {run} is not the folder of a training that has begun"
-        ) from error
     judged = [
-        JudgedPolicy(
-            record["step"], record["wall_time"] - start, result.speed, result.falls
-        )
-        for record, result in read_judge_results(run)
-        if isinstance(record.get("wall_time"), float)  # else a damaged line
+        JudgedPolicy(one.control_steps, one.seconds, one.result.speed, one.result.falls)
+        for one in read_judged(run).policies
     ]
     if not judged:
         raise UserError(

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from bp2_rl.base.assets import render
 from bp2_rl.base.files import read_bytes
-from bp2_rl.base.templates import render
 from bp2_rl.paper.index.item import IndexRow, Verdict
 from bp2_rl.paper.index.sources import Source
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.collocation import fastest, solve_best
 from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT, family_of
 from bp2_rl.optimiser.problem import Form, Problem

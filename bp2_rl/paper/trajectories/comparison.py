@@ -16,7 +16,7 @@ import numpy as np
 from rich.table import Table
 
 from bp2_rl.base import serialization as config
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import (
     NotSolved,

@@ -5,7 +5,7 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping
 
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.paper.trajectories.variants import LossVariant

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bp2_rl.base import serialization as config
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.workers import spawned
+from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import (
     NotSolved,

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.arrays import hermite_coefficients
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.polynomials import hermite_coefficients
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
 from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from bp2_rl.base.polynomials import cubic_and_slope, hermite_and_rate
+from bp2_rl.base.arrays import cubic_and_slope, hermite_and_rate
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.reference.library.table import LibraryTable, load_table

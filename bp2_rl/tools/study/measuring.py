@@ -3,11 +3,10 @@
 import dataclasses
 from pathlib import Path
 
-from bp2_rl.base.folders import folder_names
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launches
-from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.judged import exported_steps, policy_folder
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import conventions
 
@@ -39,9 +38,8 @@ def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
     measure no policy twice."""
     known = {one.weights_sha256: one for one in read_measurements(run_dir)}
     result: list[PolicyMeasurement] = []
-    names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
-    for name in sorted(names, key=int):
-        policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
+    for steps in exported_steps(run_dir):
+        policy = load_policy(policy_folder(run_dir, steps), layout_of=layout_of)
         measurement = known.get(policy.card.weights_sha256)
         if measurement is None:
             measurement = _measure(policy)

@@ -18,9 +18,9 @@ from typing import Any, Protocol, runtime_checkable
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place
 from bp2_rl.base.folders import lock_folder
+from bp2_rl.base.processes import NPROC_IS_OURS, PARENT, spawned
 from bp2_rl.base.serialization import utc_now
-from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
-from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.judged import POLICIES
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.simulation.parallel import compute_here
 

@@ -22,7 +22,7 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import study as command
 from bp2_rl.cli.train import TrainArguments, _parse
 from bp2_rl.evaluation import judge
-from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.judged import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.env import TrackingShape
 from bp2_rl.settings.jobs import JobsConfig
@@ -461,7 +461,7 @@ if __name__ == "__main__":
 """
 TRAINING = """
 import os, signal, time
-from bp2_rl.base.workers import end_with_caller
+from bp2_rl.base.processes import end_with_caller
 
 def save(*_):
     while not os.path.exists("let go"):

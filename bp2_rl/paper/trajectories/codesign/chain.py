@@ -16,8 +16,8 @@ from rich.progress import (
 )
 
 from bp2_rl.base.files import write_text
+from bp2_rl.base.processes import spawned
 from bp2_rl.base.serialization import config_hash
-from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import (
     NotSolved,

@@ -1,5 +1,7 @@
-"""Worker processes: fresh ones, an interruption ends what has not begun, and none
-outlives its parent."""
+"""Processes: what this one imports, compiles and hears, and the workers it starts.
+
+A worker is a fresh process that does not outlive its parent.
+"""
 
 import concurrent.futures
 import contextlib
@@ -8,16 +10,27 @@ import importlib.util
 import multiprocessing
 import os
 import signal
+import socket
 import sys
 import threading
 import time
 import types
 from collections.abc import Callable, Generator
 from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
+from typing import cast
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.listening import STOPPING
 
+STOPPING = tuple(
+    signal.Signals[name]
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)
+)
+"""Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's,
+which Windows has not."""
+IMPORTED_AT = time.time()
+"""s since 1970: a source written later may not be what this process has imported."""
 PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end
 with."""
@@ -28,6 +41,117 @@ _DEVICES = "xla_force_host_platform_device_count"
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 # Windows has but the latter, to the same end
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)
+
+
+# --- What it imports and how it compiles ----------------------------------------------
+
+
+@contextlib.contextmanager
+def left_out(*names: str) -> Generator[None]:
+    """Let nothing import these modules meanwhile, as if they were not installed; those
+    imported before stay."""
+    unwanted = [name for name in names if name not in sys.modules]
+    # None is Python's way to say that a module cannot be imported
+    sys.modules.update(dict.fromkeys(unwanted, cast(types.ModuleType, None)))
+    try:
+        yield
+    finally:
+        for name in unwanted:
+            del sys.modules[name]
+
+
+def keep_compiled() -> Path | None:
+    """Let JAX keep compiled programs on disk; return the folder of traced programs,
+    None where it cannot be written.
+
+    Both lie in $BP2_CACHE, else in the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
+    Where JAX has been told a folder before, by $JAX_COMPILATION_CACHE_DIR for one, JAX
+    keeps its programs there.
+    """
+    import jax  # when XLA's threads have been set
+
+    # Without a home or a disk that can be written, only the time of the next
+    # compilation is lost.
+    with contextlib.suppress(OSError, RuntimeError):
+        default = (
+            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
+        )
+        cache = Path(os.environ.get("BP2_CACHE") or default)
+        (cache / "jax").mkdir(parents=True, exist_ok=True)
+        if jax.config.values["jax_compilation_cache_dir"] is None:
+            jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))
+        return cache / "programs"
+    return None
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return (
+        len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
+
+
+def use_one_xla_thread() -> None:
+    """Let XLA compute in one thread where JAX has no accelerator, unless NPROC is set.
+
+    On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256
+    robots on two cores do it) asks the pool for help from inside the pool, which one
+    thread cannot. XLA reads NPROC when JAX starts its backend. Trainings in the fused
+    kernel take all processors (`use_all_processors`).
+    """
+    on_cpu = (
+        os.environ.get("JAX_PLATFORMS") == "cpu"
+        or importlib.util.find_spec("jax_plugins") is None
+    )
+    if on_cpu:
+        os.environ.setdefault("NPROC", "1")
+
+
+def use_all_processors() -> None:
+    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and
+    before JAX starts its backend."""
+    if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
+        return
+    os.environ["NPROC"] = str(processors())
+    if _DEVICES not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = (
+            f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
+        )
+
+
+# --- Signals --------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:
+    """Call `hear` with each signal that a handler in Python waits for, at once and from
+    a thread of its own.
+
+    Python runs its handlers between two lines of Python, and so not while XLA compiles.
+    To be used in the main thread.
+    """
+    ear, mouth = socket.socketpair()
+    mouth.setblocking(False)
+
+    def attend() -> None:
+        while heard := ear.recv(1):
+            hear(signal.Signals(heard[0]))
+
+    listener = threading.Thread(target=attend, name="signals", daemon=True)
+    listener.start()
+    before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        mouth.close()
+        listener.join()
+        ear.close()
+
+
+# --- Workers --------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -76,15 +200,6 @@ def spawned(
     pool.shutdown()
 
 
-def processors() -> int:
-    """How many this process may use."""
-    return (
-        len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count() or 1
-    )
-
-
 class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
@@ -117,34 +232,6 @@ def _deaf() -> Generator[None]:
 
 class _SpawnContext(SpawnContext):
     Process = _SpawnProcess
-
-
-def use_one_xla_thread() -> None:
-    """Let XLA compute in one thread where JAX has no accelerator, unless NPROC is set.
-
-    On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256
-    robots on two cores do it) asks the pool for help from inside the pool, which one
-    thread cannot. XLA reads NPROC when JAX starts its backend. Trainings in the fused
-    kernel take all processors (`use_all_processors`).
-    """
-    on_cpu = (
-        os.environ.get("JAX_PLATFORMS") == "cpu"
-        or importlib.util.find_spec("jax_plugins") is None
-    )
-    if on_cpu:
-        os.environ.setdefault("NPROC", "1")
-
-
-def use_all_processors() -> None:
-    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and
-    before JAX starts its backend."""
-    if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
-        return
-    os.environ["NPROC"] = str(processors())
-    if _DEVICES not in os.environ.get("XLA_FLAGS", ""):
-        os.environ["XLA_FLAGS"] = (
-            f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
-        )
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:

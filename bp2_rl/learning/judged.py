@@ -1,0 +1,129 @@
+"""Which of a run's policies is its own, by the judge's measurements.
+
+    RUN/policies/<control steps>/    every policy that the run exported
+    RUN/judged.json                  the judge's results, and the best policy's control steps
+
+The run's own policy is the best that was judged, without a judge the newest.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from bp2_rl.base.folders import find_folder, folder_names
+from bp2_rl.base.serialization import ConfigError, load_config, save_config
+
+POLICIES, JUDGED = "policies", "judged.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class JudgeResult:
+    """The judge's measurements of one policy."""
+
+    speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
+    falls: int  # launches that ended in a fall
+    launches: int
+    # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the
+    # command taken off,
+    mean: float
+    # and 0 after a fall in the first: the better policy has more
+    fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
+    fell_after: float = 0.0  # m/s, best second of that launch before the fall
+
+    def __str__(self) -> str:
+        """Return the result in words."""
+        speed = [f"{self.speed:.1f} m/s"] if self.speed or not self.falls else []
+        return ", ".join(speed + ([self.fallen] if self.falls else []))
+
+    @property
+    def fallen(self) -> str:
+        """Return how many launches fell, at which command, and what the robot had run
+        before, in words."""
+        told = f", first told {self.fell_told:.1f} m/s after a second at {self.fell_after:.1f} m/s"
+        return f"{self.falls} of {self.launches} launches fell{told if self.fell_told else ''}"
+
+    def reaches(self, speed: float | None) -> bool:
+        """Return whether the policy reaches this speed, m/s, and holds it."""
+        return speed is not None and self.speed >= speed
+
+
+@dataclasses.dataclass(frozen=True)
+class JudgedPolicy:
+    """A policy that was judged, and when its result was known."""
+
+    control_steps: int
+    seconds: float  # after the run began
+    result: JudgeResult
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """The content of judged.json."""
+
+    began: float  # s since 1970: when the run's settings were written
+    policies: tuple[JudgedPolicy, ...] = ()  # in the order of their results
+    own: int | None = None  # control steps of the run's own policy; None: the newest
+
+
+def read_judged(run_dir: Path) -> Judged:
+    """Return what the judge said of a run's policies; nothing where there is no file.
+
+    Raises:
+        ConfigError: the file is damaged.
+    """
+    path = run_dir / JUDGED
+    if not path.exists():
+        return Judged(0.0)
+    try:
+        return load_config(Judged, path)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{error}; remove it, and a resumed run has its policies judged anew"
+        ) from error
+
+
+def write_judged(run_dir: Path, judged: Judged) -> None:
+    """Write judged.json, whole or not at all."""
+    save_config(run_dir / JUDGED, judged)
+
+
+def best_policy(results: dict[int, JudgeResult], until: float | None) -> int | None:
+    """Return the control steps of the best policy, the latest of equals; one that ends
+    the run comes before others."""
+    return max(
+        results,
+        key=lambda steps: (results[steps].reaches(until), results[steps].mean, steps),
+        default=None,
+    )
+
+
+def exported_steps(run_dir: Path) -> list[int]:
+    """Return the control steps of a run's exported policies, in order."""
+    folder = run_dir / POLICIES
+    names = folder_names(folder) if folder.is_dir() else ()
+    return sorted(int(name) for name in names if name.isdecimal())
+
+
+def policy_folder(run_dir: Path, steps: int) -> Path:
+    """Return the folder of the policy of control step `steps`."""
+    return find_folder(run_dir / POLICIES / str(steps))
+
+
+def own_policy(run_dir: Path) -> Path | None:
+    """Return the folder of a run's own policy; None where it has exported none."""
+    own = read_judged(run_dir).own
+    if own is None:
+        own = max(exported_steps(run_dir), default=None)
+    return None if own is None else policy_folder(run_dir, own)
+
+
+def results_of_judge(policy: Path) -> dict[str, Any]:
+    """Return what the card of the policy in this folder says under `judged`; empty
+    where the policy is no run's, or was not judged."""
+    if policy.parent.name != POLICIES:
+        return {}
+    for one in read_judged(policy.parent.parent).policies:
+        if str(one.control_steps) == policy.name:
+            steps = {"control_steps": one.control_steps}
+            return {"judged": steps | dataclasses.asdict(one.result)}
+    return {}
