@@ -12,8 +12,7 @@ import math
 import mujoco
 import numpy as np
 
-from bp2_rl.base.assets import asset_path
-from bp2_rl.base.assets import render
+from bp2_rl.base.assets import asset_path, render
 from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import Anatomy, Link, possible_moments
 from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import table_of_rows
 from bp2_rl.base.assets import render
+from bp2_rl.base.metric import table_of_rows
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.report.player.content import describe
 
