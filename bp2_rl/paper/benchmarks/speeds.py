@@ -1,5 +1,4 @@
-"""What benchmarks at several speeds share: the runs, the whole strides of each, the
-optimiser's beside them."""
+"""Runs of a policy at several speeds, and the whole strides of each."""
 
 import dataclasses
 import functools
@@ -8,12 +7,8 @@ from typing import TypeVar
 
 from bp2_rl.evaluation.benchmarks.conditions import robot_of
 from bp2_rl.learning.policy import Policy
-from bp2_rl.optimiser.family import family_of
-from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -23,6 +18,15 @@ from bp2_rl.simulation.trajectory import Trajectory
 LEG = LEGS.index("RR")  # whose touchdowns begin the strides
 EASING = 1.5  # s of the hold that are not looked at
 Result = TypeVar("Result")
+
+
+@dataclasses.dataclass(frozen=True)
+class AtSpeed:
+    """How a run under one command went."""
+
+    commanded_speed: float  # m/s
+    speed: float  # m/s, over the strides, or the mean of a run that has none
+    fell_at: float | None  # s
 
 
 def commands_below(speeds: Sequence[float], top: float) -> tuple[float, ...]:
@@ -37,8 +41,10 @@ def run_speeds(
     commands: Sequence[float],
     setup: DeepSetup,
 ) -> list[Result]:
-    """`measure` of the run at each command, m/s, that `ramp` is led to, in their order;
-    it must be picklable."""
+    """Return `measure` of the run under each command, m/s, to which `ramp` is led.
+
+    `measure` must be picklable.
+    """
     robot = robot_of(policy, setup)
     ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
     requests = [RunRequest(each, robot, setup.operator) for each in ramps]
@@ -55,7 +61,7 @@ def _measure(
 def steady_strides(
     run: Trajectory, ramp: Ramp, most: int | None = None
 ) -> tuple[Trajectory, int] | None:
-    """`whole_strides` of the hold behind its `EASING`; None of a run that fell, too."""
+    """Return `whole_strides` of the hold behind its `EASING`; None if the robot fell."""
     steady = ramp.steady_from + min(EASING, 0.5 * ramp.hold)
     end = len(run) * run.dt
     if run.fell_at is not None or end - steady <= 2 * run.dt:
@@ -66,8 +72,10 @@ def steady_strides(
 def whole_strides(
     run: Trajectory, most: int | None = None
 ) -> tuple[Trajectory, int] | None:
-    """The last whole strides of a run, from one touchdown of `LEG` to another, and how
-    many; None without two."""
+    """Return a run's last whole strides, between touchdowns of `LEG`, and their number.
+
+    None of a run without two touchdowns.
+    """
     landed = touchdowns(contacts(run)[:, LEG])
     if most is not None:
         landed = landed[-most - 1 :]
@@ -76,13 +84,3 @@ def whole_strides(
     return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(
         landed
     ) - 1
-
-
-def nearest_solutions(speeds: Sequence[float]) -> list[Solution]:
-    """The shipped library's motion at the speed nearest to each of these, m/s."""
-    library = load_library(CollocationConfig().file)
-    family = family_of(library.arrays, library.provenance)
-    return [
-        min(family, key=lambda solution: abs(solution.problem.speed - speed))
-        for speed in speeds
-    ]

@@ -1,12 +1,15 @@
-"""What it costs to run, over speed: the motors' work, where it goes, and what the
-battery gives for it.
+"""The efficiency benchmark: what running costs over speed, and where the energy goes.
 
 The paper prints no cost of transport. It says that all motors work within their
 high-efficiency regions, and that the springs relieve them; both are asked here.
 """
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from bp2_rl.base.metric import table_of
+from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, mark_level, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_simulator,
@@ -16,21 +19,26 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.efficiency import figures, tables
+from bp2_rl.optimiser.figure_style import letter
 from bp2_rl.paper.benchmarks.efficiency.measured import (
+    ENDS,
     EfficiencyAtSpeed,
     EfficiencyMetrics,
-    OptimisedEfficiency,
+    Energy,
     measure_energy,
-    measure_optimiser,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.speeds import (
-    commands_below,
-    nearest_solutions,
-    run_speeds,
-    steady_strides,
+from bp2_rl.paper.benchmarks.over_speed import (
+    Line,
+    card_over_speed,
+    describe_speeds,
+    draw_lines,
+    draw_stacks,
+    metrics_table,
+    rows_over_speed,
+    shares_table,
 )
+from bp2_rl.paper.benchmarks.speeds import commands_below, run_speeds, steady_strides
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.schedule import Ramp
@@ -40,57 +48,149 @@ from bp2_rl.simulation.trajectory import Trajectory
 SPEEDS = 2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0
 SHORT = (bp2.OUTDOOR_TOP_SPEED,)  # in the quick version
 HOLD, QUICK_HOLD = 10.0, 3.0  # s
+TILES = "Mechanical cost", "Electrical cost", "All returned", "Spring share"
+PART = "accounted for are the whole strides of that, but of its first 1.5 s at the most"
+CAPTION = (
+    "A: costs of transport over speed. The band is what becomes of the motors' braking: from all of it lost (upper "
+    "edge) to all of it returned (lower). B: where the energy goes if all is returned. C: what springs give of what "
+    "springs and motors give, and the motors' efficiency while they drive. D: greatest power of one motor in a "
+    "millisecond, driving and braking (dashed); grey: the two peaks that the paper names of hind legs."
+)
+CAUSE_COLORS = {
+    "copper": "#D55E00",
+    "gears": "#E69F00",
+    "joints": "#F5CE7A",
+    "slides": "#56B4E9",
+    "dampers": "#0072B2",
+    "air": "#CC79A7",
+    "ground": "#009E73",
+    "stops": "#6E7781",
+    "legs": "#1F2328",
+}
+POLICY = LEG_COLORS["FR"]
 
 
 def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     """Run all speeds and account for their energy."""
-    robot, top = robot_of(policy, setup), ramp.target[0]
-    commands = commands_below(SHORT if setup.quick else SPEEDS, top)
-    ran = run_speeds(account, policy, ramp, commands, setup)
-    metrics = EfficiencyMetrics(
-        tuple(ran), optimised([at.speed for at in ran if at.energy is not None])
-    )
-    said = conditions(
-        policy,
-        tables.describe_runs(ramp, commands),
-        describe_simulator("mujoco", robot),
-        setup,
-    )
+    commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
+    ran = run_speeds(account_energy, policy, ramp, commands, setup)
+    metrics = EfficiencyMetrics(tuple(ran))
+    found = metrics.found
+    tables = [
+        metrics_table("At each speed; costs are power / (m g v)", found),
+        shares_table(
+            "Where the work goes, as cost of transport",
+            found,
+            [e.lost for _, e in found],
+        ),
+    ]
+    pictures = []
+    if found:
+        paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
+        title = f"One motor at the top speed (paper, hind legs: peaks of {paper} W)"
+        tables.append(table_of(title, found[-1][1].joints))
+        pictures.append(Picture("efficiency", CAPTION, draw_efficiency(metrics)))
     return Evaluation(
         benchmark="efficiency",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said,
-        verdict=tables.verdict(metrics),
-        good=all(at.energy is not None for at in metrics.speeds),
-        rows=tables.efficiency_rows(metrics),
-        tiles=tables.TILES,
-        pictures=(
-            Picture("efficiency", figures.CAPTION, figures.efficiency_figure(metrics)),
-        )
-        if metrics.found
-        else (),
+        conditions=conditions(
+            policy,
+            describe_speeds(ramp, commands, PART),
+            describe_simulator("mujoco", robot_of(policy, setup)),
+            setup,
+        ),
+        verdict=say_cost(metrics),
+        good=len(found) == len(ran),
+        rows=rows_over_speed(ran, found),
+        tiles=TILES,
+        pictures=tuple(pictures),
         metrics=metrics,
-        results=tables.efficiency_results(metrics),
-        tables=tables.efficiency_tables(metrics),
+        results=card_over_speed(ran, found),
+        tables=tuple(tables),
     )
 
 
 def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
-    """The schedule to the top speed."""
+    """Return the schedule to the top speed."""
     return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
 
 
-def account(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
-    """Account for the whole strides of a run's hold."""
+def account_energy(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
+    """Account for the energy of the whole strides of a run's hold."""
     chosen = steady_strides(run, ramp)
     part, strides = chosen or (run, 0)
     energy = measure_energy(part, replay(part)[0], strides) if chosen else None
-    return EfficiencyAtSpeed(
-        ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy
+    speed = float(np.mean(part.ground_velocity[:, 0]))
+    return EfficiencyAtSpeed(ramp.target[0], speed, run.fell_at, energy)
+
+
+def say_cost(metrics: EfficiencyMetrics) -> str:
+    """Say in one sentence what the fastest run costs."""
+    if not metrics.found:
+        return "No speed was run through: nothing to account for."
+    at, energy = metrics.found[-1]
+    electrical = energy.electrical
+    return (
+        f"{at.speed:.1f} m/s cost {energy.positive:.2f} of m g d in work, and {electrical.everything:.2f} to "
+        f"{electrical.nothing:.2f} of the battery."
     )
 
 
-def optimised(speeds: list[float]) -> tuple[OptimisedEfficiency, ...]:
-    """The shipped library at the speeds nearest to these."""
-    return tuple(measure_optimiser(solution) for solution in nearest_solutions(speeds))
+@styled
+def draw_efficiency(metrics: EfficiencyMetrics) -> Figure:
+    """Draw costs, where the energy goes, springs and motors, and peaks over speed."""
+    figure = Figure(figsize=(WIDTH, 6.8), layout="constrained")
+    (costs, causes), (shares, peaks) = figure.subplots(2, 2)
+    speeds = [at.speed for at, _ in metrics.found]
+    energies = [energy for _, energy in metrics.found]
+    _draw_costs(costs, speeds, energies)
+    lost = [energy.lost for energy in energies]
+    happens = {
+        c: color for c, color in CAUSE_COLORS.items() if any(e[c] > 0.0 for e in lost)
+    }
+    draw_stacks(causes, speeds, lost, happens)
+    causes.set(title="Where it goes", ylabel="Power / (m g v)")
+    draw_lines(
+        shares,
+        speeds,
+        [
+            Line("springs' share", [e.spring_share for e in energies], INK),
+            Line("motors' efficiency, driving", [e.efficiency for e in energies], FALL),
+        ],
+    )
+    shares.set(title="Springs and motors", ylabel="Share", ylim=(0.0, 1.0))
+    _draw_peaks(peaks, speeds, energies)
+    letter([costs, causes, shares, peaks])
+    return figure
+
+
+def _draw_costs(axes: Axes, speeds: list[float], energies: list[Energy]) -> None:
+    least = [e.electrical.everything for e in energies]
+    most = [e.electrical.nothing for e in energies]
+    axes.fill_between(speeds, least, most, color=FALL, alpha=0.18, linewidth=0)
+    half = [e.electrical.half for e in energies]
+    shared = [e.electrical.bus for e in energies]
+    lines = [
+        Line("electrical, half returned", half, FALL),
+        Line("shared by motors", shared, FALL, "--"),
+        Line("mechanical", [e.positive for e in energies], POLICY),
+        Line("mechanical, net", [e.net for e in energies], POLICY, "--"),
+    ]
+    draw_lines(axes, speeds, lines)
+    axes.set(title="Cost of transport", ylabel="Power / (m g v)")
+    axes.set_ylim(0.0, 1.35 * max(most))
+
+
+def _draw_peaks(axes: Axes, speeds: list[float], energies: list[Energy]) -> None:
+    axes.axhline(min(bp2.HIND_PEAK_POWERS), color=QUIET, linewidth=0.9, linestyle="--")
+    mark_level(axes, max(bp2.HIND_PEAK_POWERS), "paper")
+    kinds = [f"{end} {joint}" for end in ENDS for joint in ("hip", "knee")]
+    for kind, color in zip(kinds, LEG_COLORS.values(), strict=True):
+        motors = [next(j for j in e.joints if j.name == kind) for e in energies]
+        driving = Line(kind, [motor.peak for motor in motors], color)
+        braking = Line("", [-motor.hardest for motor in motors], color, "o--")
+        draw_lines(axes, speeds, [driving, braking])
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    axes.set(title="Greatest power of a motor", ylabel="Driving, braking [W]")
+    axes.margins(y=0.2)

@@ -1,5 +1,4 @@
-"""What the efficiency benchmark measures: the motors' work at a speed, and where it
-goes.
+"""The motors' work at a speed, and where it goes.
 
 Means over whole strides. Of the motors' mechanical powers P_i, of which there are
 twelve, and their windings' heat C,
@@ -17,17 +16,13 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.optimiser.cycle import robot_mass, whole_cycle
-from bp2_rl.optimiser.problem import motor_coordinates
-from bp2_rl.optimiser.solution import Solution
+from bp2_rl.base.metric import metric
+from bp2_rl.paper.benchmarks.speeds import AtSpeed
 from bp2_rl.robot import conventions
-from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.simulation.account import Ledger
 from bp2_rl.simulation.trajectory import Trajectory
 
-RETURNED = 0.0, 0.5, 1.0  # shares of the braking
 ENDS = {"fore": "F", "hind": "R"}  # and how their legs' names begin
 KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in conventions.JOINTS)
 SLOWEST = 0.1  # m/s, of which a cost of transport is worth to be told
@@ -37,100 +32,101 @@ SLOWEST = 0.1  # m/s, of which a cost of transport is worth to be told
 class Electrical:
     """Costs of transport at the battery, by what becomes of the motors' braking."""
 
-    nothing: float  # is returned: as topspeed has it
-    half: float
-    everything: float
-    bus: float  # motors that brake feed those that drive, and the battery takes nothing
-
-    @classmethod
-    def of(
-        cls, positive: float, braking: float, copper: float, bus: float
-    ) -> "Electrical":
-        """From the four parts, in one unit."""
-        nothing, half, everything = (
-            positive + copper - share * braking for share in RETURNED
-        )
-        return cls(nothing, half, everything, bus)
+    nothing: float = metric(
+        "Electrical cost",
+        form=".3f",
+        meaning="no braking returned, copper heat included",
+        card="electrical_cost",
+    )
+    half: float = metric("Half returned", form=".3f", meaning="half of the braking")
+    everything: float = metric(
+        "All returned",
+        form=".3f",
+        meaning="net cost and copper heat",
+        card="electrical_cost_all_returned",
+    )
+    bus: float = metric(
+        "Shared by motors",
+        form=".3f",
+        meaning="brakes feed drives, battery takes none",
+        card="electrical_cost_shared",
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """The motors of a kind of joint, fore or hind, both sides together; W."""
+    """Powers of the motors of a kind of joint, fore or hind, both sides together."""
 
-    name: str  # as in `KINDS`
-    peak: float  # greatest power of one motor in a ms, driving ...
-    hardest: float  # ... and braking, as a positive number
-    positive: float  # mean of one motor, driving
-    braking: float  # mean power while braking, as a positive number
-    copper: float  # mean heat of the windings
-    # of what the windings are given while driving, the share that becomes work
-    efficiency: float | None
+    name: str = metric("Motors", form="s")  # as in `KINDS`
+    peak: float = metric("Peak", "W", ".0f", "greatest power of one motor in a ms")
+    hardest: float = metric("Hardest braking", "W", ".0f")  # as a positive number
+    positive: float = metric("Drives", "W", ".0f", "mean of one motor")
+    braking: float = metric("Brakes", "W", ".0f")  # as a positive number
+    copper: float = metric("Heat", "W", ".0f", "mean, of the windings")
+    efficiency: float | None = metric(
+        "Efficiency, driving", form=".0%", meaning="work / (work + copper heat)"
+    )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Energy:
-    """A speed's balance over whole strides. But for shares, everything is a cost of
-    transport: power / (m g v)."""
+    """A speed's balance over whole strides; costs are those of transport."""
 
     strides: int
-    weight_speed: float  # W, m g v: what a cost of 1 is
-    positive: float  # mechanical work of the motors while they drive ...
-    braking: float  # ... and while they brake, as a positive number
+    weight_speed: float = metric("m g v", "W", ".0f", "power of a cost of 1")
+    positive: float = metric(
+        "Mechanical cost",
+        form=".3f",
+        meaning="positive motor work / (m g distance)",
+        card="mechanical_cost",
+    )
+    braking: float = metric(
+        "Braking", form=".3f", meaning="negative motor work / (m g distance)"
+    )
+    net: float = metric(
+        "Net cost",
+        form=".3f",
+        meaning="positive less negative: what is lost",
+        card="net_cost",
+    )
     electrical: Electrical
-    lost: dict[str, float]  # by cause, as `account.CAUSES`
-    # more in motion, height and springs at the end than at the beginning, by C MuJoCo's
-    # own energies
-    stored: float
-    # what is then left of the motors' net work: steps of a millisecond lose (or gain)
-    # it
-    integration: float
-    # of the ledger, which books that as well: largest gap in any ms over the largest
-    # term
-    closure: float
-    spring: float  # what springs give
-    efficiency: float | None  # of all motors, as `Joint.efficiency`
+    lost: dict[str, float]  # cost by cause, as `account.CAUSES`
+    stored: float = metric(
+        "Stored", form=".3f", meaning="more in motion, height and springs at the end"
+    )
+    integration: float = metric(
+        "Lost by steps", form=".1e", meaning="of 1 ms; no loss of the robot's"
+    )
+    closure: float = metric("Closure", form=".0e", meaning="gap / largest term, any ms")
+    spring: float = metric("Springs give", form=".3f", meaning="their positive work")
+    spring_share: float = metric(
+        "Spring share",
+        form=".0%",
+        meaning="of what springs and motors give",
+        card=True,
+    )
+    efficiency: float | None = metric(
+        "Motors' efficiency",
+        form=".0%",
+        meaning="driving: work / (work + copper heat)",
+        card="motor_efficiency",
+    )
     joints: tuple[Joint, ...]
-
-    @property
-    def net(self) -> float:
-        """Mechanical work of the motors."""
-        return self.positive - self.braking
-
-    @property
-    def spring_share(self) -> float:
-        """Return the springs' share of the work that springs and motors give."""
-        return self.spring / (self.spring + self.positive)
 
 
 @dataclasses.dataclass(frozen=True)
-class EfficiencyAtSpeed:
-    """One command."""
+class EfficiencyAtSpeed(AtSpeed):
+    """The energy of a run under one command."""
 
-    commanded_speed: float  # m/s
-    speed: float  # m/s, over the strides, or the mean of a run that has none
-    fell_at: float | None  # s
     # None of a run that fell, went nowhere or made no two strides
     energy: Energy | None
 
 
 @dataclasses.dataclass(frozen=True)
-class OptimisedEfficiency:
-    """The shipped library's stride at the speed nearest to a run's: in the plane, of a
-    robot that loses nothing."""
-
-    speed: float  # m/s
-    positive: float  # costs of transport, as in `Energy`
-    braking: float
-    copper: float
-    electrical: Electrical
-
-
-@dataclasses.dataclass(frozen=True)
 class EfficiencyMetrics:
-    """All of it."""
+    """The energy of the runs under all commands."""
 
     speeds: tuple[EfficiencyAtSpeed, ...]
-    optimiser: tuple[OptimisedEfficiency, ...]  # one a speed that was run through
 
     @property
     def found(self) -> tuple[tuple[EfficiencyAtSpeed, Energy], ...]:
@@ -139,8 +135,7 @@ class EfficiencyMetrics:
 
 
 def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | None:
-    """The balance of a run over so many whole strides; None of one that goes
-    nowhere."""
+    """Return the balance of a run over whole strides; None where it goes nowhere."""
     speed = float(np.mean(run.ground_velocity[:, 0]))
     if speed <= SLOWEST:
         return None
@@ -148,74 +143,42 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
 
     # the last millisecond's end has no energy in the ledger: it is left out
     def cost(power: np.ndarray) -> float:
-        return (
-            float(np.mean(np.reshape(power[:-1], (len(power) - 1, -1)).sum(axis=-1)))
-            / weight_speed
-        )
+        of_all = np.reshape(power[:-1], (len(power) - 1, -1)).sum(axis=-1)
+        return float(np.mean(of_all)) / weight_speed
 
-    driving, braking = np.maximum(ledger.motors, 0.0), np.maximum(-ledger.motors, 0.0)
+    positive = cost(np.maximum(ledger.motors, 0.0))
+    braking = cost(np.maximum(-ledger.motors, 0.0))
     lost = {cause: cost(power) for cause, power in ledger.lost.items()}
-    stored = (
-        float(ledger.energy[-1] - ledger.energy[0])
-        / ((len(ledger.energy) - 1) * run.dt)
-        / weight_speed
-    )
-    resisted = sum(lost.values()) - lost["copper"]
+    copper, spring = lost["copper"], cost(np.maximum(ledger.springs, 0.0))
+    duration = (len(ledger.energy) - 1) * run.dt
+    stored = float(ledger.energy[-1] - ledger.energy[0]) / duration / weight_speed
+    resisted = sum(lost.values()) - copper
     terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     return Energy(
         strides=strides,
         weight_speed=weight_speed,
-        positive=cost(driving),
-        braking=cost(braking),
-        electrical=Electrical.of(
-            cost(driving),
-            cost(braking),
-            lost["copper"],
-            cost(np.maximum(ledger.bus, 0.0)),
+        positive=positive,
+        braking=braking,
+        net=positive - braking,
+        electrical=Electrical(
+            nothing=positive + copper,
+            half=positive + copper - 0.5 * braking,
+            everything=positive + copper - braking,
+            bus=cost(np.maximum(ledger.bus, 0.0)),
         ),
         lost=lost,
         stored=stored,
         integration=cost(ledger.motors) - resisted - stored,
         closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
-        spring=cost(np.maximum(ledger.springs, 0.0)),
+        spring=spring,
+        spring_share=spring / (spring + positive),
         efficiency=_efficiency(ledger.motors, ledger.copper),
         joints=tuple(_joint(name, ledger) for name in KINDS),
     )
 
 
-def measure_optimiser(solution: Solution) -> OptimisedEfficiency:
-    """Measure a stride of the optimiser's; the windings are those of the robot without
-    the library's reserve."""
-    cycle, problem = whole_cycle(solution), solution.problem
-    tau, speed = (
-        cycle.motion.tau,
-        cycle.motion.v[..., motor_coordinates(problem.stride.legs)],
-    )
-    heat = np.sum(winding_heat(Actuator.from_hardware(IDEAL), tau), axis=-1)
-    total = np.sum(tau * speed, axis=-1)
-
-    def cost(power: np.ndarray) -> float:
-        distance = problem.speed * cycle.period
-        return float(np.sum(cycle.weights * power)) / (
-            robot_mass(problem) * conventions.GRAVITY * distance
-        )
-
-    positive, braking = (
-        cost(np.sum(np.maximum(sign * tau * speed, 0.0), axis=-1))
-        for sign in (1.0, -1.0)
-    )
-    copper, bus = cost(heat), cost(np.maximum(total + heat, 0.0))
-    return OptimisedEfficiency(
-        problem.speed,
-        positive,
-        braking,
-        copper,
-        Electrical.of(positive, braking, copper, bus),
-    )
-
-
 def motors_of(kind: str) -> list[int]:
-    """Return the motors of a kind, `hind hip`, right and left."""
+    """Return the indices of a kind of motors, such as `hind hip`, right and left."""
     end, joint = kind.split()
     return [
         3 * leg + conventions.JOINTS.index(joint)
@@ -241,8 +204,7 @@ def _joint(name: str, ledger: Ledger) -> Joint:
 def _efficiency(
     power: Float[np.ndarray, "N M"], copper: Float[np.ndarray, "N M"]
 ) -> float | None:
-    """Work over what the windings are given, while motors drive; None of motors that
-    never do."""
+    """Return the motors' work over their input while they drive; None if they never do."""
     driving = power > 0.0
     work = float(np.sum(power[driving]))
     return work / (work + float(np.sum(copper[driving]))) if work > 0.0 else None

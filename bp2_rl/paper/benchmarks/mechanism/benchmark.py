@@ -1,15 +1,17 @@
-"""Whose inertia balances whose in the gait that the policy really runs, at five speeds,
-beside the optimiser's.
+"""The mechanism benchmark: whose inertia balances whose in the gait that the policy
+really runs, at five speeds.
 
 The paper has it that coupling between limbs relieves the motors. In the equations of
-motion that is a question of
-source: of the inertial torque at a hip that other coordinates' accelerations make up
-for, what is the leg's own, and what comes from other legs through the trunk?
+motion that is a question of source: of the inertial torque at a hip that other
+coordinates' accelerations make up for, what is the leg's own, and what comes from other
+legs through the trunk?
 """
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import table_of
+from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_simulator,
@@ -19,125 +21,139 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.mechanism import figures, tables
-from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, decompose_run
+from bp2_rl.optimiser.figure_style import letter
+from bp2_rl.paper.benchmarks.mechanism.forces import decompose_run
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     STRIDES,
     MechanismAtSpeed,
     MechanismMetrics,
-    MechanismRun,
-    OptimisedMechanism,
     measure_forces,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.speeds import (
-    LEG,
-    commands_below,
-    nearest_solutions,
-    run_speeds,
-    steady_strides,
+from bp2_rl.paper.benchmarks.over_speed import (
+    Line,
+    card_over_speed,
+    describe_speeds,
+    draw_lines,
+    draw_stacks,
+    metrics_table,
+    rows_over_speed,
+    shares_table,
 )
-from bp2_rl.paper.trajectories.coupling_account import CouplingAccount, account_coupling
+from bp2_rl.paper.benchmarks.speeds import commands_below, run_speeds, steady_strides
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
 SPEEDS = 3.0, 5.5, 8.0, 10.74  # m/s, commands, and the top one
 SHORT = (8.0,)  # in the quick version
 HOLD = 5.0  # s
+SMALL = 5.0  # %, of a hip's main torque: what other legs cover is small below
+TILES = "Covered", "By the leg itself", "By other legs", "Trunk saves, hips", "Closure"
+PART = f"looked at are the last whole strides of that, at most {STRIDES}"
+CAPTION = (
+    "A: what covers the hips' main inertial torque at its peaks. B: what other legs give of it. C: the hips' and "
+    "knees' greatest torque (u), and the same on a trunk that is not accelerated (ũ); both with what gears give when "
+    "they brake."
+)
+SOURCE_COLORS = {
+    "other joint": "#D55E00",
+    "spring": "#F2A65A",
+    "abduction": "#CC79A7",
+    "trunk": INK,
+}
+PAIR_COLORS = {"same pair": "#009E73", "other pair": "#56B4E9"}
 
 
 def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     """Run all speeds and take their forces apart."""
-    robot, top = robot_of(policy, setup), ramp.target[0]
-    commands = commands_below(SHORT if setup.quick else SPEEDS, top)
+    commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
     ran = run_speeds(decompose, policy, ramp, commands, setup)
-    found = tuple(each.at for each in ran)
-    metrics = MechanismMetrics(
-        found, optimised([at.speed for at in found if at.forces is not None])
-    )
-    said = conditions(
-        policy,
-        tables.describe_runs(ramp, commands),
-        describe_simulator("mujoco", robot),
-        setup,
-    )
-    pictures = (
-        [Picture("sources", figures.SOURCES, figures.sources_figure(metrics))]
-        if metrics.decomposed
-        else []
-    )
-    if metrics.decomposed:
-        fastest = next(each for each in ran[::-1] if each.stride is not None)
-        pictures.append(
-            Picture(
-                "terms", figures.TERMS_CAPTION, figures.terms_figure(metrics, fastest)
-            )
+    metrics = MechanismMetrics(tuple(ran))
+    found = metrics.found
+    within, through = [f.within for _, f in found], [f.through for _, f in found]
+    tables = [
+        metrics_table("At each speed", found),
+        shares_table("Of the hips' main torque at its peaks, by source", found, within),
+        shares_table("... the trunk's part, by what accelerates it", found, through),
+    ]
+    pictures = []
+    if found:
+        motors = tuple(found[-1][1].motors.values())
+        title = (
+            "Torque at joints at the top speed; ũ: on a trunk that is not accelerated"
         )
+        tables.append(table_of(title, motors))
+        pictures.append(Picture("sources", CAPTION, draw_sources(metrics)))
+    closure = {"closure": max((f.closure for _, f in found), default=None)}
     return Evaluation(
         benchmark="mechanism",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said,
-        verdict=tables.verdict(metrics),
-        good=all(at.forces is not None for at in metrics.speeds),
-        rows=tables.mechanism_rows(metrics),
-        tiles=tables.TILES,
+        conditions=conditions(
+            policy,
+            describe_speeds(ramp, commands, PART),
+            describe_simulator("mujoco", robot_of(policy, setup)),
+            setup,
+        ),
+        verdict=say_coverage(metrics),
+        good=len(found) == len(ran),
+        rows=rows_over_speed(ran, found),
+        tiles=TILES,
         pictures=tuple(pictures),
         metrics=metrics,
-        results=tables.mechanism_results(metrics),
-        tables=tables.mechanism_tables(metrics),
+        results=card_over_speed(ran, found) | closure,
+        tables=tuple(tables),
     )
 
 
 def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
-    """The schedule to the top speed."""
+    """Return the schedule to the top speed."""
     return ramp_to_topspeed(policy, setup, hold=HOLD)
 
 
-def decompose(ramp: Ramp, run: Trajectory) -> MechanismRun:
-    """Take the last strides of a run's hold apart."""
-    command = ramp.target[0]
-    if (chosen := steady_strides(run, ramp, STRIDES)) is None:
-        return MechanismRun(
-            MechanismAtSpeed(
-                command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None
-            ),
-            None,
-        )
-    part, strides = chosen
-    forces = decompose_run(part)
-    at = MechanismAtSpeed(
-        command,
-        float(np.mean(part.ground_velocity[:, 0])),
-        None,
-        measure_forces(forces, strides, run.dt),
-    )
-    hip = HIPS_AND_KNEES[2 * LEG]
-    return MechanismRun(
-        at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]]
-    )
+def decompose(ramp: Ramp, run: Trajectory) -> MechanismAtSpeed:
+    """Take the forces of the last strides of a run's hold apart."""
+    chosen = steady_strides(run, ramp, STRIDES)
+    part, strides = chosen or (run, 0)
+    forces = measure_forces(decompose_run(part), strides, run.dt) if chosen else None
+    speed = float(np.mean(part.ground_velocity[:, 0]))
+    return MechanismAtSpeed(ramp.target[0], speed, run.fell_at, forces)
 
 
-def optimised(speeds: list[float]) -> tuple[OptimisedMechanism, ...]:
-    """The shipped library at the speeds nearest to these; nothing where CasADi is not
-    installed."""
-    solutions = nearest_solutions(speeds)
-    try:
-        return tuple(_of_account(account_coupling(solution)) for solution in solutions)
-    except UserError:  # that is what a missing CasADi is
-        return ()
+def say_coverage(metrics: MechanismMetrics) -> str:
+    """Say in one sentence how much of the hips' main torque coupling covers."""
+    if not metrics.found:
+        return "No speed was run through: nothing to take apart."
+    own = [100.0 * forces.own for _, forces in metrics.found]
+    legs = [100.0 * forces.legs for _, forces in metrics.found]
+    small = "small" if max(map(abs, legs)) < SMALL else "not small"
+    return f"Within a leg coupling covers {_span(own, '.0f')} %, between legs {_span(legs, '+.1f')} %: {small}."
 
 
-def _of_account(account: CouplingAccount) -> OptimisedMechanism:
-    joint, spring, *trunk = account.within.values()
-    hips = [torque for name, torque in account.torques.items() if name.endswith("hip")]
-    return OptimisedMechanism(
-        account.speed,
-        account.covered,
-        joint,
-        spring,
-        account.through["same pair"] + account.through["other pair"],
-        sum(trunk),
-        max(torque.peak for torque in hips),
-        max(torque.fixed_peak for torque in hips),
-    )
+def _span(values: list[float], form: str) -> str:
+    least, greatest = (format(end(values), form) for end in (min, max))
+    return least if least == greatest else f"{least} to {greatest}"
+
+
+@styled
+def draw_sources(metrics: MechanismMetrics) -> Figure:
+    """Draw whose inertia covers the hips' main torque, and what the trunk saves."""
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    shares, legs, torques = figure.subplots(1, 3, width_ratios=(1.4, 1.0, 1.0))
+    speeds = [at.speed for at, _ in metrics.found]
+    found = [forces for _, forces in metrics.found]
+    trunk = [{"trunk": forces.covered - forces.own} for forces in found]
+    by_source = [f.within | rest for f, rest in zip(found, trunk, strict=True)]
+    draw_stacks(shares, speeds, by_source, SOURCE_COLORS)
+    shares.set(title="Covered, by source", ylabel="Share of main torque")
+    draw_stacks(legs, speeds, [forces.through for forces in found], PAIR_COLORS)
+    legs.set(title="Covered by other legs")
+    for joint, color in (("hip", LEG_COLORS["FR"]), ("knee", LEG_COLORS["RR"])):
+        kinds = [[m for n, m in f.motors.items() if n.endswith(joint)] for f in found]
+        u = [max(motor.peak for motor in motors) for motors in kinds]
+        fixed = [max(motor.fixed_peak for motor in motors) for motors in kinds]
+        lines = [Line(f"{joint}, u", u, color), Line(f"{joint}, ũ", fixed, color, "--")]
+        draw_lines(torques, speeds, lines)
+    torques.set(title="Greatest torque", ylabel="Torque [Nm]", ylim=(0.0, None))
+    letter([shares, legs, torques])
+    return figure

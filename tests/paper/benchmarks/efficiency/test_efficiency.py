@@ -1,8 +1,6 @@
 """The efficiency benchmark on powers that are known, and on a robot that trots without
 a policy."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -10,33 +8,22 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.optimiser.cycle import robot_mass
-from bp2_rl.optimiser.family import family_of
-from bp2_rl.optimiser.problem import TRUNK, motor_coordinates
-from bp2_rl.optimiser.solution import Solution, resample
 from bp2_rl.paper.benchmarks import speeds
-from bp2_rl.paper.benchmarks.efficiency import benchmark as module
 from bp2_rl.paper.benchmarks.efficiency.benchmark import (
-    account,
+    account_energy,
     efficiency,
-    optimised,
     ramp_to_efficiency,
+    say_cost,
 )
 from bp2_rl.paper.benchmarks.efficiency.measured import (
     KINDS,
     EfficiencyAtSpeed,
     EfficiencyMetrics,
-    Electrical,
-    OptimisedEfficiency,
     measure_energy,
-    measure_optimiser,
 )
-from bp2_rl.paper.benchmarks.efficiency.tables import verdict
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.model import load_model
-from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.account import CAUSES, Ledger
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -147,7 +134,7 @@ def test_work_is_what_is_lost_and_stored():
     of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
+    at = account_energy(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None
@@ -171,53 +158,6 @@ def test_work_is_what_is_lost_and_stored():
     assert per_leg == pytest.approx(energy.positive * energy.weight_speed, rel=0.01)
 
 
-# --- The optimiser --------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def stride() -> Solution:
-    """The library's at 10 m/s."""
-    library = load_library(CollocationConfig().file)
-    return next(
-        s
-        for s in family_of(library.arrays, library.provenance)
-        if s.problem.speed == 10.0
-    )
-
-
-def test_the_optimisers_cost_is_its_motors_work_over_weight_and_way(stride):
-    """By trapezoids along the stride's polynomials, with heat of tau2 w0 / tau_s from
-    120 Nm, 14.7 and 21.4 rad/s."""
-    found = measure_optimiser(stride)
-    fine = resample(stride.problem, stride.motion, stride.problem.on_mesh(400))
-    columns = motor_coordinates(stride.problem.stride.legs)
-    power, time = fine.tau * fine.v[..., columns], []
-    heat = 21.4 * (1 - 14.7 / 21.4) / 120.0 * fine.tau**2
-    points = fine.q.shape[1]
-    for duration in fine.durations:
-        time.append(np.linspace(0.0, duration, points))
-    weight = robot_mass(stride.problem) * 9.81
-    way = sum(segment[-1, 0] - segment[0, 0] for segment in fine.q)  # of the trunk
-    assert columns.min() >= TRUNK
-
-    def cost(values):
-        total = sum(
-            np.trapezoid(np.sum(value, axis=-1), t)
-            for value, t in zip(values, time, strict=True)
-        )
-        return total / (weight * way)
-
-    assert found.positive == pytest.approx(cost(np.maximum(power, 0.0)), rel=5e-3)
-    assert found.braking == pytest.approx(cost(np.maximum(-power, 0.0)), rel=5e-3)
-    assert found.copper == pytest.approx(cost(heat), rel=5e-3)
-    assert found.electrical.everything == pytest.approx(cost(power + heat), rel=5e-3)
-    assert found.electrical.bus >= found.electrical.everything
-
-
-def test_the_optimiser_is_asked_at_the_nearest_speeds():
-    assert [one.speed for one in optimised([9.9, 13.4])] == [10.0, 13.5]
-
-
 # --- The benchmark --------------------------------------------------------------------
 
 
@@ -237,13 +177,11 @@ def ran(monkeypatch, make_run):
         energy = measure_energy(run, known(100.0 * speed), strides=16)
         return EfficiencyAtSpeed(speed, speed, None, energy)
 
-    one = OptimisedEfficiency(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
     monkeypatch.setattr(
         speeds,
         "simulate_all",
         lambda _, policy, tries: [account(policy, one) for one in tries],
     )
-    monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 
 
@@ -251,7 +189,7 @@ def evaluate(policy, setup):
     return efficiency(policy, ramp_to_efficiency(policy, setup), setup)
 
 
-def test_costs_are_told_over_speed_beside_the_optimisers(make_policy, ran, assert_fits):
+def test_costs_are_told_over_speed(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
     commands = [2.0, 4.0, 6.0, 8.0, 10.74, 12.0, 14.0, 15.0]
     assert [speed for speed, *_ in ran] == commands
@@ -291,13 +229,11 @@ def test_the_quick_version_runs_two_speeds_for_a_short_time(
 def test_a_fall_is_told_and_the_other_speeds_stay(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(seed=13), DeepSetup(speed=15.0))
     assert not evaluation.good
-    assert len(evaluation.metrics.found) == len(evaluation.metrics.optimiser) == 7
+    assert len(evaluation.metrics.found) == 7
     assert {row.label: row.value for row in evaluation.rows}["Fall"] == "at 1.50 s"
     assert_fits(evaluation)
-    nothing = dataclasses.replace(
-        evaluation.metrics, speeds=evaluation.metrics.speeds[3:4], optimiser=()
-    )
-    assert verdict(nothing) == "No speed was run through: nothing to account for."
+    nothing = EfficiencyMetrics(evaluation.metrics.speeds[3:4])
+    assert say_cost(nothing) == "No speed was run through: nothing to account for."
 
 
 def test_one_speed_alone_can_be_asked_for(make_policy, ran, assert_fits):

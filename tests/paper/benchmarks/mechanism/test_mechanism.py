@@ -1,19 +1,15 @@
 """The mechanism benchmark on forces that are known: what is measured, said and
 shown."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.paper.benchmarks import speeds
-from bp2_rl.paper.benchmarks.mechanism import benchmark as module
 from bp2_rl.paper.benchmarks.mechanism.benchmark import (
-    MechanismRun,
     mechanism,
-    optimised,
     ramp_to_mechanism,
+    say_coverage,
 )
 from bp2_rl.paper.benchmarks.mechanism.forces import (
     HIPS_AND_KNEES,
@@ -25,23 +21,20 @@ from bp2_rl.paper.benchmarks.mechanism.forces import (
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     MechanismAtSpeed,
     MechanismMetrics,
-    keep_harmonics,
     measure_forces,
 )
-from bp2_rl.paper.benchmarks.mechanism.tables import saved, verdict
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import whole_strides
-from bp2_rl.paper.trajectories.decomposition import KINDS
 
 STRIDES, N = 4, 400
 HIP = slice(0, None, 2)
 
 
-def known(legs: float = 0.02, chatter: float = 0.0) -> Forces:
+def known(legs: float = 0.02) -> Forces:
     """Four strides: the spring covers 0.4 of a hip's main torque, the knee 0.3, and the
     leg across `legs`."""
     phase = 2 * np.pi * STRIDES * np.arange(N) / N
-    main = (np.sin(phase) + chatter * np.sin(20 * phase))[:, None] * np.full(8, 100.0)
+    main = np.sin(phase)[:, None] * np.full(8, 100.0)
     within, through = np.zeros((len(WITHIN), N, 8)), np.zeros((len(THROUGH), N, 8))
     within[WITHIN.index("spring")] = -0.4 * main
     within[WITHIN.index("other joint")] = -0.3 * main
@@ -71,19 +64,11 @@ def test_shares_are_those_at_the_peaks_by_source():
     assert found.own == pytest.approx(0.7)
     assert found.legs == pytest.approx(0.02)
     assert found.within["spring"] == pytest.approx(0.4)
-    assert found.velocity_force == pytest.approx(0.1)
     hip = found.motors["hind hip"]
     # u is 0.28 of the main torque; without the trunk's help it would be 0.30.
     assert (hip.peak, hip.fixed_peak) == pytest.approx((28.0, 30.0))
     assert (hip.rms, hip.fixed_rms) == pytest.approx((28.0 / 2**0.5, 30.0 / 2**0.5))
-    assert saved(found, "hip") == pytest.approx(1 - 28 / 30)
-    # of 400 samples
-    assert found.average["hip"]["main inertial"] == pytest.approx(
-        100 * 2 / np.pi, rel=1e-3
-    )
-    assert found.share["z"]["gravity"] == pytest.approx(0.5, abs=0.05)
-    for kind in KINDS:
-        assert sum(found.share[kind].values()) == pytest.approx(1.0)
+    assert found.saved_at_hips == pytest.approx(1 - 28 / 30)
 
 
 def test_closure_tells_a_term_that_lacks():
@@ -91,25 +76,6 @@ def test_closure_tells_a_term_that_lacks():
     forces.terms[TERMS.index("active"), 7, HIPS_AND_KNEES[0]] += 1.0
     assert np.argmax(forces.closure) == 7
     assert measure_forces(forces, STRIDES, 1e-3).closure == pytest.approx(1.0 / 350.0)
-
-
-def test_chatter_is_cut_off_and_counted():
-    found = measure_forces(known(chatter=0.5), STRIDES, 1e-3)
-    assert [cut.harmonics for cut in found.cuts] == [2, 4, 8, None]
-    for cut in found.cuts[:-1]:
-        # a sample may miss the peak by half a ms
-        assert cut.largest == pytest.approx(100.0, rel=1e-3)
-        assert cut.variance_above == pytest.approx(0.2)
-        assert (cut.opposing, cut.covered) == pytest.approx((1.0, 0.72))
-    assert found.cuts[-1].largest > 120.0
-    assert found.cuts[-1].variance_above == 0.0
-
-
-def test_harmonics_up_to_the_most_stay_and_no_others():
-    phase = 2 * np.pi * STRIDES * np.arange(N) / N
-    both = np.stack([np.sin(4 * phase), np.sin(5 * phase)], axis=1)
-    kept = keep_harmonics(both, STRIDES, 4)
-    np.testing.assert_allclose(kept, both * [1.0, 0.0], atol=1e-12)
 
 
 def test_whole_strides_go_from_touchdown_to_touchdown(make_run):
@@ -136,20 +102,17 @@ def ran(monkeypatch):
         speed = one.schedule.target[0]
         asked.append((speed, one.hardware))
         if policy.card.seed == 13 and speed == 8.0:
-            return MechanismRun(MechanismAtSpeed(speed, 2.0, 1.5, None), None)
+            return MechanismAtSpeed(speed, 2.0, 1.5, None)
         forces = known(legs=0.001 * speed)
-        return MechanismRun(
-            MechanismAtSpeed(speed, speed, None, measure_forces(forces, STRIDES, 1e-3)),
-            forces.terms[:, :100, [2, 7, 8]],
+        return MechanismAtSpeed(
+            speed, speed, None, measure_forces(forces, STRIDES, 1e-3)
         )
 
-    one = module.OptimisedMechanism(10.0, 0.77, 0.4, 0.39, 0.001, -0.01, 83.0, 92.0)
     monkeypatch.setattr(
         speeds,
         "simulate_all",
         lambda _, policy, tries: [run(policy, one) for one in tries],
     )
-    monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 
 
@@ -157,9 +120,7 @@ def evaluate(policy, setup):
     return mechanism(policy, ramp_to_mechanism(policy, setup), setup)
 
 
-def test_five_speeds_are_taken_apart_beside_the_optimisers(
-    make_policy, ran, assert_fits
-):
+def test_five_speeds_are_taken_apart(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
     assert [speed for speed, _ in ran] == [3.0, 5.5, 8.0, 10.74, 15.0]
     assert [at.commanded_speed for at in evaluation.metrics.speeds] == [
@@ -169,13 +130,12 @@ def test_five_speeds_are_taken_apart_beside_the_optimisers(
         10.74,
         15.0,
     ]
-    assert len(evaluation.metrics.optimiser) == 5
     assert evaluation.good
     assert (
         evaluation.verdict
         == "Within a leg coupling covers 70 %, between legs +0.3 to +1.5 %: small."
     )
-    assert [picture.name for picture in evaluation.pictures] == ["sources", "terms"]
+    assert [picture.name for picture in evaluation.pictures] == ["sources"]
     assert (
         from_json(MechanismMetrics, to_json(evaluation.metrics)) == evaluation.metrics
     )
@@ -193,7 +153,7 @@ def test_five_speeds_are_taken_apart_beside_the_optimisers(
 
 def test_legs_that_carry_each_other_are_not_called_small():
     forces = measure_forces(known(legs=-0.2), STRIDES, 1e-3)
-    told = verdict(MechanismMetrics((MechanismAtSpeed(9.0, 9.0, None, forces),), ()))
+    told = say_coverage(MechanismMetrics((MechanismAtSpeed(9.0, 9.0, None, forces),)))
     assert told.endswith("between legs -20.0 %: not small.")
 
 
@@ -211,23 +171,8 @@ def test_the_quick_version_runs_two_speeds_of_the_robot_asked_for(
 def test_a_fall_is_told_and_the_other_speeds_stay(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(seed=13), DeepSetup(speed=15.0))
     assert not evaluation.good
-    assert len(evaluation.metrics.decomposed) == len(evaluation.metrics.optimiser) == 4
+    assert len(evaluation.metrics.found) == 4
     assert {row.label: row.value for row in evaluation.rows}["Fall"] == "at 1.50 s"
     assert_fits(evaluation)
-    nothing = dataclasses.replace(
-        evaluation.metrics, speeds=evaluation.metrics.speeds[2:3], optimiser=()
-    )
-    assert verdict(nothing) == "No speed was run through: nothing to take apart."
-
-
-def test_the_optimisers_shares_are_those_of_its_own_account():
-    """`bp2 paper trajectories figures` prints 0.40 for the knee, 0.39 for the spring
-    and 82.9 and 91.9 Nm at 10 m/s."""
-    pytest.importorskip("casadi")
-    (one,) = optimised([10.1])
-    assert one.speed == 10.0
-    assert (one.covered, one.joint, one.spring) == pytest.approx(
-        (0.77, 0.40, 0.39), abs=0.005
-    )
-    assert one.joint + one.spring + one.trunk == pytest.approx(one.covered)
-    assert (one.peak, one.fixed_peak) == pytest.approx((82.9, 91.9), abs=0.05)
+    nothing = MechanismMetrics(evaluation.metrics.speeds[2:3])
+    assert say_coverage(nothing) == "No speed was run through: nothing to take apart."

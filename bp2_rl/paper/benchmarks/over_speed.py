@@ -1,0 +1,117 @@
+"""Figures of merit over speed: rows, cards, tables and panels of runs at several
+speeds."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from bp2_rl.base.metric import Row, Table, card_of, rounded, rows_of, show_fall
+from bp2_rl.base.plotting import INK
+from bp2_rl.evaluation.benchmarks.conditions import describe_rise
+from bp2_rl.paper.benchmarks.speeds import AtSpeed
+from bp2_rl.simulation.schedule import Ramp
+
+Found = Sequence[tuple[AtSpeed, object]]
+"""Speeds that were run through, each with a dataclass of metrics."""
+
+
+def rows_over_speed(speeds: Sequence[AtSpeed], found: Found) -> tuple[Row, ...]:
+    """Return how many speeds were run through, and the metrics of the fastest."""
+    fell = [at.fell_at for at in speeds if at.fell_at is not None]
+    rows = (
+        Row("Speeds", f"{len(found)} of {len(speeds)}", "run through"),
+        Row("Fall", show_fall(min(fell, default=None)), "at any of the speeds, first"),
+    )
+    if not found:
+        return rows
+    at, fastest = found[-1]
+    told = Row("Speed", f"{at.speed:.2f} m/s", "the fastest; all below are of it")
+    return (*rows, told, *rows_of(fastest))
+
+
+def card_over_speed(speeds: Sequence[AtSpeed], found: Found) -> dict[str, object]:
+    """Return the metrics that a policy's card keeps, as lists over the speeds."""
+    cards = [card_of(each) for _, each in found]
+    lists = {name: [card[name] for card in cards] for name in (cards or [{}])[0]}
+    falls = sum(at.fell_at is not None for at in speeds)
+    return {"speeds": rounded([at.speed for at, _ in found]), **lists, "falls": falls}
+
+
+def table_over_speed(
+    title: str, speeds: Sequence[float], columns: Sequence[Mapping[str, str]]
+) -> Table:
+    """Return a table with a column for each speed, m/s, and a line for each name."""
+    head = ("Speed [m/s]", *(f"{speed:.2f}" for speed in speeds))
+    names = columns[0] if columns else ()
+    lines = [(name, *(column[name] for column in columns)) for name in names]
+    return Table(title, head, lines)
+
+
+def metrics_table(title: str, found: Found) -> Table:
+    """Return the table of all metrics over the speeds that were run through."""
+    columns = [{row.label: row.value for row in rows_of(each)} for _, each in found]
+    return table_over_speed(title, [at.speed for at, _ in found], columns)
+
+
+def shares_table(
+    title: str, found: Found, shares: Sequence[Mapping[str, float]]
+) -> Table:
+    """Return the table of shares by cause over the speeds that were run through."""
+    columns = [
+        {cause: f"{share:+.3f}" for cause, share in each.items()} for each in shares
+    ]
+    return table_over_speed(title, [at.speed for at, _ in found], columns)
+
+
+def describe_speeds(ramp: Ramp, commands: Sequence[float], part: str) -> str:
+    """Say in one line how the speeds were run, and which part of a run counts."""
+    told = ", ".join(f"{speed:g}" for speed in commands)
+    return f"from a stand to {told} m/s {describe_rise(ramp)}, then hold for {ramp.hold:g} s; {part}"
+
+
+# --- Panels ---------------------------------------------------------------------------
+
+
+class Line(NamedTuple):
+    """One quantity over speed."""
+
+    label: str
+    values: Sequence[float | None]
+    color: str
+    style: str = "o-"
+
+
+def draw_lines(axes: Axes, speeds: Sequence[float], lines: Sequence[Line]) -> None:
+    """Draw quantities over speed, with a legend."""
+    for line in lines:
+        values = np.array(line.values, float)
+        axes.plot(speeds, values, line.style, ms=3, color=line.color, label=line.label)
+    axes.set_xlabel("Speed [m/s]")
+    axes.legend(fontsize=8, ncols=2, handlelength=2.0, columnspacing=0.9)
+
+
+def draw_stacks(
+    axes: Axes,
+    speeds: Sequence[float],
+    shares: Sequence[Mapping[str, float]],
+    colors: Mapping[str, str],
+) -> None:
+    """Draw a bar for each speed, of shares by cause; negative ones hang below zero."""
+    places, tops = np.arange(len(speeds)), np.zeros((2, len(speeds)))
+    for cause, color in colors.items():
+        values = np.array([each[cause] for each in shares])
+        parts = values.clip(min=0.0), values.clip(max=0.0)
+        for top, part, label in zip(tops, parts, (cause, None), strict=True):
+            axes.bar(places, part, 0.6, bottom=top, color=color, label=label)
+            top += part
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    axes.set_xticks(places, [f"{speed:.1f}" for speed in speeds])
+    axes.set_xlabel("Speed [m/s]")
+    axes.grid(axis="x", visible=False)
+    room = 0.35 * float(np.max(tops[0]) - np.min(tops[1])) + 1e-6
+    axes.set_ylim(float(np.min(tops[1])) - 0.1 * room, float(np.max(tops[0])) + room)
+    axes.legend(
+        loc="upper left", fontsize=8, ncols=3, handlelength=0.8, columnspacing=0.9
+    )
