@@ -16,11 +16,11 @@ from typing import Annotated
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import NOT_MEASURED, Table, show
 from bp2_rl.base.serialization import load_config
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.paper.figures.scaling_numbers import shipped
+from bp2_rl.paper.figures.scaling import shipped
+from bp2_rl.paper.published import PublishedRobot, read_robots
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
-from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
 from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
@@ -276,35 +276,30 @@ def refutations(study: ScalingStudy) -> list[str]:
     ]
 
 
-def verdict(study: ScalingStudy) -> list[str]:
-    """Return sentences on what the limits make of robots' speeds and of BP2's."""
-    bp2 = next((robot for robot in study.robots if robot.robot == BP2), None)
-    others = [robot for robot in study.robots if robot is not bp2]
-
-    def shares(speeds: Sequence[float]) -> str:
-        return f"{min(speeds):.2f} to {max(speeds):.2f}, in the median {statistics.median(speeds):.2f}"
-
-    lines: list[str] = []
-    if others:
-        lines.append(
-            f"Published speeds are {shares([1.0 / robot.ratio for robot in others])} of other robots' limits"
-        )
-    if learned := [
-        max(robot.learned) / robot.limit.speed for robot in others if robot.learned
-    ]:
-        lines.append(f"Learned speeds are {shares(learned)} of other robots' limits")
-    if bp2:
-        top = bp2.limit.speed
-        lines.append(
-            f"BP2's limit by the same rules is {top:.2f} m/s: it learned {max(bp2.learned, default=0.0) / top:.2f} of "
-            f"that, and the published {bp2.published:g} m/s are {bp2.published / top:.2f}"
-        )
+def summarise_speeds(study: ScalingStudy) -> list[str]:
+    """Return sentences on the shares of their limits that robots and BP2 run."""
+    others = [robot for robot in study.robots if robot.robot != BP2]
+    published = [1.0 / robot.ratio for robot in others]
+    learned = [max(one.learned) / one.limit.speed for one in others if one.learned]
+    lines = [
+        f"{whose} speeds are {min(shares):.2f} to {max(shares):.2f}, in the median {statistics.median(shares):.2f}, "
+        "of other robots' limits"
+        for whose, shares in (("Published", published), ("Learned", learned))
+        if shares
+    ]
     limits = {one.variant: one.limit.speed for one in study.variants}
-    if rigid := limits.get(RIGID):
-        lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s")
-    if legs := [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]:
+    legs = [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]
+    for robot in study.robots:
+        if robot.robot == BP2:
+            top, best = robot.limit.speed, max(robot.learned, default=0.0)
+            lines.append(
+                f"BP2's limit by the same rules is {top:.2f} m/s: it learned {best / top:.2f} of that, and the "
+                f"published {robot.published:g} m/s are {robot.published / top:.2f}"
+            )
+    if RIGID in limits and legs:
         lines.append(
-            f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s"
+            f"With rigid shanks BP2's limit is {limits[RIGID]:.2f} m/s, with its motors on rigid legs of other robots "
+            f"{min(legs):.2f} to {max(legs):.2f} m/s"
         )
     return lines
 
