@@ -96,7 +96,7 @@ WORK = (
     "bp2_rl.cli.bench.measuring._open",
     "bp2_rl.cli.trajopt.output.spinner",
     "bp2_rl.cli.trajopt.output.progress",
-    "bp2_rl.paper.trajectories.codesign.study.study_codesign",
+    "bp2_rl.paper.trajectories.codesign.optimise_design",
     "bp2_rl.paper.trajectories.objective.compare_objectives",
     "bp2_rl.paper.trajectories.decomposition.decompose",
     "bp2_rl.paper.pendulum.exchange.study_exchange",

@@ -8,10 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-from rich.text import Text
-
 from bp2_rl.base.files import require_name
+from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli.dispatch import Command, Entry, choose
 from bp2_rl.cli.trajopt.output import spinner
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
 OUT = Path("reports/figures")
-COLUMNS = 130  # of a table
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,11 +65,12 @@ def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
         else to_json(found)
     )
     said = statements_of(name, {"results": results})
-    for title, head, lines, words in drawn.tables:
-        _print(title, head, lines, words)
+    for table in drawn.tables:
+        print_table(table)
     if said:
         rows = [(f"{s.item}: {s.paper}", s.ours, _verdict(s)) for s in said]
-        _print("What the paper says", ("The paper", "Here", ""), rows, fold=True)
+        head = "The paper", "Here", ""
+        print_table(Table("What the paper says", head, rows), folded=True)
     settings = to_json(arguments.settings)
     save_config(arguments.out / METRICS, FigureReport(name, settings, said, results))
     for picture, figure in drawn.pictures.items():
@@ -81,29 +79,6 @@ def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
 
 def _verdict(said: Statement) -> str:
     return ": ".join(filter(None, (said.verdict, said.because)))
-
-
-def _print(
-    title: str,
-    head: Sequence[str],
-    lines: Sequence[Sequence[str]],
-    words: bool = False,
-    *,
-    fold: bool = False,
-) -> None:
-    """Print a table; all columns but the first (and the last, if `words`) are numbers,
-    or, if `fold`, none."""
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for place, column in enumerate(head):
-        left = fold or place == 0 or (words and place == len(head) - 1)
-        table.add_column(
-            column,
-            no_wrap=place == 0 and not fold,
-            justify="left" if left else "right",
-        )
-    for line in lines:
-        table.add_row(*map(Text, line))
-    print_table(table, COLUMNS)
 
 
 def _entry(name: str, settings: type[object]) -> Entry:
