@@ -222,7 +222,7 @@ def compare_limbs(arguments: LimbsArguments) -> None:
 def _set_beside(
     arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str
 ) -> None:
-    """Print a table of variants, and leave its numbers anew with each of them."""
+    """Print a table of variants, and leave its numbers anew with every variant."""
     from bp2_rl.paper.trajectories.comparison import (
         VariantComparison,
         compare_variants,

@@ -1,4 +1,4 @@
-"""What a figure hands to the terminal, the files and a page, and what pictures share."""
+"""A figure with its tables and pictures, and the helpers that pictures share."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -56,7 +56,7 @@ def note(
     away: tuple[float, float],
     **style: object,
 ) -> None:
-    """Write a small text beside a point of the data, so many points of the page away."""
+    """Write a small text beside a point of the data; `away` is in points of the page."""
     axes.annotate(
         text, at, away, textcoords="offset points", **{"fontsize": 8.5, **style}
     )

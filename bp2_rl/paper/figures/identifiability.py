@@ -291,8 +291,8 @@ def jacobian(rows: tuple[RowNumbers, ...]) -> Float[np.ndarray, "rows columns"]:
 def left_of_range(
     J: Float[np.ndarray, "rows columns"],
 ) -> Float[np.ndarray, " columns"]:
-    """Return the standard deviation of each assumption that the rows leave of one unit,
-    all normal: 1 where nothing is learned."""
+    """Return the standard deviation that the rows leave of every assumption, in units;
+    1 where nothing is learned, all being normal."""
     return np.sqrt(np.diag(np.linalg.inv(np.eye(J.shape[1]) + J.T @ J)))
 
 
@@ -457,7 +457,7 @@ LINEAR = 0.1  # units: below, the map's colours are linear
 
 @styled
 def identifiability_figure(numbers: IdentifiabilityNumbers) -> Figure:
-    """Draw the Jacobian above, and what is left of each assumption's range below."""
+    """Draw the Jacobian above, and the part of every assumption's range that is left."""
     figure = Figure(figsize=(1.3 * WIDTH, 9.0), layout="constrained")
     above, below = figure.subplots(2, 1)
     _draw_map(figure, above, numbers)

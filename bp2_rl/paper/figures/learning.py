@@ -1,4 +1,4 @@
-"""How soon policies run: what the judge beside a training said of them, over control
+"""How soon policies run: their speeds by the judge beside a training, over control
 steps and over time."""
 
 import dataclasses
@@ -36,7 +36,7 @@ class JudgedPolicy:
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """The judged policies of one training, the first one first."""
+    """The judged policies of a training, in order."""
 
     run: str
     judged: tuple[JudgedPolicy, ...]
@@ -44,7 +44,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True)
 class CurveSummary:
-    """When a training's policies were as fast as BP2 outdoors, and the best of them."""
+    """The first policy of a training as fast as BP2 outdoors, and the fastest one."""
 
     run: str = metric("Run", form="s")
     steps: float | None = metric(f"{OUTDOOR_TOP_SPEED:g} m/s after", "M", ".1f")

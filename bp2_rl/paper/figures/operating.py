@@ -172,7 +172,7 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
 def _draw_limits(
     axes: Axes, speeds: Float[np.ndarray, " N"], cold: Actuator, hot: Actuator
 ) -> None:
-    """Draw envelopes, cold and hot, and lines of one power where a motor drives."""
+    """Draw envelopes, cold and hot, and lines of equal power where a motor drives."""
     low, high = torque_limits(cold, speeds)
     axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
     curves = [(speeds, limit, INK, "-") for limit in (low, high)]

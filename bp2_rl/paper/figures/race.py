@@ -111,7 +111,7 @@ def race(settings: RaceSettings) -> Drawn:
 
 
 def published_athletes() -> tuple[Athlete, ...]:
-    """Return the athletes that the paper names, with what is published of them."""
+    """Return the athletes that the paper names, with their published times."""
     reaction, lyles = published.BOLT_REACTION, published.LYLES_REACTION
     bolt = races.BOLT_SPLITS[-1], reaction, races.MARKS, races.BOLT_SPLITS
     return (
@@ -283,7 +283,7 @@ def race_figure(
 
 
 def _draw_mean(axes: Axes, name: str, time: float) -> None:
-    """Draw the mean speed of one without splits."""
+    """Draw the mean speed of a racer without splits."""
     mean = TRACK / time
     label = f"{name}: mean of 100 m, {mean:.2f} m/s"
     axes.axhline(mean, color=INK, linewidth=1.2, linestyle=DOTS, label=label)

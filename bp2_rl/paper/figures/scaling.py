@@ -98,7 +98,7 @@ class ScalingNumbers:
 
     @property
     def everyone(self) -> tuple[ComparedRobot, ...]:
-        """All robots, those of BP2 first."""
+        """All robots, BP2's rows first."""
         first, others = (
             [robot for robot in self.robots if (robot.name == BP2) == own]
             for own in (True, False)

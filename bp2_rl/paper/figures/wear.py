@@ -1,4 +1,4 @@
-"""What a fast run does to a robot: speed over how hard soles land, and whether it needs
+"""The wear of a robot in a fast run: speed over how hard soles land, and whether it needs
 strong brakes."""
 
 import dataclasses

@@ -28,7 +28,7 @@ class Check:
     words: str | None = None
 
     def holds(self, value: Any) -> bool:
-        """Whether it does; what was not measured does not."""
+        """Return whether a value passes the check; a value that was not measured fails."""
         if self.words is not None:
             return value == self.words
         return isinstance(value, int | float) and self.least <= value <= self.most
@@ -101,7 +101,7 @@ class IndexRow(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Statement:
-    """One item of the paper, and what becomes of it in one report."""
+    """One item of the paper, and its verdict by one report."""
 
     item: str  # its number in the paper
     paper: str  # what it shows

@@ -23,7 +23,7 @@ Many = Float[np.ndarray, "*#many"]
 
 
 class Energies(NamedTuple):
-    """The energy of each pendulum and of the beam, in m g l.
+    """The energies of the pendulums and the beam, in m g l.
 
     `pendulums` and `beam` add up to what is kept; `beam_frame` is no part of it.
     """

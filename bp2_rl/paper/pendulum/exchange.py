@@ -26,7 +26,7 @@ PENDULUMS, BEAM = (FRONT, FALL), LEG_COLORS["RR"]  # colours
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sharing:
-    """What came of one mass ratio. Energies in m g l, times in T0."""
+    """The exchange of energy at a mass ratio. Energies in m g l, times in T0."""
 
     mass_ratio: float = metric("R", form="g")
     energy: float  # of the release
@@ -109,7 +109,7 @@ def _pair(values: Float[np.ndarray, " 2"]) -> tuple[float, float]:
 
 
 def study_exchange(settings: PendulumExchangeSettings) -> Drawn:
-    """Study how evenly two pendulums share the energy of one."""
+    """Study how evenly two pendulums share the energy of the released pendulum."""
     runs = exchanges(settings.amplitude, settings.mass_ratio, settings.periods)
     rows = tuple(run.sharing for run in runs)
     table = table_of("", rows)

@@ -40,7 +40,7 @@ a gathered gallop the hind legs come sooner than half a cycle after the fore leg
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitTorque:
-    """The torques of one gait's legs with the beam free, over those with it fixed."""
+    """The torques of a gait's legs, beam free over beam fixed."""
 
     gait: str = metric("Gait", form="s")
     phases: tuple[float, ...] = metric("FR FL RR RL", "cycles", joined(".2f", " "))
@@ -109,7 +109,7 @@ def gain_by_gait(settings: PendulumGaitsSettings) -> Drawn:
 
 @styled
 def gaits_figure(found: Sequence[Sequence[GaitTorque]]) -> Figure:
-    """Torques of each gait, beam free over beam fixed; a panel for each mass ratio."""
+    """Draw torques by gait, beam free over beam fixed; a panel for every mass ratio."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0].tolist()
     for gaits, axes in zip(found, panels, strict=True):

@@ -41,8 +41,7 @@ LEAST, MOST = 0.2, 1.5  # of the colours: at W = 1 the ratio has a pole
 
 @dataclasses.dataclass(frozen=True)
 class Reduction:
-    """One mass ratio in numbers; a ratio is that of the peak torques, beam free over
-    beam fixed."""
+    """The boundary at a mass ratio; a ratio is of peak torques, beam free over fixed."""
 
     mass_ratio: float = metric("R", form=".3g")
     frequency: float = metric("W of the map over amplitudes", form=".3g")
@@ -60,7 +59,7 @@ class Reduction:
 
 @dataclasses.dataclass(frozen=True)
 class Maps:
-    """The maps of one mass ratio; rows by frequency or amplitude, columns by phase."""
+    """The maps at a mass ratio; rows by frequency or amplitude, columns by phase."""
 
     reduction: Reduction
     phases: Float[np.ndarray, " phases"]  # rad

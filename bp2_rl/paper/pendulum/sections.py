@@ -29,7 +29,7 @@ _show_angles = joined("+.2f", " to ")
 
 @dataclasses.dataclass(frozen=True)
 class Path:
-    """What a section shows, in numbers."""
+    """A section in numbers: its angles, and how far apart the two paths are."""
 
     mass_ratio: float = metric("R", form="g")
     points: int = metric("Points", form="d")
@@ -45,7 +45,7 @@ class Path:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The points of one mass ratio."""
+    """The points of the section at a mass ratio."""
 
     path: Path
     theta: Float[np.ndarray, "points 2"]
@@ -64,7 +64,7 @@ def sections(
 
 
 def _section(motion: SwingMotion, system: int) -> Section:
-    """Return the section of one of several systems."""
+    """Return the section of a system, by its place among several."""
     beam_acceleration, acceleration = (
         values[:, system] for values in motion.accelerations
     )

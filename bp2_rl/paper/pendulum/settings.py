@@ -1,4 +1,4 @@
-"""What the figures of pendulums are told, and BP2 as pendulums on a beam; read before
+"""Settings of the pendulums' figures, and BP2 as pendulums on a beam; read before
 anything slow is imported."""
 
 import dataclasses
@@ -29,8 +29,12 @@ less."""
 
 
 def reduced_frequency(frequency: float, length: float) -> float:
-    """W: a frequency in Hz over that of a small swing of a pendulum of `length` in
-    m."""
+    """Return W, a frequency in Hz over the frequency of a pendulum's small swings.
+
+    Args:
+        frequency: Hz.
+        length: of the pendulum, m.
+    """
     return 2.0 * math.pi * frequency * math.sqrt(length / conventions.GRAVITY)
 
 
@@ -172,7 +176,7 @@ def _check_list(flag: str, values: Sequence[float], most: int) -> None:
 
 
 def driven_frequency(frequency: float, length: float) -> float:
-    """Return W, a frequency (Hz) over that of a pendulum of a length (m).
+    """Return `reduced_frequency` of a motion that is driven.
 
     Raises:
         UserError: it is the pendulum's own, where a fixed beam asks for hardly any

@@ -115,7 +115,7 @@ def root_mean_square(
 
 @dataclasses.dataclass(frozen=True)
 class LengthRow:
-    """Torques with the beam free over those with it fixed, of each pendulum."""
+    """Torques of both pendulums at a length, beam free over beam fixed."""
 
     length: float = metric("Length", "m", "g")  # infinite for the limit
     frequency: float = metric("W", form=".2f")

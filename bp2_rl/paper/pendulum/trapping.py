@@ -31,7 +31,7 @@ BEATS = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Threshold:
-    """The mass ratio from which on a swing of one amplitude is trapped."""
+    """The mass ratio from which on a swing of an amplitude is trapped."""
 
     amplitude: float = metric("Amplitude", "rad", ".3f")
     # the greatest mass ratio at which it was seen to leave its pendulum
@@ -43,7 +43,7 @@ class Threshold:
 
 
 def thresholds(amplitudes: Sequence[float]) -> Iterator[Threshold]:
-    """Find the threshold of each amplitude, between mass ratios a percent apart."""
+    """Find the thresholds of amplitudes, between mass ratios a percent apart."""
     for amplitude in amplitudes:
         law = exact.trapping_ratio(amplitude)
         low, high = (share * law for share in BRACKET)

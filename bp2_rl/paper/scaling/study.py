@@ -35,8 +35,7 @@ SIMULATE = "bp2 paper scaling --simulate"
 
 @dataclasses.dataclass(frozen=True)
 class LearnedSpeed:
-    """The top speed of one policy in C MuJoCo: the best mean speed of a ramp's holds of
-    6 s."""
+    """The top speed of a policy in C MuJoCo: the best mean of a ramp's holds of 6 s."""
 
     robot: str  # as in Table S1
     speed: Annotated[float, Within(0.0, 1e3), ColumnHeading("top speed [m/s]")]
@@ -54,8 +53,7 @@ class LimitSearch:
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimits:
-    """What the optimiser found, by name: robots, and BP2 and its variants; None where
-    it found no trot."""
+    """The limits that the optimiser found, by name; None where it found no trot."""
 
     command: str
     rules: Rules
@@ -159,7 +157,7 @@ def choose_robots(
 def simulate(
     search: LimitSearch, workers: int, begun: SpeedLimits | None = None
 ) -> Iterator[SpeedLimits]:
-    """Yield what is found so far each time that a limit is found; the last has all.
+    """Yield all limits found so far, each time that a limit is found.
 
     Args:
         search: whose limits are found.
@@ -245,8 +243,7 @@ def compare_limits(
 
 
 def read_learned() -> tuple[LearnedSpeed, ...]:
-    """Return what policies learned: those of the table that ships, and BP2's policy by
-    its card."""
+    """Return learned speeds: the table that ships, and BP2's policy by its card."""
     own = (
         LearnedSpeed(BP2, robot.top_speed, "the policy that ships")
         for robot in shipped()

@@ -60,7 +60,7 @@ def compare_variants(
     what: str,
     workers: int = 1,
 ) -> Iterator[list[ComparisonRow]]:
-    """Yield the rows of each variant, for each speed and for its greatest, in order.
+    """Yield the rows of every variant: of all speeds, then of its greatest speed.
 
     Each is the cheaper of two searches, from the cold guess and from the speed before;
     a greatest speed is the better of what the last two speeds lead to. Solutions are

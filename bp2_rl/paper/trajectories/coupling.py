@@ -97,8 +97,8 @@ class Sources:
 
     @property
     def closure(self) -> float:
-        """The largest gap between the coupled torque, or the trunk's part of it, and the
-        sum of its sources, as a share of the largest source."""
+        """The largest gap between coupled torque and the sum of its sources, of the
+        trunk's part, too, as a share of the largest source."""
         gap = max(
             np.max(
                 np.abs(
@@ -112,8 +112,7 @@ class Sources:
         )
 
     def motors(self, joint: str, front: bool | None = None) -> list[int]:
-        """Return the indices of the motors of one joint: of all legs, or of those at the
-        front or behind."""
+        """Return the indices of the motors of a joint, in all legs or at an end."""
         legs = self.decomposition.legs
         return [
             2 * i + ("hip", "knee").index(joint)

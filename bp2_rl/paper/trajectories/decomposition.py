@@ -1,4 +1,4 @@
-"""What each term of the equations of motion contributes along a gait cycle (paper,
+"""The terms of the equations of motion along a gait cycle (paper,
 "Inertial coupling in robot running", Eqs. continuous_dynamics, average force and force
 ratio).
 
@@ -89,7 +89,7 @@ class Decomposition:
         return next(leg for leg in self.legs if leg.startswith("F") == front)
 
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
-        """One term of one coordinate, N or Nm."""
+        """Return a term of a coordinate along the cycle, N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
 
 
@@ -191,8 +191,8 @@ def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
-    """Return the mean magnitude over a gait cycle of each term of each coordinate, N or
-    Nm (paper, Eq. average force).
+    """Return the mean magnitudes of all terms over a gait cycle, N or Nm (paper, Eq.
+    average force).
 
     The integral is the scheme's own quadrature; a touchdown adds the magnitude of its
     impulse.
@@ -316,8 +316,7 @@ def split_inertia(
 
 
 def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
-    """Return the indices of the local maxima of one period that stand out by `PROMINENCE`
-    of the largest."""
+    """Return the indices of the peaks of a period that stand out by `PROMINENCE`."""
     size = len(values)
     peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
     return peaks[(peaks >= size) & (peaks < 2 * size)] - size

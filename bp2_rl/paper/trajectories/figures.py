@@ -166,7 +166,7 @@ def stack(
 
 
 def _mean_panel(axes: Axes, trends: Trends, kind: int) -> None:
-    """Average forces of one kind over speed."""
+    """Draw average forces on a kind of coordinate over speed."""
     for i, term in enumerate(TERMS):
         if np.any(trends.average[:, i, kind]):
             # lets the gravity below show through
@@ -187,7 +187,7 @@ def _mean_panel(axes: Axes, trends: Trends, kind: int) -> None:
 
 
 def _share_panel(axes: Axes, trends: Trends, kind: int) -> None:
-    """Shares of one kind over speed, stacked to one."""
+    """Stack the shares of all terms on a kind of coordinate over speed."""
     axes.stackplot(
         trends.speeds,
         trends.share[:, :, kind].T,
@@ -331,7 +331,7 @@ def _harmonics(axes: Axes, terms: Decomposition) -> None:
 
 
 def _velocity_force(axes: Axes, terms: Decomposition) -> None:
-    """Draw C_z over the weight along the cycle, and the paper's one value of it."""
+    """Draw C_z over the weight along the cycle, and the value that the paper prints."""
     over_weight = terms.velocity_force
     shade_stance(axes, terms.cycle, terms.legs)
     axes.plot(

@@ -23,7 +23,7 @@ class FastestVariant:
 
 @dataclasses.dataclass(frozen=True)
 class GreatestSpeeds:
-    """The greatest speed of each variant, m/s; None where IPOPT found no trajectory."""
+    """The greatest speeds of all variants, m/s; None where IPOPT found none."""
 
     problem: Problem
     speeds: dict[str, float | None]
@@ -32,8 +32,7 @@ class GreatestSpeeds:
 def greatest_speeds(
     variants: Mapping[str, Problem], workers: int = 2
 ) -> Iterator[FastestVariant]:
-    """Yield the greatest speed of each variant, as they are found, to be compared with
-    the first.
+    """Yield the greatest speeds of variants as they are found, beside the first variant.
 
     Each is the better of two searches: from the problem's own solution and from one of
     another speed.

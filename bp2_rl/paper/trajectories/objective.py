@@ -1,4 +1,4 @@
-"""What of a trajectory is the objective's and what the robot's: F bar of one, two and
+"""Trajectories and designs by the weight of forces in the cost: F bar of one, two and
 three body weights side by side.
 
 The paper has one cost for analysis and co-design and leaves open what forces are
@@ -49,7 +49,7 @@ class ObjectiveSettings(Bounded):
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveRow:
-    """The cheapest trajectory of one robot under one F bar."""
+    """The cheapest trajectory of a robot under an F bar."""
 
     robot: str = metric("Robot", form="s")
     speed: float = metric("Speed", "m/s", "g")
@@ -104,7 +104,7 @@ def compare_objectives(
 def describe_objective(
     robot: str, body_weights: float, solved: Sequence[Solution]
 ) -> ObjectiveRow:
-    """Describe the cheapest of several solutions of one problem."""
+    """Describe the cheapest of several solutions of a problem."""
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
         decompose,
@@ -134,7 +134,7 @@ def describe_objective(
 def _chains(
     settings: ObjectiveSettings, speed: float, body_weights: float
 ) -> dict[str, list[Chain]]:
-    """Return ways to the cheapest trajectory of each robot."""
+    """Return ways to the cheapest trajectories of all robots."""
     bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
     family = FamilyConfig().problem
     reserved = dataclasses.replace(

@@ -17,7 +17,7 @@ from bp2_rl.optimiser.verify import StrideSummary, summarise, verify
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
-    """The end of one cold start."""
+    """The end of a cold start."""
 
     speed: float  # m/s
     start: int  # 0 is the cold guess itself, others are varied

@@ -1,4 +1,4 @@
-"""Shadow prices: what a little more of each limit of a trajectory would bring.
+"""Shadow prices: the gain by a little more of a trajectory's limits.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
