@@ -4,7 +4,7 @@ law of animals, and a user's own tables."""
 import dataclasses
 import itertools
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, TypeVar, cast
 
 import numpy as np
 
@@ -89,7 +89,8 @@ def speed_law(mass: FloatOrArray) -> FloatOrArray:
     Source: paper, Fig. 1, from Hirt, Jetz, Rall and Brose (Nature Ecology & Evolution
     1, 2017), whose unit is km/h; the paper prints none.
     """
-    return 25.5 * mass**0.26 * (1.0 - np.exp(-22.0 * mass**-0.6)) / KMH
+    speed = 25.5 * mass**0.26 * (1.0 - np.exp(-22.0 * mass**-0.6)) / KMH
+    return cast(FloatOrArray, speed)
 
 
 # --- Races over 100 m, beside those of `evaluation.races` ------------------------------

@@ -1,7 +1,7 @@
 """A figure with its tables and pictures, and the helpers that pictures share."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ def note(
     text: str,
     at: tuple[float, float],
     away: tuple[float, float],
-    **style: object,
+    **style: Any,
 ) -> None:
     """Write a small text beside a point of the data; `away` is in points of the page."""
     axes.annotate(
@@ -62,7 +62,7 @@ def note(
     )
 
 
-def swatch(color: str, label: str, **style: object) -> Line2D:
+def swatch(color: str, label: str, **style: Any) -> Line2D:
     """Return the entry of a legend for lines or marks of a colour."""
     return Line2D([], [], color=color, label=label, **style)
 

@@ -482,8 +482,8 @@ def _draw_map(figure: Figure, axes: Axes, numbers: IdentifiabilityNumbers) -> No
     for (i, j), value in np.ndenumerate(J):
         if abs(value) >= LINEAR:
             color = "white" if abs(value) > 3.0 else INK
-            place = {"ha": "center", "va": "center", "fontsize": 7.5, "color": color}
-            axes.text(j, i, f"{value:.2g}", **place)
+            text = axes.text(j, i, f"{value:.2g}", ha="center", va="center")
+            text.set(fontsize=7.5, color=color)
     columns = [one.name for one in ASSUMED]
     axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right")
     rows = [f"{row.name}, {row.printed:g} {row.unit}" for row in numbers.rows]

@@ -250,8 +250,8 @@ def race_figure(
     top = 1.06 * max(p.speed.max() for p in (*profiles.values(), *runs.values(), ours))
     for axes in (fastest, trained, untrained, starts):
         for name, profile, color, dashes in curves:
-            style = {"color": color, "linestyle": dashes, "linewidth": 1.8}
-            axes.plot(profile.distance, profile.speed, label=name, **style)
+            (line,) = axes.plot(profile.distance, profile.speed, label=name)
+            line.set(color=color, linestyle=dashes, linewidth=1.8)
         axes.set(xlabel="Distance [m]", ylabel="Speed [m/s]", ylim=(0.0, top))
         axes.set_xlim(0.0, TRACK)
     for axes in (fastest, starts):

@@ -154,13 +154,12 @@ def reduction_figure(maps: Sequence[Maps]) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.9), layout="constrained")
     panels = figure.subplots(2, len(maps), sharex=True, sharey="row", squeeze=False)
     norm = TwoSlopeNorm(1.0, LEAST, MOST)
-    image = None
     for one, (upper, lower) in zip(maps, panels.T, strict=True):
         for axes, rows, values in (
             (upper, one.frequencies, one.over_frequency),
             (lower, one.amplitudes, one.over_amplitude),
         ):
-            image = axes.pcolormesh(
+            axes.pcolormesh(
                 one.phases,
                 rows,
                 values,
@@ -192,7 +191,12 @@ def reduction_figure(maps: Sequence[Maps]) -> Figure:
     panels[0, -1].set_title(f"BP2: R = {MASS_RATIO:.3g}")
     panels[0, 0].set_ylabel("Frequency of small swings, $W = \\omega/\\omega_0$")
     panels[1, 0].set_ylabel("Amplitude [rad]")
-    bar = figure.colorbar(image, ax=panels.ravel().tolist(), extend="both", aspect=40)
+    bar = figure.colorbar(
+        panels[0, 0].collections[0],
+        ax=panels.ravel().tolist(),
+        extend="both",
+        aspect=40,
+    )
     bar.set_label("Peak torque, free / fixed; black curve: no difference")
     legend_above(figure, panels[0, -1], 2)
     return figure

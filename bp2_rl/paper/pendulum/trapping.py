@@ -87,9 +87,8 @@ def trapping_figure(thresholds: Sequence[Threshold]) -> Figure:
     axes = figure.subplots()
     amplitudes = [one.amplitude for one in thresholds]
     curve = np.linspace(0.95 * min(amplitudes), 1.03 * max(amplitudes), 200)
-    law = {"color": INK, "linewidth": 1.0, "linestyle": DASHES}
     by_law = [exact.trapping_ratio(float(amplitude)) for amplitude in curve]
-    axes.plot(curve, by_law, label="law, $32/A^2$", **law)
+    axes.plot(curve, by_law, color=INK, linestyle=DASHES, label="law, $32/A^2$")
     middle = [(one.exchanges + one.traps) / 2.0 for one in thresholds]
     axes.plot(amplitudes, middle, "o-", color=FRONT, label="measured: trapped above")
     for at in zip(amplitudes, middle, strict=True):

@@ -285,8 +285,8 @@ def _fixed_trunk(axes: Axes, sources: Sources, joint: str) -> None:
         order = np.argsort(since, kind="stable")
         for torque, name, dashes in ((u, "u", "-"), (fixed, "ũ", (0, (1.5, 1.2)))):
             label = f"{name}, {end}, at most {np.max(np.abs(torque)):.0f} Nm"
-            style = {"color": color, "linestyle": dashes, "label": label}
-            axes.plot(since[order], torque[order], **style)
+            (line,) = axes.plot(since[order], torque[order], color=color, label=label)
+            line.set(linestyle=dashes)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set(
         title=f"{joint.capitalize()}s: u, and ũ on a still trunk",
