@@ -15,7 +15,7 @@ from bp2_rl.evaluation.races import PAPER_BP2, TRACK, TRAINED, UNTRAINED
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot import bp2
 from bp2_rl.robot.conventions import GRAVITY
-from bp2_rl.simulation.metrics import power_demand
+from bp2_rl.simulation.measuring import power_demand
 
 FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 

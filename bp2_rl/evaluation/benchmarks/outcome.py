@@ -1,4 +1,4 @@
-"""What a benchmark hands to the terminal, the page, the file and a policy's card."""
+"""The outcome of a benchmark, for the terminal, the page, the file and the card."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -12,8 +12,6 @@ from bp2_rl.base.metric import rounded as rounded
 from bp2_rl.base.metric import show as show
 from bp2_rl.base.metric import show_fall as show_fall
 from bp2_rl.simulation.trajectory import Trajectory
-
-MEASURES = "Measure", "Value", "Definition"  # head of a table of rows
 
 
 class Picture(NamedTuple):

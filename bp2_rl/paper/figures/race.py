@@ -24,6 +24,7 @@ from bp2_rl.paper.figures.settings import RaceSettings
 from bp2_rl.paper.published import Athlete, read_standards
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.track import track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"
@@ -184,7 +185,7 @@ def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]
 def follow_run(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
     """Return a run's race, by the measures of the sprint benchmark: splits, and speeds
     as means over `RIPPLE` around."""
-    from bp2_rl.evaluation.benchmarks.sprint import measure_splits, track_position
+    from bp2_rl.evaluation.benchmarks.run import measure_splits
 
     splits, along = measure_splits(run), track_position(run)[0]
     ends = np.clip(

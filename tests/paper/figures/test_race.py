@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import to_json
 from bp2_rl.evaluation import races
-from bp2_rl.evaluation.benchmarks.sprint import measure_splits
+from bp2_rl.evaluation.benchmarks.run import measure_splits
 from bp2_rl.paper.figures.race import (
     RaceNumbers,
     Racer,
