@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
+from bp2_rl.base.metric import metric
 from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, contact_rows
@@ -176,10 +177,10 @@ def resimulate(
 class StrideSummary:
     """A stride in four numbers, whose peaks are between the mesh's points, too."""
 
-    period: float  # s
-    duty: float
-    peak_torque: float  # Nm
-    peak_force: float  # N, vertical, of a foot
+    period: float = metric("Period", "s", ".3f")
+    duty: float = metric("Duty", form=".3f")
+    peak_torque: float = metric("Peak torque", "Nm", ".0f")
+    peak_force: float = metric("Force", "N", ".0f")  # vertical, of a foot
 
 
 def summarise(solution: Solution) -> StrideSummary:

@@ -26,8 +26,10 @@ YES, NO = "yes", "no"
 
 
 class ColumnHeading(NamedTuple):
-    """What stands over a field's column: `mass: Annotated[float, Heading("mass
-    [kg]")]`; else the field's name."""
+    """The heading of a field's column, where it is not the field's name.
+
+    Such as `mass: Annotated[float, ColumnHeading("mass [kg]")]`.
+    """
 
     text: str
 
@@ -89,7 +91,7 @@ def _fields(row: type[Any]) -> tuple[_Field, ...]:
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """The cells of each line that is not empty, with the line's number."""
+    """Return the cells of all lines that are not empty, with the lines' numbers."""
     try:
         reader = csv.reader(
             read_bytes(path, LARGEST).decode("utf-8-sig").splitlines(keepends=True),

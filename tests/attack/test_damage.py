@@ -1,7 +1,6 @@
 """Damaged files of every kind, given to every command that reads them: read all the
 same, or refused in one line with status 2; and what was there is there still."""
 
-import dataclasses
 import importlib
 import itertools
 import os
@@ -23,9 +22,7 @@ from bp2_rl.learning import run
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.optimiser.family import FamilyConfig
-from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import save_solution
-from bp2_rl.paper.trajectories.sweep import Attempt
 from bp2_rl.settings.reference import CollocationConfig
 
 pytestmark = pytest.mark.attack
@@ -34,8 +31,6 @@ LONGEST = 20.0  # s, for an answer
 FLIPS = 12  # of one bit, for each file
 POLICY_FILES = ("run/policies/128/card.json", "run/policies/128/weights.npz")
 SOLUTION = ("family/speed-00.50.json", "family/speed-00.50.npz")
-SWEEP_FILES = ("sweep/sweep.json", "sweep/speed-00.50-start-0.attempt.json")
-SLOWEST = ["--slowest", "0.5", "--fastest", "0.5", "--starts", "1", "--intervals", "40"]
 RUN_FILES = (
     "run/config.json",
     "run/checkpoints/2/metadata.json",
@@ -54,7 +49,7 @@ def begin(*_, **__):
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
     """A folder with a run of two train steps, a report of its policy, a library of
-    trots, a family and a sweep."""
+    trots and a family."""
     folder = tmp_path_factory.mktemp("original")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -82,20 +77,10 @@ def original(tmp_path_factory):
 
 
 def keep_solved(folder: Path) -> None:
-    """A family and a sweep of one speed each, the library's slowest."""
+    """A family of one speed, the library's slowest."""
     slowest = load_family(folder / "library.npz")[0]
     save_solution(folder / "family/speed-00.50", slowest)
     save_config(folder / "family/family.json", FamilyConfig())
-    problem = Problem(intervals=40)
-    save_solution(
-        folder / "sweep/speed-00.50-start-0",
-        dataclasses.replace(slowest, problem=problem.at(0.5)),
-    )
-    save_config(
-        folder / "sweep/speed-00.50-start-0.attempt.json",
-        Attempt(0.5, 0, True, 1.0, slowest.cost, 0.0),
-    )
-    save_config(folder / "sweep/sweep.json", problem)
 
 
 @pytest.fixture
@@ -111,7 +96,6 @@ def cut_off(monkeypatch):
         "bp2_rl.optimiser.verify.verify",
         "bp2_rl.paper.trajectories.decomposition.decompose",
         "bp2_rl.optimiser.family.spawned",
-        "bp2_rl.paper.trajectories.sweep.spawned",
     ):
         monkeypatch.setattr(place, begin)
     monkeypatch.setattr(
@@ -156,13 +140,7 @@ COMMANDS = {
         ["library", "build", "--out", "family"],
         ("family/family.json",),
     ),
-    "sweep": (
-        "paper.cli.trajectories",
-        ["sweep", *SLOWEST, "--out", "sweep"],
-        SWEEP_FILES,
-    ),
     "verify solutions": ("cli.trajopt", ["verify", "family"], SOLUTION),
-    "verify a sweep": ("cli.trajopt", ["verify", "sweep"], SWEEP_FILES),
     "figures": (
         "paper.cli.trajectories",
         ["figures", "family", "--speed", "0.5"],

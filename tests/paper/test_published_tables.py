@@ -9,8 +9,8 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError
+from bp2_rl.paper.published import TABLE_S1, PublishedRobot
 from bp2_rl.paper.published_tables import LARGEST, ColumnHeading, headings, read_table
-from bp2_rl.paper.robots import TABLE_S1, PublishedRobot
 
 
 @dataclasses.dataclass(frozen=True)

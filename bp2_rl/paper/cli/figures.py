@@ -8,31 +8,29 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-from rich.text import Text
-
-from bp2_rl.base.files import require_name, write_npz
+from bp2_rl.base.files import require_name
+from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli.dispatch import Command, Entry, choose
 from bp2_rl.cli.trajopt.output import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
 from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw
+from bp2_rl.paper.index.item import Statement, statements_of
 
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
 OUT = Path("reports/figures")
-COLUMNS = 130  # of a table
 
 
 @dataclasses.dataclass(frozen=True)
 class FigureReport:
-    """What metrics.json holds."""
+    """The content of a figure's metrics.json."""
 
     figure: str
     settings: dict[str, Any]
-    comparisons: tuple[dict[str, Any], ...]
+    comparisons: tuple[Statement, ...]  # items of the paper, where the figure has them
     results: dict[str, Any]
 
 
@@ -40,73 +38,50 @@ def _figure(name: str, arguments: Any) -> None:
     """Draw a figure as the command line says, print its tables, and leave its
     report."""
     require_name(arguments.out)
-    report = (
-        arguments.out,
-        name,
-        lambda metrics: load_config(FigureReport, metrics).figure,
-    )
     if arguments.out.exists():
-        open_folder(*report)  # before the work
+        open_figure_folder(arguments.out, name)  # before the work
     with spinner(name):
         drawn = draw(name, arguments.settings)  # a mistake leaves no folder
-    open_folder(*report)
-    show(drawn)
-    leave(arguments, name, drawn)
+    open_figure_folder(arguments.out, name)
+    show_and_leave(arguments, name, drawn)
     print(f"pictures and numbers: {arguments.out}")
 
 
-def leave(arguments: Any, name: str, drawn: "Drawn") -> None:
-    """Write a figure's pictures and numbers to the open folder that its arguments
-    name."""
+def open_figure_folder(folder: Path, name: str) -> None:
+    """Make the folder of a figure's report, which may hold an old one of the same
+    figure."""
+    open_folder(folder, name, lambda metrics: load_config(FigureReport, metrics).figure)
+
+
+def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
+    """Print a figure's tables and what becomes of the paper's items, and write numbers
+    and pictures to the folder that its arguments name."""
     from bp2_rl.base.plotting import save_figure
 
-    said = tuple(to_json(comparison) for comparison in drawn.comparisons)
-    several, found = isinstance(drawn.results, dict), drawn.results
-    results = (
+    found = drawn.results
+    results: dict[str, Any] = (
         {kind: [to_json(one) for one in found[kind]] for kind in found}
-        if several
+        if isinstance(found, dict)
         else to_json(found)
     )
-    report = FigureReport(name, to_json(arguments.settings), said, results)
-    save_config(arguments.out / METRICS, report)
-    if drawn.arrays:
-        write_npz(arguments.out / f"{name}.npz", drawn.arrays, compressed=True)
+    said = statements_of(name, {"results": results})
+    for table in drawn.tables:
+        print_table(table)
+    if said:
+        rows = [(f"{s.item}: {s.paper}", s.ours, _verdict(s)) for s in said]
+        head = "The paper", "Here", ""
+        print_table(Table("What the paper says", head, rows), folded=True)
+    settings = to_json(arguments.settings)
+    save_config(arguments.out / METRICS, FigureReport(name, settings, said, results))
     for picture, figure in drawn.pictures.items():
         save_figure(figure, arguments.out / f"{picture}.{arguments.format}")
 
 
-def show(drawn: "Drawn") -> None:
-    """A figure's tables, and what comes of the paper's statements, on the terminal."""
-    for title, head, lines, words in drawn.tables:
-        table = Table(title=title, title_justify="left", title_style="bold")
-        for place, column in enumerate(head):
-            table.add_column(
-                column,
-                no_wrap=place == 0,
-                justify="left"
-                if place == 0 or (words and place == len(head) - 1)
-                else "right",
-            )
-        for line in lines:
-            table.add_row(*map(Text, line))
-        print_table(table, COLUMNS)
-    if not drawn.comparisons:
-        return
-    table = Table(
-        "The paper",
-        "Here",
-        "",
-        title="What the paper says",
-        title_justify="left",
-        title_style="bold",
-    )
-    for said in drawn.comparisons:
-        verdict = ": ".join(filter(None, (said.verdict, said.because)))
-        table.add_row(*map(Text, (said.paper, said.ours, verdict)))
-    print_table(table, COLUMNS)
+def _verdict(said: Statement) -> str:
+    return ": ".join(filter(None, (said.verdict, said.because)))
 
 
-def _entry(name: str, settings: type[Any]) -> Entry:
+def _entry(name: str, settings: type[object]) -> Entry:
     command = Command(
         f"bp2 paper figures {name}",
         with_folder(settings, OUT / name),

@@ -38,8 +38,8 @@ PAGE, METRICS, LOG = "index.html", "metrics.json", "log.txt"
 
 @dataclasses.dataclass(frozen=True)
 class IndexArguments:
-    """Make every panel of the paper that can be made, and one page that says of each
-    item what is ours.
+    """Make every panel of the paper that can be made, and a page with a row for every
+    item.
 
     What a command made before is taken as it is, if the policy, the shipped files and
     the version are the same.
@@ -59,7 +59,7 @@ class IndexArguments:
 
 @dataclasses.dataclass(frozen=True)
 class IndexReport:
-    """What metrics.json holds."""
+    """The content of the index's metrics.json."""
 
     version: str
     policy: str
@@ -158,7 +158,7 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
 
 
 def is_current(source: Source, folder: Path, key: str) -> bool:
-    """Whether a folder holds what the command would make: its key, and numbers that
+    """Return whether a folder holds the command's report: its key, and numbers that
     nobody has touched since."""
     folder = find_folder(folder)
     try:

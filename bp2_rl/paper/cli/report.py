@@ -1,22 +1,24 @@
-"""What commands of the paper share: where a report goes, what may be in its folder, and
-tables on the terminal."""
+"""The folder of a command's report, and tables on the terminal."""
 
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bp2_rl.base import metric
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import open_report
 
 METRICS = "metrics.json"
+COLUMNS = 130  # of a table, at least
 
 
-def with_folder(settings: type[Any], out: Path) -> type[Any]:
+def with_folder(settings: type[object], out: Path) -> type[object]:
     """Return the arguments of a command: its `settings`, `out`, the folder where its
     report goes, and `format`."""
     where = tyro.conf.arg(metavar="DIR", help="the report's folder")
@@ -50,7 +52,20 @@ def open_folder(folder: Path, name: str, read_name: Callable[[Path], str]) -> No
         )
 
 
-def print_table(table: Table, columns: int) -> None:
-    """Print a table on so many columns at least: a number that is cut off is worse than
-    a line that is folded."""
-    Console(width=max(Console().width, columns)).print(table)
+def print_table(table: metric.Table, *, folded: bool = False) -> None:
+    """Print a table on `COLUMNS` columns at least: a number that is cut off is worse
+    than a line that is folded.
+
+    Args:
+        table: all columns but the first (and the last, if `words`) hold numbers.
+        folded: all columns hold sentences.
+    """
+    shown = Table(title=table.title, title_justify="left", title_style="bold")
+    last = len(table.head) - 1
+    for place, column in enumerate(table.head):
+        left = folded or place == 0 or (table.words and place == last)
+        keep = place == 0 and not folded
+        shown.add_column(column, no_wrap=keep, justify="left" if left else "right")
+    for line in table.lines:
+        shown.add_row(*map(Text, line))
+    Console(width=max(Console().width, COLUMNS)).print(shown)

@@ -13,9 +13,9 @@ from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.trajopt.arguments import Workers
 from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
-from bp2_rl.paper.cli.report import open_folder, with_folder
+from bp2_rl.paper.cli.report import with_folder
 
-OUT = Path("reports/scaling")
+OUT, FIGURE = Path("reports/scaling"), "limits"
 # of the optimiser: whose limits it looks for, and those found
 SEARCH, LIMITS = "search.json", "limits.json"
 
@@ -50,11 +50,11 @@ class LimitSettings(Bounded, path="--"):
 def _compare(arguments: Any) -> None:
     from bp2_rl.base.errors import UserError
     from bp2_rl.base.files import require_name
-    from bp2_rl.base.serialization import claim_folder, load_config, save_config
+    from bp2_rl.base.serialization import claim_folder, save_config
     from bp2_rl.cli.trajopt.output import progress
-    from bp2_rl.paper.cli.figures import FigureReport, leave, show
+    from bp2_rl.paper.cli.figures import open_figure_folder, show_and_leave
     from bp2_rl.paper.figures.drawn import Drawn
-    from bp2_rl.paper.robots import read_robots
+    from bp2_rl.paper.published import read_robots
     from bp2_rl.paper.scaling import study
     from bp2_rl.paper.scaling.figure import draw_limits
     from bp2_rl.paper.scaling.limits import Rules
@@ -65,9 +65,7 @@ def _compare(arguments: Any) -> None:
         raise UserError("--robots chooses whose limits to find anew: add --simulate")
     robots, variants = study.choose_robots(settings.robots)
     if not (out / SEARCH).is_file():
-        open_folder(
-            out, "limits", lambda metrics: load_config(FigureReport, metrics).figure
-        )
+        open_figure_folder(out, FIGURE)
     limits = study.read_limits()
     if settings.simulate:
         search = study.LimitSearch(
@@ -83,19 +81,16 @@ def _compare(arguments: Any) -> None:
                 save_config(out / LIMITS, limits)  # as they are found
     compared = study.compare_limits(limits, read_robots(), study.read_learned())
     print(*study.refutations(compared), sep="\n")
-    drawn = Drawn(
-        compared, study.tables(compared), (), {"scaling": draw_limits(compared)}
-    )
-    show(drawn)
-    print(*study.verdict(compared), sep="\n")
-    left = (
+    picture = {"scaling": draw_limits(compared)}
+    drawn = Drawn(compared, study.tables(compared), picture)
+    show_and_leave(arguments, FIGURE, drawn)
+    print(*study.summarise_speeds(compared), sep="\n")
+    for what, names in (
         ("no trot was found of", compared.not_found),
         ("legs or motors not published", compared.left_out),
-    )
-    for what, names in left:
+    ):
         if names:
             print(f"{what}: {', '.join(names)}")
-    leave(arguments, "limits", drawn)
     print(f"picture and numbers: {out}")
 
 

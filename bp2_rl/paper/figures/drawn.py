@@ -1,34 +1,89 @@
-"""What a figure hands to the terminal, the files and a page."""
+"""A figure with its tables and pictures, and the helpers that pictures share."""
 
-import dataclasses
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from bp2_rl.evaluation.benchmarks.outcome import Table
+from bp2_rl.base.metric import Table
+from bp2_rl.base.plotting import INK
 
-Verdict = Literal["same", "differs", "not comparable"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """One statement of the paper, and what comes of it here."""
-
-    paper: str  # what it says
-    ours: str  # what we find
-    verdict: Verdict
-    because: str = ""  # where it is not the same
+DASHES = (0, (4, 2))
+ON_WHITE = {
+    "boxstyle": "square,pad=0.15",
+    "facecolor": "white",
+    "edgecolor": "none",
+    "alpha": 0.85,
+}
+"""The box of a text that stands among lines."""
 
 
 class Drawn(NamedTuple):
     """A figure, and all that it shows."""
 
-    # every number in pictures, tables and comparisons, not rounded: a dataclass, or
-    # several by name
-    results: Any
+    # every number in pictures and tables, not rounded: a dataclass, or several by name
+    results: object
     tables: tuple[Table, ...]
-    comparisons: tuple[Comparison, ...]
     pictures: Mapping[str, Figure]  # by name
-    # what the curves are drawn from, where no other file has them
-    arrays: Mapping[str, Any] = {}
+
+
+def joined(form: str, between: str = " / ") -> Callable[[Sequence[float]], str]:
+    """Return the format of several numbers in one cell of a table."""
+    return lambda values: between.join(f"{value:{form}}" for value in values)
+
+
+def remark(axes: Axes, text: str) -> None:
+    """Write a text in the upper right corner of a panel, on white."""
+    axes.text(
+        0.98,
+        0.95,
+        text,
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        color=INK,
+        fontsize=8.5,
+        bbox=ON_WHITE,
+    )
+
+
+def note(
+    axes: Axes,
+    text: str,
+    at: tuple[float, float],
+    away: tuple[float, float],
+    **style: Any,
+) -> None:
+    """Write a small text beside a point of the data; `away` is in points of the page."""
+    axes.annotate(
+        text, at, away, textcoords="offset points", **{"fontsize": 8.5, **style}
+    )
+
+
+def swatch(color: str, label: str, **style: Any) -> Line2D:
+    """Return the entry of a legend for lines or marks of a colour."""
+    return Line2D([], [], color=color, label=label, **style)
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
+    """Put the labels of a panel above its figure, each once."""
+    handles, labels = axes.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(named.values()),
+        list(named),
+        loc="outside upper center",
+        ncols=columns,
+        handlelength=1.6,
+        columnspacing=1.6,
+    )
+
+
+def name_rows(axes: Axes, names: Sequence[str], size: float = 8.0) -> None:
+    """Name the rows of a panel, the first at the bottom, in place of numbers."""
+    axes.set_yticks(range(len(names)), names, fontsize=size)
+    axes.set_ylim(-0.7, len(names) - 0.3)
+    axes.grid(visible=False, axis="y")
+    axes.tick_params(axis="y", length=0)

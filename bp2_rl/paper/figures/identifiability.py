@@ -1,175 +1,475 @@
-"""The Jacobian of the paper's numbers, its singular values, and what is left of each
-assumption's range."""
+"""How the paper's numbers move with what had to be assumed, and what they leave open of
+that.
+
+The Jacobian is of logarithms: a row is a number of the paper over how well it is known,
+a column an assumption over half its range. Its singular values say by how many times
+their uncertainty the paper's numbers move as a combination of assumptions goes through
+half its range. Below one, next to nothing is learned of it.
+
+The rows come from three places: trajectories at one speed, optimised again with each
+assumption changed (Fig. 4, and the heat of what they ask of a hip); greatest speeds, by
+the multipliers of their programs (`shadow_prices`); closed forms.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, cast
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from scipy.optimize import brentq
 
-from bp2_rl.base.plotting import FRONT, INK, QUIET, WIDTH, mark_level, styled
-from bp2_rl.evaluation.benchmarks.outcome import Table, show
-from bp2_rl.paper.figures.assumed import ASSUMED
-from bp2_rl.paper.figures.drawn import Comparison, Drawn
-from bp2_rl.paper.figures.identifiability_numbers import (
-    LAUNCH,
-    OUTDOORS,
-    SPRINT,
-    Combination,
-    IdentifiabilityNumbers,
-    RowNumbers,
-    jacobian,
-    measure,
-)
+from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.plotting import FRONT, INK, WIDTH, styled
+from bp2_rl.optimiser.collocation import fastest, solve
+from bp2_rl.optimiser.cycle import whole_cycle
+from bp2_rl.optimiser.problem import CostWeights, Problem
+from bp2_rl.optimiser.solution import Solution
+from bp2_rl.paper.figures.drawn import Drawn, name_rows
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
+from bp2_rl.paper.motor_heat import Network, Temperatures, advance
+from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
+from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
+from bp2_rl.paper.trajectories.shadow_prices import (
+    LIMITS,
+    LOSSES,
+    Change,
+    find_shadow_prices,
+)
 from bp2_rl.robot import bp2
+from bp2_rl.robot.actuator import copper_loss, stall_torque
+from bp2_rl.robot.hardware import BUILT
 
-NAMED = 0.25  # of a combination's length: parts that are named
-LINEAR = 0.1  # units: below, the map's colours are linear
+# --- What had to be assumed, and how far off it may be --------------------------------
+
+BODY_WEIGHT = CostWeights().force  # N
+
+
+@dataclasses.dataclass(frozen=True)
+class Assumed:
+    """A positive number that had to be assumed; its range, what published machines or
+    the paper's silence leave, is ASSUMED, too."""
+
+    name: str
+    unit: str
+    low: float
+    value: float
+    high: float
+    change: Change | None = None  # of a problem; None: of the motors' heat alone
+    heat: str = ""  # field of `MotorHeat`
+
+    @property
+    def reach(self) -> float:
+        """Half the range, as a change of the number's logarithm: one unit of the
+        analysis."""
+        return 0.5 * math.log(self.high / self.low)
+
+
+def _force_scale(problem: Problem, factor: float) -> Problem:
+    weights = dataclasses.replace(problem.weights, force=factor * problem.weights.force)
+    return dataclasses.replace(problem, weights=weights)
+
+
+def _foot_radius(problem: Problem, factor: float) -> Problem:
+    return dataclasses.replace(problem, foot_radius=factor * bp2.FOOT_RADIUS)
+
+
+_LOSSES, _MOTOR = BUILT.losses, MotorHeat()
+MECHANICAL = (
+    Assumed("F bar", "N", BODY_WEIGHT, BODY_WEIGHT, 3.0 * BODY_WEIGHT, _force_scale),
+    # the text, and Table S1
+    Assumed("peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),
+    Assumed(
+        "corner speed",
+        "rad/s",
+        bp2.CORNER_SPEED,
+        bp2.CORNER_SPEED,
+        18.0,
+        LIMITS["corner speed"],
+    ),
+    Assumed(
+        "rotor inertia", "kg m2", 1e-4, bp2.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]
+    ),
+    # for the spring's rest length
+    Assumed("leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMITS["leg length"]),
+    Assumed(
+        "spring travel", "m", 0.10, bp2.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]
+    ),
+    Assumed(
+        "stops' stiffness",
+        "N/m",
+        15e3,
+        bp2.SPRING_STOP_STIFFNESS,
+        60e3,
+        LIMITS["stops' stiffness"],
+    ),
+    Assumed("foot radius", "m", 0.01, bp2.FOOT_RADIUS, 0.04, _foot_radius),
+    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMITS["friction"]),
+)
+"""Of the robot and of the objective."""
+
+LOST = tuple(
+    # BP2's joints are alike
+    Assumed(name, unit, low, cast(float, value), high, LOSSES[name])
+    for name, unit, low, value, high in (
+        ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
+        ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),
+        ("joint friction", "Nm", 1.0, _LOSSES.joint_friction, 4.0),
+        ("joint viscosity", "Nm s/rad", 0.025, _LOSSES.joint_viscosity, 0.1),
+        ("slide friction", "N", 10.0, _LOSSES.spring_friction, 40.0),
+        ("bus sag", "1/kW", 0.00625, _LOSSES.bus_sag, 0.025),
+        ("bus power", "W", 6e3, _LOSSES.bus_power_out, 10e3),
+    )
+)
+"""What a machine loses; the paper's analysis has none of it."""
+
+HEAT = tuple(
+    Assumed(name, unit, low, value, high, heat=field)
+    for name, unit, low, value, high, field in (
+        (
+            "winding's capacity",
+            "J/K",
+            50.0,
+            _MOTOR.winding_capacity,
+            152.0,
+            "winding_capacity",
+        ),
+        # the straightest rise has 1.5 K/W
+        ("winding to case", "K/W", 0.5, 1.5, 4.5, "winding_to_case"),
+        ("case's capacity", "J/K", 200.0, _MOTOR.case_capacity, 600.0, "case_capacity"),
+        ("case to air", "K/W", 0.5, _MOTOR.case_to_air, 2.0, "case_to_air"),
+        ("magnets' loss", "1/K", 0.9e-3, _MOTOR.magnet_loss, 1.2e-3, "magnet_loss"),
+    )
+)
+"""Of the motors' heat."""
+
+ASSUMED = (*MECHANICAL, *LOST, *HEAT)
+
+
+# --- The paper's numbers --------------------------------------------------------------
+
+SHARE = 0.1  # of a unit, by which an assumption is changed to either side
+TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = (
+    "main torque",
+    "C_z",
+    "thigh reverses",
+    "lesser power",
+)
+GREATEST, BELT, OUTDOORS = "greatest power", "belt", "outdoors"
+SPRINT, LAUNCH, HEATING = "100 m", "launch", "heating"
+
+
+@dataclasses.dataclass(frozen=True)
+class Printed:
+    """A number of the paper."""
+
+    name: str
+    value: float
+    unit: str
+    rounding: float  # half a unit of its last digit
+    where: str
+
+
+PRINTED = (
+    Printed(TORQUE, 250.0, "Nm", 5.0, "Fig. 4 B"),
+    Printed(VELOCITY_FORCE, 1.19, "m g", 0.005, "Fig. 4 A"),
+    Printed(REVERSAL, 0.21, "T", 0.005, "Fig. 4 B"),
+    Printed(POWERS, bp2.HIND_PEAK_POWERS[0], "W", 0.5, "Fig. 5 E"),
+    Printed(GREATEST, bp2.HIND_PEAK_POWERS[1], "W", 0.5, "Fig. 5 E"),
+    Printed(BELT, bp2.TREADMILL_TOP_SPEED, "m/s", 0.05, "Results"),
+    Printed(OUTDOORS, bp2.OUTDOOR_TOP_SPEED, "m/s", 0.005, "Abstract"),
+    Printed(SPRINT, bp2.SPRINT_100M_TIME, "s", 0.05, "Abstract"),
+    Printed(LAUNCH, bp2.LAUNCH_ACCELERATION, "m/s2", 0.005, "Results"),
+    Printed(HEATING, bp2.HEATING_RATE, "K/s", 0.05, "Fig. 7"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class RowNumbers:
+    """A number of the paper, ours, and how ours moves with the assumptions."""
+
+    name: str
+    unit: str
+    where: str  # in the paper
+    printed: float
+    ours: float | None  # None: no model of ours gives it
+    uncertainty: float  # relative: rounding and the model's error
+    slopes: dict[str, float]  # d ln / d ln, by assumption
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentifiabilityNumbers:
+    """How the paper's numbers move with the assumptions, and what they leave open."""
+
+    rows: tuple[RowNumbers, ...]
+    # combinations of assumptions with a singular value of one or more
+    pinned: int
+    assumptions: int
+    # of each assumption's range, once the paper's numbers are taken into account
+    left: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class AssumptionRow:
+    """One assumption, and what the paper's numbers leave of its range."""
+
+    name: str = metric("Assumed", form="s")
+    value: float = metric("Value", form="g")
+    low: float = metric("From", form="g")
+    high: float = metric("To", form="g")
+    unit: str = metric("Unit", form="s")
+    left: float = metric("Left of its range", form=".0%")
 
 
 def identifiability(settings: IdentifiabilitySettings) -> Drawn:
-    """The figure, its tables, and what becomes of the paper's numbers as evidence."""
-    numbers = measure(settings)
-    tables = (
-        _assumption_table(numbers),
-        _row_table(numbers),
-        _combination_table(numbers),
-    )
-    return Drawn(
-        numbers,
-        tables,
-        compare(numbers),
-        {"identifiability": identifiability_figure(numbers)},
-    )
-
-
-def compare(numbers: IdentifiabilityNumbers) -> tuple[Comparison, ...]:
-    """Which of the paper's numbers say nothing, or nothing of their own, of what had to
-    be assumed."""
-    by_name = {row.name: row for row in numbers.rows}
-    share = _parallel(by_name[SPRINT], by_name[OUTDOORS])
-    return (
-        Comparison(
-            f"{len(numbers.rows)} numbers that hang on the hardware",
-            f"they pin down {numbers.pinned} combinations of {numbers.assumptions} assumptions, "
-            f"{numbers.by_rounding} if the model had no error",
-            "not comparable",
-            "the paper does not print these; most of them nothing else tells",
-        ),
-        Comparison(
-            "1765 W of a hind motor",
-            "peak torque times corner speed, 1764 W",
-            "not comparable",
-            "it pins that product; the corner of our envelope was derived from it",
-        ),
-        Comparison(
-            "12.2 s over 100 m",
-            f"moves as {share:+.2f} times the top speed outdoors does",
-            "not comparable",
-            "once 10.74 m/s and 2.38 m/s2 are printed it says nothing more of the hardware",
-        ),
-        Comparison(
-            f"a launch of {by_name[LAUNCH].printed:g} m/s2",
-            f"needs a friction of {numbers.grip:.2f} and, on two legs, {numbers.launch_torque:.0f} Nm of a hip",
-            "not comparable",
-            f"friction of {bp2.FOOT_FRICTION:g} and {bp2.PEAK_TORQUE:g} Nm leave room: it is control's, and pins "
-            "nothing assumed",
-        ),
-    )
-
-
-def _parallel(row: RowNumbers, other: RowNumbers) -> float:
-    """How many times another row a row is, by least squares."""
-    one, two = (
-        np.array([each.slopes[name] for name in other.slopes]) for each in (row, other)
-    )
-    return float(one @ two / (two @ two))
-
-
-def _assumption_table(numbers: IdentifiabilityNumbers) -> Table:
-    head = ("Assumed", "Value", "From", "To", "Unit", "Left of its range")
-    lines = [
-        (
-            one.name,
-            f"{one.value:g}",
-            f"{one.low:g}",
-            f"{one.high:g}",
-            one.unit,
-            f"{numbers.left[one.name]:.0%}",
+    """Draw and tabulate what the paper's numbers leave open of the assumptions."""
+    numbers = identify(settings)
+    rows = [
+        AssumptionRow(
+            one.name, one.value, one.low, one.high, one.unit, numbers.left[one.name]
         )
         for one in ASSUMED
     ]
-    return Table(
-        "What is assumed, and what the paper's numbers leave of it", head, lines
-    )
+    table = table_of("What is assumed, and what the paper's numbers leave of it", rows)
+    picture = identifiability_figure(numbers)
+    return Drawn(numbers, (table,), {"identifiability": picture})
 
 
-def _row_table(numbers: IdentifiabilityNumbers) -> Table:
-    head = (
-        "Number",
-        "Paper",
-        "Ours",
-        "Known to",
-        "Moves most with",
-        "Slopes differ by",
-    )
-    lines = []
-    for row, units in zip(numbers.rows, jacobian(numbers.rows), strict=True):
-        most = [
-            f"{ASSUMED[i].name} {units[i]:+.2g}"
-            for i in np.argsort(-np.abs(units))[:3]
-            if abs(units[i]) > 1e-3
-        ]
-        paper = f"{row.printed:g} {row.unit}"
-        known = f"{row.uncertainty:.1%}"
-        lines.append(
-            (
-                row.name,
-                paper,
-                show(row.ours, ".4g"),
-                known,
-                ", ".join(most) or "nothing",
-                f"{row.bend:.0%}",
-            )
+def identify(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
+    """Solve, differentiate and decompose."""
+    problem = Problem(speed=settings.speed, intervals=settings.intervals)
+    cruise = solve(problem)
+    ours, slopes = _analysed(cruise)
+    for name, speed, gains in _greatest(cruise):
+        ours[name], slopes[name] = speed, gains
+    ours[GREATEST] = bp2.PEAK_TORQUE * bp2.CORNER_SPEED
+    slopes[GREATEST] = {"peak torque": 1.0, "corner speed": 1.0}
+    v, a = bp2.OUTDOOR_TOP_SPEED, bp2.LAUNCH_ACCELERATION
+    ours[SPRINT] = sprint(v, a)
+    share = v * (0.5 / a - TRACK / v**2) / ours[SPRINT]  # d ln t / d ln v
+    slopes[SPRINT] = {name: share * slope for name, slope in slopes[OUTDOORS].items()}
+    slopes[LAUNCH] = {}
+    rows = tuple(
+        RowNumbers(
+            printed.name,
+            printed.unit,
+            printed.where,
+            printed.value,
+            ours.get(printed.name),
+            settings.model_error + printed.rounding / printed.value,
+            slopes[printed.name],
         )
-    return Table(
-        "The paper's numbers: what half a range does, in uncertainties", head, lines
+        for printed in PRINTED
+    )
+    J = jacobian(rows)
+    left = map(float, left_of_range(J))
+    return IdentifiabilityNumbers(
+        rows=rows,
+        pinned=int(np.sum(np.linalg.svd(J, compute_uv=False) >= 1.0)),
+        assumptions=len(ASSUMED),
+        left=dict(zip((one.name for one in ASSUMED), left, strict=True)),
     )
 
 
-def _combination_table(numbers: IdentifiabilityNumbers) -> Table:
-    head = ("Singular value", "Assumptions that move together", "Seen in")
-    lines = [
-        (f"{one.singular:.2g}", _named(one.assumptions), _named(one.seen_in))
-        for one in numbers.combinations
-        if one.singular > 1e-9
+def jacobian(rows: tuple[RowNumbers, ...]) -> Float[np.ndarray, "rows columns"]:
+    """Return slopes in units: of half a range, and of a row's uncertainty."""
+    return np.array(
+        [
+            [
+                row.slopes.get(one.name, 0.0) * one.reach / row.uncertainty
+                for one in ASSUMED
+            ]
+            for row in rows
+        ]
+    )
+
+
+def left_of_range(
+    J: Float[np.ndarray, "rows columns"],
+) -> Float[np.ndarray, " columns"]:
+    """Return the standard deviation that the rows leave of every assumption, in units;
+    1 where nothing is learned, all being normal."""
+    return np.sqrt(np.diag(np.linalg.inv(np.eye(J.shape[1]) + J.T @ J)))
+
+
+# --- The rows -------------------------------------------------------------------------
+
+
+Slopes = dict[str, dict[str, float]]
+"""d ln / d ln, by number of the paper and by assumption."""
+
+
+def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
+    """Return Fig. 4's numbers and a hip's heat, and how they move."""
+    network = Network.from_spec(
+        MotorHeat(), next(one.value for one in HEAT if one.heat == "winding_to_case")
+    )
+    found: Any = brentq(
+        lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, 1.0, 5e3
+    )
+    power = float(found)
+    base, cool = _figures(cruise), hip_heat(cruise)
+
+    def described(solution: Solution) -> dict[str, float]:
+        heat = heating_rate(network, power * hip_heat(solution) / cool)
+        return _figures(solution) | {HEATING: heat}
+
+    slopes: Slopes = {name: {} for name in (*base, HEATING)}
+    for one in MECHANICAL:
+        assert one.change is not None
+        h = SHARE * one.reach
+        low, high = (
+            described(
+                solve(one.change(cruise.problem, math.exp(way * h)), cruise.motion)
+            )
+            for way in (-1.0, 1.0)
+        )
+        for name in slopes:
+            slopes[name][one.name] = math.log(high[name] / low[name]) / (2.0 * h)
+    for one in HEAT:
+        h, field = SHARE * one.reach, getattr(network, one.heat)
+        low, high = (
+            heating_rate(
+                network.replace(**{one.heat: math.exp(way * h) * field}), power
+            )
+            for way in (-1.0, 1.0)
+        )
+        slopes[HEATING][one.name] = math.log(high / low) / (2.0 * h)
+    # Slopes are of a heat that is scaled to the paper's rate; what is ours is not.
+    return base | {HEATING: heating_rate(network, cool)}, slopes
+
+
+def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
+    """Return greatest speeds of the built robot on the belt (no air) and outdoors, and
+    their d ln v / d ln p."""
+    start, found = fastest(cruise), []
+    for name, hardware in (
+        (
+            BELT,
+            dataclasses.replace(
+                BUILT, losses=dataclasses.replace(BUILT.losses, drag_area=0.0)
+            ),
+        ),
+        (OUTDOORS, BUILT),
+    ):
+        changes = {
+            one.name: one.change
+            for one in (*MECHANICAL, *LOST)
+            if one.change is not None and one.name != "F bar"
+        }
+        problem = dataclasses.replace(start.problem, hardware=hardware)
+        priced = find_shadow_prices(
+            dataclasses.replace(start, problem=problem), changes, greatest=True
+        )
+        start, speed = priced.solution, priced.solution.problem.speed
+        found.append(
+            (name, speed, {key: price / speed for key, price in priced.prices.items()})
+        )
+    return found
+
+
+def _figures(solution: Solution) -> dict[str, float]:
+    """Return Fig. 4's numbers of a trajectory."""
+    terms = decompose(solution)
+    hips = [terms.along("main inertial", f"{leg} hip") for leg in terms.legs]
+    return {
+        TORQUE: float(max(np.max(np.abs(hip)) for hip in hips)),
+        VELOCITY_FORCE: peak_velocity_force(terms),
+        REVERSAL: reversal(solution),
+        POWERS: min(
+            float(np.max(of_hind(solution, joint, np.multiply))) for joint in (0, 1)
+        ),
+    }
+
+
+# --- Numbers that are read off a trajectory or a law ----------------------------------
+
+
+STEP = 1.0  # s, of the motor's heat
+TRACK = 100.0  # m
+
+
+def sprint(speed: float, acceleration: float) -> float:
+    """Return the time for the 100 m at a constant acceleration and then a constant speed, s."""
+    return TRACK / speed + 0.5 * speed / acceleration
+
+
+def of_hind(
+    solution: Solution, joint: int, what: Callable[..., Float[np.ndarray, " N"]]
+) -> Float[np.ndarray, " N"]:
+    """Return `what` of torque and speed of a hind leg's hip (0) or knee (1) along the
+    cycle."""
+    cycle = whole_cycle(solution)
+    leg = cycle.problem.stride.legs.index(cycle.hind_leg)
+    torque = cycle.motion.tau[..., 2 * leg + joint].ravel()
+    return what(torque, cycle.motion.v[..., 3 + 3 * leg + joint].ravel())
+
+
+def reversal(solution: Solution) -> float:
+    """Return when the hind leg that stands first begins to swing forward, in periods
+    since it landed: where its hip's speed falls through zero most steeply."""
+    cycle = whole_cycle(solution)
+    speed, time = of_hind(solution, 0, lambda torque, speed: speed), cycle.time.ravel()
+    falls = [
+        i
+        for i in range(len(speed) - 1)
+        if speed[i] > 0.0 >= speed[i + 1] and time[i + 1] > time[i]
     ]
-    unseen = sum(one.singular <= 1e-9 for one in numbers.combinations)
-    lines.append(
-        (f"0, {unseen} times", "whatever is at right angles to these", "nothing")
+    steepest = min(
+        falls, key=lambda i: (speed[i + 1] - speed[i]) / (time[i + 1] - time[i])
     )
-    return Table("Combinations, the strongest first", head, lines, words=True)
+    part = speed[steepest] / (speed[steepest] - speed[steepest + 1])
+    return float(
+        (time[steepest] + part * (time[steepest + 1] - time[steepest])) / cycle.period
+    )
 
 
-def _named(parts: dict[str, float]) -> str:
-    largest = sorted(parts.items(), key=lambda part: -abs(part[1]))
-    return ", ".join(
-        f"{name} {part:+.2f}" for name, part in largest if abs(part) >= NAMED
+def hip_heat(solution: Solution) -> float:
+    """Return the mean copper loss of that leg's hip, cold, W."""
+    cycle, hardware = whole_cycle(solution), solution.problem.hardware
+    squares = of_hind(solution, 0, lambda torque, speed: torque**2)
+    stall = stall_torque(
+        hardware.joint_peak_torque,
+        hardware.joint_corner_speed,
+        hardware.joint_no_load_speed,
     )
+    mean = float(cycle.weights.ravel() @ squares) / cycle.period
+    return float(copper_loss(1.0, hardware.joint_no_load_speed, stall)) * mean
+
+
+def heating_rate(network: Network, cold_heat: float) -> float:
+    """Return the mean rise of a winding over the paper's 86 s under a constant torque,
+    K/s."""
+    temperatures = Temperatures.uniform(AMBIENT, (1,))
+    for _ in range(round(bp2.ENDURANCE_TIME / STEP)):
+        temperatures = advance(network, temperatures, np.array([cold_heat]), STEP)
+    return float(temperatures.winding[0] - AMBIENT) / bp2.ENDURANCE_TIME
+
+
+# --- The figure -----------------------------------------------------------------------
+
+LINEAR = 0.1  # units: below, the map's colours are linear
 
 
 @styled
 def identifiability_figure(numbers: IdentifiabilityNumbers) -> Figure:
-    """The Jacobian above, singular values and what is left below."""
+    """Draw the Jacobian above, and the part of every assumption's range that is left."""
     figure = Figure(figsize=(1.3 * WIDTH, 9.0), layout="constrained")
-    axes = figure.subplot_mosaic(
-        [["map", "map"], ["values", "left"]],
-        height_ratios=(1.15, 1.0),
-        width_ratios=(1, 1.4),
+    above, below = figure.subplots(2, 1)
+    _draw_map(figure, above, numbers)
+    names = sorted(numbers.left, key=lambda name: -numbers.left[name])
+    left = [100.0 * numbers.left[name] for name in names]
+    below.barh(range(len(names)), left, color=FRONT, height=0.7)
+    name_rows(below, names)
+    below.set(
+        xlim=(0.0, 100.0),
+        xlabel="Left of the range [%]",
+        title="B   What the paper's numbers leave open",
     )
-    _draw_map(figure, axes["map"], numbers)
-    _draw_values(axes["values"], numbers.combinations)
-    _draw_left(axes["left"], numbers)
     return figure
 
 
@@ -182,61 +482,14 @@ def _draw_map(figure: Figure, axes: Axes, numbers: IdentifiabilityNumbers) -> No
     for (i, j), value in np.ndenumerate(J):
         if abs(value) >= LINEAR:
             color = "white" if abs(value) > 3.0 else INK
-            axes.text(
-                j,
-                i,
-                f"{value:.2g}",
-                ha="center",
-                va="center",
-                fontsize=7.5,
-                color=color,
-            )
-    axes.set_xticks(
-        range(len(ASSUMED)), [one.name for one in ASSUMED], rotation=40, ha="right"
-    )
-    axes.set_yticks(
-        range(len(numbers.rows)),
-        [f"{row.name}, {row.printed:g} {row.unit}" for row in numbers.rows],
-    )
+            text = axes.text(j, i, f"{value:.2g}", ha="center", va="center")
+            text.set(fontsize=7.5, color=color)
+    columns = [one.name for one in ASSUMED]
+    axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right")
+    rows = [f"{row.name}, {row.printed:g} {row.unit}" for row in numbers.rows]
+    axes.set_yticks(range(len(rows)), rows)
     axes.grid(visible=False)
     axes.set_title(
         "A   What half an assumption's range does to a number of the paper, in its uncertainties"
     )
     figure.colorbar(image, ax=axes, pad=0.01, ticks=[-10, -1, 0, 1, 10])
-
-
-def _draw_values(axes: Axes, combinations: tuple[Combination, ...]) -> None:
-    values = [one.singular for one in combinations]
-    seen = [value for value in values if value > 1e-9]
-    axes.semilogy(range(1, len(seen) + 1), seen, "o", color=FRONT)
-    mark_level(axes, 1.0, "moves by its uncertainty")
-    unseen = f"{len(values) - len(seen)} more combinations\nare seen in nothing"
-    axes.annotate(
-        unseen,
-        (0.97, 0.97),
-        xycoords="axes fraction",
-        ha="right",
-        va="top",
-        color=QUIET,
-    )
-    axes.set(
-        xlabel="Combination",
-        ylabel="Singular value",
-        title="B   Combinations of assumptions",
-    )
-    axes.set_xlim(0.5, len(values) + 0.5)
-
-
-def _draw_left(axes: Axes, numbers: IdentifiabilityNumbers) -> None:
-    order = sorted(numbers.left.items(), key=lambda item: -item[1])
-    names, left = zip(*order, strict=True)
-    axes.barh(
-        range(len(names)), [100.0 * share for share in left], color=FRONT, height=0.7
-    )
-    axes.set_yticks(range(len(names)), names, fontsize=8)
-    axes.set(
-        xlim=(0.0, 100.0),
-        xlabel="Left of the range [%]",
-        title="C   What the paper's numbers leave open",
-    )
-    axes.grid(visible=False, axis="y")

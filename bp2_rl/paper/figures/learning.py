@@ -1,15 +1,16 @@
-"""How soon policies run: what the judge beside a training said of them, over control
+"""How soon policies run: their speeds by the judge beside a training, over control
 steps and over time."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.learning.judged import read_judged
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import LearningSettings
@@ -22,7 +23,7 @@ COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 @dataclasses.dataclass(frozen=True)
 class JudgedPolicy:
-    """A policy, under the judge's launches from a stand."""
+    """One policy under the judge's launches from a stand."""
 
     steps: int  # control steps before it
     seconds: float  # from when the run's settings were written until it was judged
@@ -32,43 +33,55 @@ class JudgedPolicy:
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """A run's policies, the first one first."""
+    """The judged policies of a training, in order."""
 
     run: str
     judged: tuple[JudgedPolicy, ...]
 
-    @property
-    def reached(self) -> JudgedPolicy | None:
-        """The first policy as fast as BP2 outdoors."""
-        return next(
-            (one for one in self.judged if one.speed >= OUTDOOR_TOP_SPEED), None
-        )
-
-    @property
-    def best(self) -> JudgedPolicy:
-        """The fastest policy."""
-        return max(self.judged, key=lambda one: one.speed)
-
 
 @dataclasses.dataclass(frozen=True)
-class LearningNumbers:
-    """All that the figure shows."""
+class CurveSummary:
+    """The first policy of a training as fast as BP2 outdoors, and the fastest one."""
 
-    curves: tuple[Curve, ...]
+    run: str = metric("Run", form="s")
+    steps: float | None = metric(f"{OUTDOOR_TOP_SPEED:g} m/s after", "M", ".1f")
+    seconds: float | None = metric("Known after", "s", ".0f")
+    speed: float | None = metric("Its speed", "m/s", ".1f")
+    best: float = metric("Best", "m/s", ".1f")
+    best_steps: float = metric("After", "M", ".1f")
 
 
 def learning(settings: LearningSettings) -> Drawn:
-    """The figure and its table."""
+    """Draw and tabulate how soon the policies of trainings run."""
     if not settings.runs:
         raise UserError("--runs: name the folders of one training or more")
-    numbers = LearningNumbers(tuple(read_curve(run) for run in settings.runs))
-    return Drawn(
-        numbers, (_table(numbers),), (), {"learning": learning_figure(numbers)}
+    curves = tuple(read_curve(run) for run in settings.runs)
+    summaries = [summarise_curve(curve) for curve in curves]
+    table = table_of("Policies from a stand, beside their training", summaries)
+    picture = learning_figure(curves)
+    return Drawn({"curves": curves}, (table,), {"learning": picture})
+
+
+def summarise_curve(curve: Curve) -> CurveSummary:
+    """Return when a training's policies were as fast as BP2 outdoors, and the best."""
+    reached = [one for one in curve.judged if one.speed >= OUTDOOR_TOP_SPEED]
+    first, best = next(iter(reached), None), max(curve.judged, key=_speed)
+    return CurveSummary(
+        curve.run,
+        first and first.steps / 1e6,
+        first and first.seconds,
+        first and first.speed,
+        best.speed,
+        best.steps / 1e6,
     )
 
 
+def _speed(policy: JudgedPolicy) -> float:
+    return policy.speed
+
+
 def read_curve(run: Path) -> Curve:
-    """What the judge said beside a training.
+    """Read the policies that the judge has seen beside a training.
 
     Raises:
         UserError: there is no training, or it had no judge; or its judged.json is
@@ -85,40 +98,13 @@ def read_curve(run: Path) -> Curve:
     return Curve(run.resolve().name, tuple(sorted(judged, key=lambda one: one.steps)))
 
 
-def _table(numbers: LearningNumbers) -> Table:
-    lines = []
-    for curve in numbers.curves:
-        first, best = curve.reached, curve.best
-        lines.append(
-            (
-                curve.run,
-                NOT_MEASURED if first is None else f"{first.steps / 1e6:.1f} M",
-                show(None if first is None else first.seconds, ".0f"),
-                NOT_MEASURED if first is None else f"{first.speed:.1f}",
-                f"{best.speed:.1f}",
-                f"{best.steps / 1e6:.1f} M",
-            )
-        )
-    head = (
-        "Run",
-        f"{OUTDOOR_TOP_SPEED:g} m/s reached after",
-        "Known after [s]",
-        "Its speed [m/s]",
-        "Best [m/s]",
-        "After",
-    )
-    return Table(
-        "Policies from a stand in C MuJoCo, beside their training", head, lines
-    )
-
-
 @styled
-def learning_figure(numbers: LearningNumbers) -> Figure:
+def learning_figure(curves: Sequence[Curve]) -> Figure:
     """Speed over control steps, and over time; circles are filled where no launch
     fell."""
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for place, curve in enumerate(numbers.curves):
+    for place, curve in enumerate(curves):
         color = COLORS[place % len(COLORS)]
         _draw(left, [one.steps / 1e6 for one in curve.judged], curve, color)
         _draw(right, [one.seconds / 60.0 for one in curve.judged], curve, color)
@@ -135,10 +121,10 @@ def learning_figure(numbers: LearningNumbers) -> Figure:
     )
     left.set(xlabel="Control steps [M]", ylabel="Speed held for 5 s [m/s], 0: it fell")
     right.set(xlabel="Minutes until it was known")
-    longest = max(len(curve.run) for curve in numbers.curves)
+    longest = max(len(curve.run) for curve in curves)
     columns = max(1, min(5, LETTERS // (longest + SAMPLE)))
     figure.legend(
-        handles=left.get_lines()[: len(numbers.curves)],
+        handles=left.get_lines()[: len(curves)],
         loc="outside lower center",
         ncols=columns,
     )

@@ -1,329 +1,326 @@
-"""Fig. 6 B-D of the paper: speed over distance beside athletes; and the times beside
-Table S2."""
+"""Fig. 6 B to D of the paper: speed over distance of athletes, of BP2 as the paper has
+it, and of policies; and the times beside Table S2."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.interpolate import CubicSpline
+from scipy.optimize import root_scalar
 
+from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation import races
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.evaluation.races import TRACK
-from bp2_rl.paper import published_races
-from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.race_numbers import (
-    LAUNCH_DISTANCE,
-    Profile,
-    RaceNumbers,
-    Racer,
-    Start,
-    compare,
-    measure,
-    paper_profile,
-    read,
-    read_reports,
-)
+from bp2_rl.paper import published
+from bp2_rl.paper.figures.drawn import DASHES, ON_WHITE, Drawn, name_rows, note
 from bp2_rl.paper.figures.settings import RaceSettings
-from bp2_rl.paper.published_races import read_standards
+from bp2_rl.paper.published import Athlete, read_standards
+from bp2_rl.robot import bp2
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.track import track_position
+from bp2_rl.simulation.trajectory import Trajectory
 
-DOTS, DASHES = (0, (1.2, 1.2)), (0, (4, 2))
-# of a label on a line
-ON_WHITE = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"}
-PAPER = FALL  # colour of BP2 as the paper has it
+BENCHMARK = "sprint"
+LAUNCH_DISTANCE = 5.0  # m, as in the paper
+HELD = 60.0  # m, from where on speed should be held
+STEP = 1e-3  # s, of profiles drawn from formulas
+DOTS = (0, (1.2, 1.2))
 RUNS = FRONT, LEG_COLORS["RR"], LEG_COLORS["RL"], LEG_COLORS["FL"]  # of policies
 ATHLETES = INK, QUIET, LEG_COLORS["FL"], LEG_COLORS["RL"]
-Profiles = dict[str, Profile]
+
+
+class Profile(NamedTuple):
+    """A start from a stand, and what follows."""
+
+    time: Float[np.ndarray, " N"]  # s, since the first push, or since the command
+    distance: Float[np.ndarray, " N"]  # m
+    speed: Float[np.ndarray, " N"]  # m/s
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Racer:
+    """One race over 100 m, of an athlete, of BP2 or of a policy."""
+
+    name: str = metric("100 m", form="s")
+    # s over 100 m, from the gun, or since the command; None if it did not arrive
+    time: float | None = metric("From the gun", "s")
+    # s; None where it is not published, 0 of a robot
+    reaction: float | None = metric("Reaction", "s", ".3f")
+    # of Table S2, that the time meets; None: none
+    male_level: int | None = metric("Men's level", form="d")
+    female_level: int | None = metric("Women's level", form="d")
+    # m/s2, the paper's "mean" over 5 m
+    said_acceleration: float | None = metric("Paper's first 5 m", "m/s²", "g")
+    distances: tuple[float, ...]  # m, of the splits; empty where none are published
+    splits: tuple[float, ...]  # s, on the clock of `time`
+    means: tuple[float, ...]  # m/s, from split to split
+    # gained from 60 to 100 m by a straight line through these means
+    fade: float | None = metric("60 to 100 m", "m/s", "+.2f")
+
+
+@dataclasses.dataclass(frozen=True)
+class PaperRace:
+    """The first 5 m by the paper's accelerations, and the finish."""
+
+    # s for 5 m at the accelerations that the paper says, constant
+    constant_times: dict[str, float]
+    # s, of BP2 on the trained sprinter by these: the most of any reading, if both start
+    # alike
+    deficit: float
+    finish_gap: float  # s, between the two at 100 m
+
+
+@dataclasses.dataclass(frozen=True)
+class RaceNumbers:
+    """All races that the figure shows."""
+
+    racers: tuple[Racer, ...]
+    runs: tuple[Racer, ...]  # simulated
+    paper: PaperRace
 
 
 def race(settings: RaceSettings) -> Drawn:
-    """The figure, its tables, and what comes of what the paper says of it."""
-    athletes, profiles = read(settings)
+    """Draw the races, and tabulate their times."""
+    more = published.read_athletes(settings.athletes) if settings.athletes else ()
+    # of one named twice, the user's
+    athletes = {athlete.name: athlete for athlete in (*published_athletes(), *more)}
+    splits = [athlete for athlete in athletes.values() if athlete.splits]
+    profiles = {athlete.name: fit_profile(athlete) for athlete in splits}
     runs = read_reports(settings.runs)
-    numbers = measure(athletes, profiles, runs)
-    figure = race_figure(
-        numbers, profiles, {athlete.name: profile for athlete, profile in runs}
+    numbers = RaceNumbers(
+        tuple(map(describe_race, athletes.values())),
+        tuple(describe_race(athlete) for athlete, _ in runs),
+        check_paper(),
     )
-    return Drawn(
-        numbers,
-        (time_table(numbers), start_table(numbers)),
-        compare(numbers),
-        {"race": figure},
+    ranked = sorted((*numbers.racers, *numbers.runs), key=lambda r: r.time or np.inf)
+    title = (
+        "Times; a robot's clock starts with the command; -: not published, or no level"
+    )
+    simulated = {athlete.name: profile for athlete, profile in runs}
+    picture = race_figure(numbers, profiles, simulated)
+    return Drawn(numbers, (table_of(title, ranked),), {"race": picture})
+
+
+# --- Who runs -------------------------------------------------------------------------
+
+
+def published_athletes() -> tuple[Athlete, ...]:
+    """Return the athletes that the paper names, with their published times."""
+    reaction, lyles = published.BOLT_REACTION, published.LYLES_REACTION
+    bolt = races.BOLT_SPLITS[-1], reaction, races.MARKS, races.BOLT_SPLITS
+    return (
+        Athlete(races.BOLT, *bolt),
+        Athlete(races.LYLES, published.LYLES_TIME, lyles),
+        Athlete(races.TRAINED, races.TRAINED_TIME, None),
+        Athlete(races.PAPER_BP2, bp2.SPRINT_100M_TIME, None),
+        Athlete(races.UNTRAINED, races.UNTRAINED_TIME, None),
     )
 
 
-def time_table(numbers: RaceNumbers) -> Table:
-    """Times on both clocks, and what they are worth."""
-    ranked = sorted(
-        (*numbers.racers, *numbers.runs), key=lambda racer: racer.time or np.inf
-    )
-    head = (
-        "100 m",
-        "from the gun, s",
-        "reaction, s",
-        "moving, s",
-        "mean, m/s",
-        "best 10 m, m/s",
-        "60 to 100 m, m/s",
-        "men's level",
-        "women's level",
-    )
-    lines = [
-        (
-            racer.name,
-            show(racer.time, ".2f"),
-            show(racer.reaction, ".3f"),
-            show(racer.moving_time, ".2f"),
-            show(TRACK / racer.time if racer.time else None, ".2f"),
-            show(max(racer.means, default=None), ".2f"),
-            show(racer.fade, "+.2f"),
-            show(racer.male_level, "d"),
-            show(racer.female_level, "d"),
-        )
-        for racer in ranked
-    ]
-    title = f"Times; a robot's clock starts with the command; {NOT_MEASURED}: not published, or no level"
-    return Table(title, head, lines)
-
-
-def start_table(numbers: RaceNumbers) -> Table:
-    """The first 5 m by every reading."""
-    head = (
-        "First 5 m",
-        "said, m/s²",
-        "time, s",
-        "speed, m/s",
-        "v/t, m/s²",
-        "v²/2d",
-        "2d/t²",
-        "best 0.5 s",
-    )
-    lines = []
-    for racer in (*numbers.racers, *numbers.runs):
-        start = racer.start
-        if start is None and racer.said_acceleration is not None:
-            constant = numbers.paper.constant_times[racer.name]
-            name = f"{racer.name}, were it constant"
-            speed = f"{2 * LAUNCH_DISTANCE / constant:.2f}"
-            lines.append(
-                (
-                    name,
-                    f"{racer.said_acceleration:g}",
-                    f"{constant:.2f}",
-                    speed,
-                    *("=",) * 4,
-                )
-            )
-        elif start is not None:
-            lines.append(
-                (racer.name, show(racer.said_acceleration, "g"), *_start_cells(start))
-            )
-    lines.append(
-        (
-            "BP2, exponential to 10.74 m/s in 12.2 s",
-            NOT_MEASURED,
-            *_start_cells(numbers.paper.start),
-        )
-    )
-    return Table(
-        "Starts; an athlete's time is without the reaction, from a spline through the splits",
-        head,
-        lines,
+def describe_race(athlete: Athlete) -> Racer:
+    """Return a racer's splits, fading and levels."""
+    distances = np.array((0.0, *athlete.distances))
+    means = np.diff(distances) / np.diff(np.array((0.0, *athlete.splits)))
+    return Racer(
+        name=athlete.name,
+        time=athlete.time if math.isfinite(athlete.time) else None,
+        reaction=athlete.reaction,
+        male_level=published.best_level(athlete.time, "male"),
+        female_level=published.best_level(athlete.time, "female"),
+        said_acceleration=published.PUBLISHED_ACCELERATIONS.get(athlete.name),
+        distances=athlete.distances,
+        splits=athlete.splits,
+        means=tuple(map(float, means)),
+        fade=fading(distances, means),
     )
 
 
-def _start_cells(start: Start) -> tuple[str, ...]:
-    measures = (
-        start.time,
-        start.speed,
-        start.over_time,
-        start.over_distance,
-        start.constant,
-        start.best,
+def fading(
+    distances: Float[np.ndarray, " n"], means: Float[np.ndarray, " n-1"]
+) -> float | None:
+    """Return the speed gained over the last 40 m by a line through the means there,
+    m/s; None with one mean or none.
+
+    Args:
+        distances: m, of the splits, with 0 first.
+        means: m/s, between them.
+    """
+    there = distances[:-1] >= HELD
+    if there.sum() < 2:
+        return None
+    middles = 0.5 * (distances[1:] + distances[:-1])
+    return float(np.polyfit(middles[there], means[there], 1)[0] * (TRACK - HELD))
+
+
+def fit_profile(athlete: Athlete) -> Profile:
+    """Return the smoothest curve from a stand through an athlete's splits: a cubic
+    spline, straight at its end."""
+    clock = np.array((0.0, *(s - (athlete.reaction or 0.0) for s in athlete.splits)))
+    ends: Any = ((1, 0.0), (2, 0.0))  # the first derivative there, the second here
+    curve = CubicSpline(clock, (0.0, *athlete.distances), bc_type=ends)
+    time = np.arange(0.0, clock[-1], STEP)
+    return Profile(time, curve(time), curve(time, 1))
+
+
+# --- Simulated runs -------------------------------------------------------------------
+
+
+def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]:
+    """Read the races in reports of sprints; raises UserError for others."""
+    # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs
+
+    return tuple(
+        follow_run(name, run) for name, _, run in read_runs(folders, BENCHMARK)
     )
-    return tuple(f"{measure:.2f}" for measure in measures)
+
+
+def follow_run(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
+    """Return a run's race, by the measures of the sprint benchmark: splits, and speeds
+    as means over `RIPPLE` around."""
+    from bp2_rl.evaluation.benchmarks.run import measure_splits
+
+    splits, along = measure_splits(run), track_position(run)[0]
+    ends = np.clip(
+        (run.time - RIPPLE / 2, run.time + RIPPLE / 2), run.time[0], run.time[-1]
+    )
+    behind, ahead = np.interp(ends, run.time, along)
+    distances = tuple(split.distance for split in splits)
+    times = tuple(split.time for split in splits)
+    arrived = bool(splits) and splits[-1].distance == TRACK
+    athlete = Athlete(name, times[-1] if arrived else math.inf, 0.0, distances, times)
+    return athlete, Profile(run.time, along, (ahead - behind) / (ends[1] - ends[0]))
+
+
+# --- The paper's race -----------------------------------------------------------------
+
+
+def paper_profile() -> Profile:
+    """Return BP2's race by the paper's speed and time alone: an exponential rise to
+    10.74 m/s, and 100 m after 12.2 s."""
+    speed, duration = bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME
+
+    def missing(T: float) -> float:
+        return speed * (duration + T * math.expm1(-duration / T)) - TRACK
+
+    T = float(root_scalar(missing, bracket=(0.01, 100.0), xtol=1e-12).root)
+    time = np.linspace(0.0, duration, round(duration / STEP) + 1)
+    risen = -np.expm1(-time / T)
+    return Profile(time, speed * (time - T * risen), speed * risen)
+
+
+def check_paper() -> PaperRace:
+    """Return what the paper's accelerations make of the first 5 m."""
+    constant = {
+        name: math.sqrt(2.0 * LAUNCH_DISTANCE / acceleration)
+        for name, acceleration in published.PUBLISHED_ACCELERATIONS.items()
+    }
+    return PaperRace(
+        constant_times=constant,
+        deficit=constant[races.PAPER_BP2] - constant[races.TRAINED],
+        finish_gap=bp2.SPRINT_100M_TIME - races.TRAINED_TIME,
+    )
+
+
+# --- The figure -----------------------------------------------------------------------
 
 
 @styled
-def race_figure(numbers: RaceNumbers, profiles: Profiles, runs: Profiles) -> Figure:
-    """Beside the fastest, the trained and the untrained; the first metres; and the
-    times."""
+def race_figure(
+    numbers: RaceNumbers, profiles: dict[str, Profile], runs: dict[str, Profile]
+) -> Figure:
+    """Draw BP2 beside the fastest, the trained and the untrained; the first metres; and
+    the times."""
     figure = Figure(figsize=(1.3 * WIDTH, 12.2), layout="constrained")
     panels = figure.subplot_mosaic(
         [["B", "C"], ["D", "E"], ["F", "F"]], height_ratios=(1.0, 1.0, 0.85)
     )
     fastest, trained, untrained, starts = (panels[letter] for letter in "BCDE")
-    top = 1.06 * max(
-        profile.speed.max()
-        for profile in (*profiles.values(), *runs.values(), paper_profile())
-    )
+    ours = paper_profile()
+    curves = [
+        *((*run, color, "-") for run, color in zip(runs.items(), RUNS, strict=False)),
+        ("BP2: exponential, 10.74 m/s, 12.2 s", ours, FALL, DASHES),
+    ]
+    top = 1.06 * max(p.speed.max() for p in (*profiles.values(), *runs.values(), ours))
     for axes in (fastest, trained, untrained, starts):
-        _draw_bp2(axes, runs)
-        axes.set(
-            xlabel="Distance [m]",
-            ylabel="Speed [m/s]",
-            xlim=(0.0, TRACK),
-            ylim=(0.0, top),
-        )
+        for name, profile, color, dashes in curves:
+            (line,) = axes.plot(profile.distance, profile.speed, label=name)
+            line.set(color=color, linestyle=dashes, linewidth=1.8)
+        axes.set(xlabel="Distance [m]", ylabel="Speed [m/s]", ylim=(0.0, top))
+        axes.set_xlim(0.0, TRACK)
     for axes in (fastest, starts):
-        _draw_athletes(axes, numbers, profiles, steps=axes is fastest)
-    _draw_mean(trained, numbers, races.TRAINED)
-    _draw_mean(untrained, numbers, races.UNTRAINED)
-    _draw_said(starts, numbers)
-    fastest.set_title("B   Beside the fastest")
-    trained.set_title("C   Beside a trained sprinter")
-    untrained.set_title("D   Beside untrained adults")
-    starts.set(
-        title=f"E   The first {LAUNCH_DISTANCE:g} m; solid and dashed as in B",
-        xlim=(0.0, LAUNCH_DISTANCE),
-        ylim=(0.0, 9.0),
+        for (name, profile), color in zip(profiles.items(), ATHLETES, strict=False):
+            axes.plot(profile.distance, profile.speed, color=color, label=name)
+    _draw_mean(trained, races.TRAINED, races.TRAINED_TIME)
+    _draw_mean(untrained, races.UNTRAINED, races.UNTRAINED_TIME)
+    distance, said = np.linspace(0.0, LAUNCH_DISTANCE, 200), []
+    for (name, time), color in zip(
+        numbers.paper.constant_times.items(), (INK, QUIET, FALL), strict=True
+    ):
+        acceleration = published.PUBLISHED_ACCELERATIONS[name]
+        label = f"{name}, constant {acceleration:g} m/s²: {time:.2f} s"
+        speed = np.sqrt(2.0 * acceleration * distance)
+        said += starts.plot(distance, speed, color=color, linestyle=DOTS, label=label)
+    titles = (
+        "Beside the fastest",
+        "Beside a trained sprinter",
+        "Beside untrained adults",
     )
-    for axes in (fastest, trained, untrained):
-        axes.legend(loc="lower right", fontsize=8)
-    starts.legend(
-        handles=starts.get_lines()[-len(published_races.PUBLISHED_ACCELERATIONS) :],
-        loc="lower right",
-        fontsize=8,
-    )
+    for letter, title in zip("BCD", titles, strict=True):
+        panels[letter].set_title(f"{letter}   {title}")
+        panels[letter].legend(loc="lower right", fontsize=8)
+    starts.set_title(f"E   The first {LAUNCH_DISTANCE:g} m; solid and dashed as in B")
+    starts.set(xlim=(0.0, LAUNCH_DISTANCE), ylim=(0.0, 9.0))
+    starts.legend(handles=said, loc="lower right", fontsize=8)
     _draw_times(panels["F"], numbers)
     return figure
 
 
-def _draw_bp2(axes: Axes, runs: Profiles) -> None:
-    """BP2 as policies run, and as the paper's numbers have it."""
-    for number, (name, profile) in enumerate(runs.items()):
-        axes.plot(
-            profile.distance,
-            profile.speed,
-            color=RUNS[number % len(RUNS)],
-            linewidth=1.8,
-            label=name,
-        )
-    paper, label = paper_profile(), "BP2: exponential, 10.74 m/s, 12.2 s"
-    axes.plot(
-        paper.distance,
-        paper.speed,
-        color=PAPER,
-        linewidth=1.6,
-        linestyle=DASHES,
-        label=label,
-    )
-
-
-def _draw_athletes(
-    axes: Axes, numbers: RaceNumbers, profiles: Profiles, *, steps: bool
-) -> None:
-    """Draw the athletes with splits: the curve through the splits, and the mean speeds
-    between splits as steps."""
-    for number, (name, profile) in enumerate(profiles.items()):
-        color, racer = ATHLETES[number % len(ATHLETES)], numbers.find(name)
-        if steps:
-            axes.stairs(
-                racer.means,
-                (0.0, *racer.distances),
-                color=color,
-                linewidth=0.8,
-                alpha=0.5,
-                baseline=None,
-            )
-        axes.plot(
-            profile.distance, profile.speed, color=color, linewidth=1.8, label=name
-        )
-
-
-def _draw_mean(axes: Axes, numbers: RaceNumbers, name: str) -> None:
-    """The mean speed of one without splits."""
-    racer = numbers.find(name)
-    assert racer.time is not None  # it is published
-    mean = TRACK / racer.time
-    axes.axhline(
-        mean,
-        color=INK,
-        linewidth=1.2,
-        linestyle=DOTS,
-        label=f"{name}: mean of 100 m, {mean:.2f} m/s",
-    )
-
-
-def _draw_said(axes: Axes, numbers: RaceNumbers) -> None:
-    """The accelerations that the paper says, as if they were constant."""
-    distance = np.linspace(0.0, LAUNCH_DISTANCE, 200)
-    for name, color in zip(
-        published_races.PUBLISHED_ACCELERATIONS, (INK, QUIET, PAPER), strict=True
-    ):
-        acceleration = published_races.PUBLISHED_ACCELERATIONS[name]
-        label = f"{name}, constant {acceleration:g} m/s²: {numbers.paper.constant_times[name]:.2f} s"
-        axes.plot(
-            distance,
-            np.sqrt(2.0 * acceleration * distance),
-            color=color,
-            linewidth=1.6,
-            linestyle=DOTS,
-            label=label,
-        )
+def _draw_mean(axes: Axes, name: str, time: float) -> None:
+    """Draw the mean speed of a racer without splits."""
+    mean = TRACK / time
+    label = f"{name}: mean of 100 m, {mean:.2f} m/s"
+    axes.axhline(mean, color=INK, linewidth=1.2, linestyle=DOTS, label=label)
 
 
 def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
-    """A row each: from the gun, and without the reaction where that is known; above,
-    Table S2, with lines down."""
-    arrived = (
+    """Draw times, a row each: from the gun, and open without the reaction where that is
+    known; above them Table S2."""
+    arrived = [
         (racer.time, racer)
         for racer in (*numbers.racers, *numbers.runs)
         if racer.time is not None
-    )
+    ]
     ranked = sorted(arrived, key=lambda timed: -timed[0])
-    for place, (time, racer) in enumerate(ranked):
-        color = _time_color(numbers, racer)
-        axes.plot(time, place, "o", ms=6.5, color=color, zorder=3)
+    for row, (time, racer) in enumerate(ranked):
+        color = FRONT if racer in numbers.runs else INK
+        axes.plot(time, row, "o", ms=6.5, color=color, zorder=3)
         if racer.reaction:
-            axes.plot(
-                time - racer.reaction,
-                place,
-                "o",
-                ms=6.5,
-                markerfacecolor="white",
-                color=color,
-                zorder=3,
-            )
-        axes.annotate(
-            f"{time:.2f}",
-            (time, place),
-            (8, 0),
-            textcoords="offset points",
-            va="center",
-            bbox=ON_WHITE,
-        )
+            axes.plot(time - racer.reaction, row, "o", ms=6.5, color=color, mfc="white")
+        note(axes, f"{time:.2f}", (time, row), (8, 0), va="center", bbox=ON_WHITE)
     names = [racer.name for _, racer in ranked]
-    for category, whose, leg in (("female", "women", "RL"), ("male", "men", "FR")):
-        row, color = len(names), LEG_COLORS[leg]
-        for standard in (
-            each for each in read_standards() if each.category == category
-        ):
-            axes.vlines(
-                standard.time, -0.6, row, color=color, linewidth=0.9, linestyle=DASHES
-            )
-            label = f"{standard.level}"
-            axes.annotate(
-                label,
-                (standard.time, row),
-                ha="center",
-                va="center",
-                color=color,
-                bbox=ON_WHITE,
-            )
+    for category, whose, color in (
+        ("female", "women", LEG_COLORS["RL"]),
+        ("male", "men", FRONT),
+    ):
+        row = len(names)
+        standards = [one for one in read_standards() if one.category == category]
+        times = [standard.time for standard in standards]
+        axes.vlines(times, -0.6, row, color=color, linewidth=0.9, linestyle=DASHES)
+        for standard in standards:
+            place = {"ha": "center", "va": "center", "color": color, "bbox": ON_WHITE}
+            note(axes, f"{standard.level}", (standard.time, row), (0, 0), **place)
         names.append(f"Table S2, {whose}, level")
-    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(-0.6, len(names) - 0.4))
+    name_rows(axes, names, 9.5)
     axes.set(
-        title="F   Times over 100 m, and what Table S2 asks of men and women for levels 1 to 3"
+        title="F   Times over 100 m, and what Table S2 asks of men and women for levels 1 to 3",
+        xlabel="Time from the gun, or since the command [s]; open: without the reaction",
+        xlim=(np.floor(ranked[-1][0]) - 0.2, np.ceil(ranked[0][0])),
     )
-    axes.set(
-        xlabel="Time from the gun, or since the command [s]; open: without the reaction"
-    )
-    axes.set(xlim=(np.floor(ranked[-1][0]) - 0.2, np.ceil(ranked[0][0])))
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
-
-
-def _time_color(numbers: RaceNumbers, racer: Racer) -> str:
-    if racer in numbers.runs:
-        return RUNS[numbers.runs.index(racer) % len(RUNS)]
-    return PAPER if racer.name == races.PAPER_BP2 else INK

@@ -6,7 +6,7 @@ flag is answered at once.
 """
 
 import pkgutil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bp2_rl.paper.figures import settings
 from bp2_rl.paper.pendulum import settings as pendulum
@@ -14,7 +14,7 @@ from bp2_rl.paper.pendulum import settings as pendulum
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
-FIGURES: dict[str, tuple[type[Any], str]] = {
+FIGURES: dict[str, tuple[type[object], str]] = {
     "scaling": (settings.ScalingSettings, "figures.scaling:scaling"),
     "race": (settings.RaceSettings, "figures.race:race"),
     "robot": (settings.RobotSettings, "figures.robot:robot"),
@@ -30,7 +30,7 @@ FIGURES: dict[str, tuple[type[Any], str]] = {
     "binding": (settings.BindingSettings, "figures.binding:binding"),
     "exchange": (pendulum.PendulumExchangeSettings, "pendulum.exchange:study_exchange"),
     "sections": (pendulum.PendulumSectionsSettings, "pendulum.sections:cut_sections"),
-    "torque": (pendulum.PendulumTorqueSettings, "pendulum.prescribed:compare_torques"),
+    "torque": (pendulum.PendulumTorqueSettings, "pendulum.torque:compare_torques"),
     "map": (pendulum.PendulumMapSettings, "pendulum.reduction:map_reduction"),
     "trapping": (pendulum.PendulumTrappingSettings, "pendulum.trapping:find_trapping"),
     "gaits": (pendulum.PendulumGaitsSettings, "pendulum.gaits:gain_by_gait"),
@@ -39,18 +39,6 @@ FIGURES: dict[str, tuple[type[Any], str]] = {
 MODULE:FUNCTION within `bp2_rl.paper`."""
 
 
-def draw(name: str, told: Any) -> "Drawn":
+def draw(name: str, told: object) -> "Drawn":
     """Draw a figure; its module is imported only now."""
-    from bp2_rl.evaluation.benchmarks.outcome import Table
-    from bp2_rl.paper.figures.drawn import Drawn
-
-    made = pkgutil.resolve_name(f"bp2_rl.paper.{FIGURES[name][1]}")(told)
-    if isinstance(made, Drawn):
-        return made
-    return Drawn(
-        made.results,
-        (Table("", made.columns, made.rows),),
-        (),
-        {name: made.figure},
-        made.arrays,
-    )
+    return pkgutil.resolve_name(f"bp2_rl.paper.{FIGURES[name][1]}")(told)

@@ -2,17 +2,16 @@
 schedule over speed."""
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
 from bp2_rl.env.rewards import speed_schedule
-from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.drawn import Comparison, Drawn
+from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import RewardsSettings
 from bp2_rl.settings.env import Schedule
 from bp2_rl.settings.presets.rewards import OURS, PAPER
@@ -32,7 +31,7 @@ ROWS = {
 }
 """Rows of Table S4, and the fields of `RewardConfig` that hold their coefficients."""
 
-LINES: dict[Schedule, dict[str, Any]] = {
+LINES: dict[Schedule, dict[str, object]] = {
     "text": {"color": FRONT, "linewidth": 2.2, "label": "by the text: tracking gains"},
     "literal": {
         "color": FALL,
@@ -55,7 +54,7 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class RewardsNumbers:
-    """All that the figure shows."""
+    """The coefficients of Table S4 and ours, and the readings of its schedule."""
 
     paper: dict[str, dict[str, float]]  # coefficients, by stage and row
     ours: dict[str, dict[str, float]]
@@ -64,8 +63,8 @@ class RewardsNumbers:
 
 
 def rewards(settings: RewardsSettings) -> Drawn:
-    """The figure, the table, and what comes of the schedule."""
-    numbers = measure()
+    """Draw the weight of tracking over speed, and tabulate Table S4."""
+    numbers = read_coefficients()
     head = (
         "Term",
         *(f"{whose}, {stage}" for whose in ("paper", "ours") for stage in STAGES),
@@ -81,25 +80,16 @@ def rewards(settings: RewardsSettings) -> Drawn:
         )
         for row in ROWS
     ]
-    loses = numbers.literal.at_top < numbers.literal.at_rest
-    said = Comparison(
-        "tracking gains weight with speed (text)",
-        f"to the letter of Table S4 its weight goes from {numbers.literal.at_rest:.1f} to "
-        f"{numbers.literal.at_top:.1f} in "
-        f"the imitation stage; by the text from {numbers.text.at_rest:.1f} to {numbers.text.at_top:.1f}",
-        "differs" if loses else "same",
-        "with c_J > c_V the table's formula turns about; we go by the text (--env.reward.schedule)",
-    )
     return Drawn(
         numbers,
         (Table("Table S4, base coefficients", head, lines),),
-        (said,),
         {"rewards": rewards_figure(settings)},
     )
 
 
-def measure() -> RewardsNumbers:
-    """Both columns of the table, ours, and both readings of the schedule."""
+def read_coefficients() -> RewardsNumbers:
+    """Return the coefficients of the paper and ours, and both readings of the
+    schedule."""
     paper, ours = (
         {
             stage: {
@@ -115,8 +105,8 @@ def measure() -> RewardsNumbers:
 def weights(
     stage: Stage, schedule: Schedule, share: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "2 N"]:
-    """c_m and c_v of the paper's coefficients over the commanded speed as a share of
-    the greatest."""
+    """Return c_m and c_v of the paper's coefficients; `share` is the commanded speed
+    over the greatest."""
     config = PAPER[stage]
     pairs = [
         speed_schedule(
@@ -138,7 +128,7 @@ def _reading(schedule: Schedule) -> Reading:
 
 @styled
 def rewards_figure(settings: RewardsSettings) -> Figure:
-    """Weights over speed, a panel a stage."""
+    """Draw the weight of tracking over speed, a panel for each stage."""
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     share = np.linspace(0.0, 1.0, 121)
     for axes, stage in zip(figure.subplots(1, 2, sharey=True), STAGES, strict=True):

@@ -2,33 +2,35 @@
 the compiled model."""
 
 import dataclasses
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
 
+from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.drawn import Comparison, Drawn, Verdict
+from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import RobotSettings
-from bp2_rl.paper.figures.silhouette import draw, extent, outlines
-from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot import conventions
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 TABLE_S3 = "paper, Table S3"
-# m, by which the hips' height may differ: the paper does not say what it is measured to
-HEIGHT_OFF = 0.02
-SIZE_OFF = 0.005  # m
-MASS_OFF = 0.5  # kg: Table S3 adds up to 35.8
+CIRCLE = 24  # points
+LOOKS = 2  # group of the geoms that are looks
 
 
 @dataclasses.dataclass(frozen=True)
 class RobotNumbers:
-    """All that the figure shows."""
+    """The dimensions of the robot, and Table S3."""
 
     standing_height: float  # m, of the hips' axes, settled on its springs
     length: float  # m, of the trunk that collides
@@ -38,9 +40,9 @@ class RobotNumbers:
 
 
 def robot(settings: RobotSettings) -> Drawn:
-    """The figure, Table S3, and what comes of the paper's dimensions."""
+    """Draw the robot with its dimensions, and tabulate Table S3."""
     hardware = ROBOTS[settings.robot]
-    numbers = measure(hardware)
+    numbers = measure_robot(hardware)
     rows = [
         (p.symbol, f"{p.value:g}", p.unit, p.source)
         for p in conventions.PROVENANCE
@@ -52,13 +54,11 @@ def robot(settings: RobotSettings) -> Drawn:
         rows,
         words=True,
     )
-    return Drawn(
-        numbers, (table,), compare(numbers), {"robot": robot_figure(hardware, numbers)}
-    )
+    return Drawn(numbers, (table,), {"robot": robot_figure(hardware, numbers)})
 
 
-def measure(hardware: HardwareSpec) -> RobotNumbers:
-    """Measure the compiled model, standing."""
+def measure_robot(hardware: HardwareSpec) -> RobotNumbers:
+    """Measure the compiled model as it stands."""
     model, data = standing(hardware)
     trunk = [int(model.geom(name).id) for name in ("trunk_right", "trunk_left")]
     reach = max(data.geom_xpos[g][0] + model.geom_size[g][:2].sum() for g in trunk)
@@ -82,7 +82,7 @@ def measure(hardware: HardwareSpec) -> RobotNumbers:
 
 
 def standing(hardware: HardwareSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model with its looks, in the pose in which it comes to rest on its feet."""
+    """Return the model with its looks, in the pose in which it rests on its feet."""
     model = load_model(hardware)
     data = mujoco.MjData(model)
     data.qpos[:] = settled([RobotSetup(EnvConfig(hardware=hardware))]).qpos[0]
@@ -90,43 +90,9 @@ def standing(hardware: HardwareSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def compare(numbers: RobotNumbers) -> tuple[Comparison, ...]:
-    """Fig. 2's four numbers."""
-
-    def said(
-        what: str, paper: float, ours: float, off: float, unit: str, because: str
-    ) -> Comparison:
-        verdict: Verdict = "same" if abs(paper - ours) <= off else "differs"
-        return Comparison(
-            f"{what} {paper:g} {unit}", f"{ours:.3f} {unit}", verdict, because
-        )
-
-    n = numbers
-    return (
-        said(
-            "standing height",
-            bp2.STANDING_HEIGHT,
-            n.standing_height,
-            HEIGHT_OFF,
-            "m",
-            "ours is the hips' axes'",
-        ),
-        said("body length", bp2.BODY_LENGTH, n.length, SIZE_OFF, "m", ""),
-        said("width", bp2.BODY_WIDTH, n.width, SIZE_OFF, "m", "over the legs' covers"),
-        said(
-            "mass",
-            bp2.TOTAL_MASS,
-            n.mass,
-            MASS_OFF,
-            "kg",
-            "Table S3 adds up to 35.8 kg",
-        ),
-    )
-
-
 @styled
 def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
-    """From the side and from the front, with the dimensions."""
+    """Draw the robot from the side and from the front, with its dimensions."""
     model, data = standing(hardware)
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     side, front = figure.subplots(1, 2, width_ratios=(1.15, 0.85))
@@ -136,7 +102,7 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
         (front, (1, 2), "Front", "y"),
     ):
         parts = outlines(model, data, plane)
-        draw(axes, parts, colors)
+        draw_outlines(axes, parts, colors)
         low, high = extent(parts)
         axes.axhline(0.0, color=QUIET, linewidth=0.8)
         axes.set(
@@ -186,7 +152,7 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
 def _dimension(
     axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str
 ) -> None:
-    """An arrow with two heads, and its length."""
+    """Draw an arrow with two heads, and its length."""
     arrow = {
         "arrowstyle": "<->",
         "color": QUIET,
@@ -207,3 +173,110 @@ def _dimension(
         va="center" if upright else "bottom",
         fontsize=8.5,
     )
+
+
+# --- The robot's shape in a plane, part by part: no GL library is needed --------------
+
+
+class SilhouettePart(NamedTuple):
+    """One geom as it is seen along an axis."""
+
+    outline: Float[np.ndarray, "K 2"]  # m
+    nearness: float  # m, towards the eye
+    leg: str | None  # FR to RL; None: the trunk
+
+
+def outlines(
+    model: mujoco.MjModel, data: mujoco.MjData, axes: tuple[int, int]
+) -> list[SilhouettePart]:
+    """Return the convex outlines of all visible geoms, the farthest first.
+
+    Args:
+        model: with its looks.
+        data: after `mj_kinematics`.
+        axes: of the world that go to the right and up; it is seen from where these
+            two's cross product points to.
+    """
+    view = np.cross(*np.eye(3)[list(axes)])
+    parts = []
+    for geom in range(model.ngeom):
+        if model.geom_bodyid[geom] == 0 or model.geom_group[geom] != LOOKS:
+            continue
+        points = (
+            data.geom_xpos[geom]
+            + _surface(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T
+        )
+        flat = points[:, axes]
+        body = model.body(model.geom_bodyid[geom]).name
+        leg = body[:2] if body[:2] in LEGS else None
+        parts.append(
+            SilhouettePart(
+                flat[ConvexHull(flat).vertices], float(data.geom_xpos[geom] @ view), leg
+            )
+        )
+    return sorted(parts, key=lambda part: part.nearness)
+
+
+def draw_outlines(
+    axes: Axes,
+    parts: list[SilhouettePart],
+    colors: dict[str | None, str],
+    *,
+    right: float = 0.0,
+    alpha: float = 1.0,
+) -> None:
+    """Draw outlines as filled shapes, moved to the right by `right`, m."""
+    for part in parts:
+        shape = Polygon(
+            part.outline + np.array((right, 0.0)),
+            facecolor=colors[part.leg],
+            edgecolor="white",
+            linewidth=0.3,
+            alpha=alpha,
+        )
+        axes.add_patch(shape)
+
+
+def extent(
+    parts: list[SilhouettePart],
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Return the least and the greatest coordinates of parts, m."""
+    points = np.concatenate([part.outline for part in parts])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _surface(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, "K 3"]:
+    """Return points of a geom's surface in its own frame; their hull is its shape, but
+    for the roundness of circles."""
+    size, turn = (
+        model.geom_size[geom],
+        np.linspace(0.0, 2 * np.pi, CIRCLE, endpoint=False),
+    )
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            first = model.mesh_vertadr[mesh]
+            return model.mesh_vert[first : first + model.mesh_vertnum[mesh]].astype(
+                np.float64
+            )
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return np.concatenate(
+                [size[0] * ring + (0, 0, end) for end in (-size[1], size[1])]
+            )
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return size * np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+        case _:  # sphere and capsule
+            half = (
+                size[1]
+                if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
+                else 0.0
+            )
+            rings = [
+                np.cos(at) * ring + (0, 0, np.sin(at))
+                for at in np.linspace(-np.pi / 2, np.pi / 2, 9)
+            ]
+            ball = size[0] * np.concatenate(rings)
+            return np.concatenate(
+                [ball + np.array((0, 0, end)) for end in {-half, half}]
+            )

@@ -1,330 +1,356 @@
-"""Fig. 1 of the paper, its inset, and the ratio robot by robot."""
+"""Fig. 1 of the paper and its inset: how fast robots run beside the law of animals, and
+what they ask of their motors."""
 
-from collections.abc import Callable
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.transforms import Bbox
 
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import NOT_MEASURED, metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.labels import label
-from bp2_rl.paper.figures.scaling_numbers import (
-    BAND,
-    BP2,
-    ComparedRobot,
-    ScalingNumbers,
-    compare,
-    measure,
-)
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.paper.figures.drawn import DASHES, Drawn, name_rows, note
 from bp2_rl.paper.figures.settings import ScalingSettings
-from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
-from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.paper.published import (
+    KMH,
+    PAPER_GRAVITY,
+    Mammal,
+    PublishedRobot,
+    read_mammals,
+    read_robots,
+    speed_law,
+)
+from bp2_rl.robot import bp2, conventions
 
-# colours of BP2, of ours, and of robots on wheels
-PAPER, SIMULATED, WHEELED = FALL, FRONT, LEG_COLORS["RR"]
+BENCHMARK = "topspeed"
+BP2, TREADMILL = "BP2", "BP2, treadmill"  # the first as in Table S1
+BAND = 0.6, 0.8  # in which the paper has the ratio "typically distributed"
 MASSES = np.geomspace(1e-2, 1e4, 400)  # kg, of the law
 SHARES = 0.8, 0.4  # of the law, drawn as lines
-LEFT = 1.15  # of an axis's first value: where lines are named
+GROUPS = {
+    "legs": ("o", INK),
+    "wheels on legs": ("s", LEG_COLORS["RR"]),
+    "BP2, measured": ("*", FALL),
+    "BP2, simulated": ("*", FRONT),
+}
+"""Marks and colours of robots."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ComparedRobot:
+    """A robot in the figure."""
+
+    name: str = metric("Robot", form="s")
+    mass: float = metric("Mass", "kg", "g")
+    top_speed: float = metric("Speed", "m/s")
+    law_speed: float = metric("Law", "m/s")  # of an animal of its mass
+    share: float = metric("Share")  # of the law's speed
+    # one motor's peak torque x no-load speed
+    motor_envelope: float | None = metric("Motor", "W", ".0f")
+    # m g v over that, with 9.81 m/s2
+    demand: float | None = metric(f"Ratio, g = {conventions.GRAVITY:g}", form=".3f")
+    # the demand with the paper's 9.8 m/s2
+    demand_as_printed: float | None = metric(f"g = {PAPER_GRAVITY:g}", form=".3f")
+    wheels: bool = metric("Wheels", form=lambda wheels: "yes" if wheels else "")
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """The paper's "typically distributed between 0.6 and 0.8", counted: Table S1
+    without BP2, with the paper's g."""
+
+    number: int  # robots with motor data
+    within: tuple[str, ...]  # of them, in the band
+    median: float
+    quartiles: tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Species:
+    """A mammal in the figure."""
+
+    name: str
+    mass: float  # kg
+    top_speed: float  # m/s
+    share: float  # of the law's
+
+
+@dataclasses.dataclass(frozen=True)
+class ScalingNumbers:
+    """All robots and mammals that the figure shows."""
+
+    robots: tuple[ComparedRobot, ...]  # Table S1
+    treadmill: ComparedRobot
+    simulated: tuple[ComparedRobot, ...]
+    mammals: tuple[Species, ...]
+    spread: Spread
+
+    @property
+    def everyone(self) -> tuple[ComparedRobot, ...]:
+        """All robots, BP2's rows first."""
+        first, others = (
+            [robot for robot in self.robots if (robot.name == BP2) == own]
+            for own in (True, False)
+        )
+        return (*self.simulated, self.treadmill, *first, *others)
 
 
 def scaling(settings: ScalingSettings) -> Drawn:
-    """The figure, its tables, and what comes of what the paper says of it."""
-    numbers = measure(settings)
-    return Drawn(
-        numbers,
-        (robot_table(numbers),),
-        compare(numbers),
-        {"scaling": scaling_figure(numbers)},
+    """Draw and tabulate robots beside the law and their motors."""
+    numbers = compare_robots(settings)
+    placed = sorted(numbers.everyone, key=lambda robot: -robot.share)
+    title = f"Robots beside the law of animals; {NOT_MEASURED}: not published"
+    picture = scaling_figure(numbers)
+    return Drawn(numbers, (table_of(title, placed),), {"scaling": picture})
+
+
+def compare_robots(settings: ScalingSettings) -> ScalingNumbers:
+    """Read the tables and the reports, and place robots and mammals beside the law."""
+    robots = read_robots()
+    own = next(robot for robot in robots if robot.robot == BP2)
+    speed = bp2.TREADMILL_TOP_SPEED
+    treadmill = dataclasses.replace(own, robot=TREADMILL, top_speed=speed)
+    simulated = read_reports(settings.runs) if settings.runs else shipped()
+    mammals = read_mammals(settings.mammals) if settings.mammals else ()
+    return ScalingNumbers(
+        robots=tuple(map(place_robot, robots)),
+        treadmill=place_robot(treadmill),
+        simulated=tuple(map(place_robot, simulated)),
+        mammals=tuple(map(place_mammal, mammals)),
+        spread=count_band([robot for robot in robots if robot.robot != BP2]),
     )
 
 
-def robot_table(numbers: ScalingNumbers) -> Table:
-    """Every robot beside the law and its motors, the fastest for its mass first."""
-    placed = sorted(
-        (*numbers.robots, numbers.treadmill, *numbers.simulated),
-        key=lambda robot: -robot.share,
+def place_robot(robot: PublishedRobot) -> ComparedRobot:
+    """Return a robot beside the law and its motors."""
+    law = float(speed_law(robot.mass))
+    return ComparedRobot(
+        robot.robot,
+        robot.mass,
+        robot.top_speed,
+        law,
+        robot.top_speed / law,
+        robot.motor_envelope,
+        robot.demand(),
+        robot.demand(PAPER_GRAVITY),
+        robot.wheels,
     )
-    head = (
-        "Robot",
-        "kg",
-        "m/s",
-        "law, m/s",
-        "share",
-        "motor, W",
-        f"ratio, g = {PAPER_GRAVITY:g}",
-        f"g = {GRAVITY:g}",
+
+
+def place_mammal(mammal: Mammal) -> Species:
+    """Return a mammal beside the law."""
+    speed = mammal.top_speed / KMH
+    share = speed / float(speed_law(mammal.mass))
+    return Species(mammal.species, mammal.mass, speed, share)
+
+
+def count_band(robots: Sequence[PublishedRobot]) -> Spread:
+    """Count the robots within the paper's band."""
+    known = {
+        robot.robot: demand
+        for robot in robots
+        if (demand := robot.demand(PAPER_GRAVITY)) is not None
+    }
+    low, high = BAND
+    first, median, third = np.quantile(list(known.values()), (0.25, 0.5, 0.75))
+    return Spread(
+        number=len(known),
+        within=tuple(name for name in known if low <= known[name] <= high),
+        median=float(median),
+        quartiles=(float(first), float(third)),
     )
-    lines = [
-        (
-            robot.name + (" (wheels)" if robot.wheels else ""),
-            f"{robot.mass:g}",
-            f"{robot.top_speed:.2f}",
-            f"{robot.law_speed:.2f}",
-            f"{robot.share:.2f}",
-            show(robot.motor_envelope, ".0f"),
-            show(robot.demand_as_printed, ".3f"),
-            show(robot.demand, ".3f"),
-        )
-        for robot in placed
-    ]
-    return Table(
-        f"Robots beside the law of animals; {NOT_MEASURED}: not published", head, lines
+
+
+# --- Simulated robots -----------------------------------------------------------------
+
+
+def shipped() -> tuple[PublishedRobot, ...]:
+    """Return the policy that ships, as its card has it: on the built robot, and of the
+    model's mass; none without results."""
+    results = load_policy(asset_path("policies/built")).card.results.get(BENCHMARK, {})
+    if not (speed := results.get("best_speed")):
+        return ()
+    name = results.get("robot", "").partition(":")[0] or "own"
+    motor = bp2.PEAK_TORQUE, bp2.NO_LOAD_SPEED
+    mass = 4.0 * bp2.QUARTER_MASS
+    return (_simulated(f"simulated, {name} robot", mass, *motor, speed),)
+
+
+def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
+    """Return the robots of topspeed reports, at their best seconds.
+
+    Raises:
+        UserError: no such report, or its robot ran no whole second.
+    """
+    # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs
+
+    robots = []
+    for name, report, run in read_runs(folders, BENCHMARK):
+        speed = report.results.get(BENCHMARK, {}).get("best_speed")
+        if not isinstance(speed, float):
+            raise UserError(f"--runs: {name} ran no whole second")
+        motor = run.hardware.joint_peak_torque, run.hardware.joint_no_load_speed
+        robots.append(_simulated(name, run.mass, *motor, speed))
+    return tuple(robots)
+
+
+def _simulated(
+    name: str, mass: float, peak_torque: float, no_load_speed: float, speed: float
+) -> PublishedRobot:
+    return PublishedRobot(
+        name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation"
     )
+
+
+# --- The figure -----------------------------------------------------------------------
 
 
 @styled
 def scaling_figure(numbers: ScalingNumbers) -> Figure:
-    """Speed over mass; output over motor envelope; the ratio of these, robot by
+    """Draw speed over mass, and the ratio of output to motor envelope, robot by
     robot."""
     figure = Figure(figsize=(1.3 * WIDTH, 11.4), layout="constrained")
-    axes = figure.subplot_mosaic(
-        [["law", "law"], ["motors", "ratio"]], height_ratios=(1.0, 1.08)
-    )
-    _draw_law(axes["law"], numbers)
-    _draw_motors(axes["motors"], numbers)
-    _draw_ratios(axes["ratio"], numbers)
+    law, ratio = figure.subplots(2, 1, height_ratios=(1.0, 0.8))
+    _draw_law(law, numbers)
+    _draw_ratios(ratio, numbers)
     # the layout is final from here: names are placed among what is there
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    _name_law(axes["law"], numbers)
-    _name_motors(axes["motors"], numbers)
+    _name_points(law, numbers)
     return figure
 
 
 def _draw_law(axes: Axes, numbers: ScalingNumbers) -> None:
-    if numbers.mammals:
-        mass, speed = zip(
-            *((species.mass, species.top_speed) for species in numbers.mammals),
-            strict=True,
-        )
-        axes.plot(
-            mass,
-            speed,
-            "o",
-            ms=3.5,
-            color=QUIET,
-            alpha=0.6,
-            markeredgewidth=0,
-            label="mammals",
-            zorder=1,
-        )
-    axes.plot(
-        MASSES,
-        speed_law(MASSES),
-        color=INK,
-        linewidth=1.6,
-        label="law of animals",
-        zorder=2,
-    )
     for share in SHARES:
-        axes.plot(
-            MASSES,
-            share * speed_law(MASSES),
-            color=QUIET,
-            linewidth=0.7,
-            linestyle=(0, (4, 3)),
-            zorder=1,
-        )
-    _scatter(axes, numbers, lambda robot: (robot.mass, robot.top_speed))
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="Body mass [kg]",
-        ylabel="Greatest speed [m/s]",
-    )
-    masses = [robot.mass for robot in numbers.robots] + [
-        species.mass for species in numbers.mammals
-    ]
-    axes.set(
-        xlim=(0.5 * min(masses), 2.0 * max(masses)), title="A   Speed over body mass"
-    )
-    speeds = [0.6, 25.0, *(species.top_speed for species in numbers.mammals)]
-    axes.set_ylim(0.8 * min(speeds), 1.2 * max(speeds))
-    _plain_ticks(axes)
-    axes.legend(loc="lower right", fontsize=8.5)
-
-
-def _draw_motors(axes: Axes, numbers: ScalingNumbers) -> None:
-    x = np.array([60.0, 8000.0])
-    axes.fill_between(x, BAND[0] * x, BAND[1] * x, color=QUIET, alpha=0.18, linewidth=0)
-    for ratio in (BAND[0], BAND[1], numbers.bp2.demand_as_printed or 1.0):
-        axes.plot(x, ratio * x, color=QUIET, linewidth=0.7, linestyle=(0, (4, 3)))
-    _scatter(axes, numbers, _motor_point)
-    axes.set(xscale="log", yscale="log", xlim=x, ylim=(10.0, 12e3))
-    axes.set(
-        xlabel="One motor's peak torque x no-load speed [W]",
-        ylabel="m g v [W]",
-        title="B   What is asked of motors",
-    )
-    _plain_ticks(axes)
-
-
-def _draw_ratios(axes: Axes, numbers: ScalingNumbers) -> None:
-    known = [
-        robot
-        for robot in (*numbers.robots, numbers.treadmill, *numbers.simulated)
-        if robot.demand is not None
-    ]
-    ranked = sorted(known, key=lambda robot: robot.demand or 0.0)
-    axes.axvspan(*BAND, color=QUIET, alpha=0.18, linewidth=0)
-    axes.axvline(numbers.spread.median, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
-    axes.annotate(
-        f"median {numbers.spread.median:.2f}",
-        (BAND[1], 0.0),
-        (4, 0),
-        textcoords="offset points",
-        va="center",
-    )
-    for place, robot in enumerate(ranked):
-        demand, color = robot.demand_as_printed or 0.0, _color(numbers, robot)
-        axes.plot((0.0, demand), (place, place), color=color, linewidth=0.8, alpha=0.6)
-        axes.plot(demand, place, _mark(numbers, robot), ms=5, color=color)
-        axes.annotate(
-            f"{demand:.3f}",
-            (1.01, place),
-            xycoords=("axes fraction", "data"),
-            va="center",
-            fontsize=7.5,
-        )
-    axes.set(
-        yticks=range(len(ranked)),
-        ylim=(-0.8, len(ranked)),
-        xlim=(0.0, 1.04 * (ranked[-1].demand or 1.0)),
-    )
-    axes.set_yticklabels([robot.name for robot in ranked], fontsize=7.5)
-    spread = numbers.spread
-    axes.set(
-        title=f"C   m g v over that: {len(spread.within)} of {spread.number} others in {BAND[0]:g} to {BAND[1]:g}"
-    )
-    axes.set(xlabel=f"Ratio, g = {PAPER_GRAVITY:g} m/s²")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
-
-
-def _name_law(axes: Axes, numbers: ScalingNumbers) -> None:
-    for share in SHARES:
-        _along(
-            axes,
-            f"{share:.0%} of the law",
-            lambda mass, share=share: share * float(speed_law(mass)),
-        )
-    everyone = (
-        *numbers.simulated,
-        numbers.treadmill,
-        numbers.bp2,
-        *(r for r in numbers.robots if r.name != BP2),
-    )
-    points = [(robot.mass, robot.top_speed) for robot in everyone]
-    names = [_with_share(numbers, robot) for robot in everyone]
-    label(axes, points, names, [_color(numbers, robot) for robot in everyone])
-
-
-def _name_motors(axes: Axes, numbers: ScalingNumbers) -> None:
-    ratio = numbers.bp2.demand_as_printed or 1.0
-    _along(axes, f"{ratio:.3f}", lambda envelope: ratio * envelope)
-    _along(axes, f"{BAND[0]:g} to {BAND[1]:g}", lambda envelope: BAND[1] * envelope)
-    everyone = [
-        r
-        for r in (*numbers.simulated, numbers.treadmill, numbers.bp2, *numbers.robots)
-        if r.demand is not None
-    ]
-    everyone = list(dict.fromkeys(everyone))
-    # those are named beside, in panel C
-    within = {*numbers.spread.within, *numbers.spread.unknown}
-    names = ["" if robot.name in within else robot.name for robot in everyone]
-    label(
-        axes,
-        [_motor_point(robot) for robot in everyone],
-        names,
-        [_color(numbers, robot) for robot in everyone],
-    )
-
-
-def _scatter(
-    axes: Axes,
-    numbers: ScalingNumbers,
-    point: Callable[[ComparedRobot], tuple[float, float]],
-) -> None:
-    named = set()
-    for robot in (*numbers.robots, numbers.treadmill, *numbers.simulated):
-        if np.isnan(point(robot)).any():
-            continue
-        mark, color, group = (
-            _mark(numbers, robot),
-            _color(numbers, robot),
-            _group(numbers, robot),
-        )
-        size = 9 if mark == "*" else 5
+        speeds = share * speed_law(MASSES)
+        axes.plot(MASSES, speeds, color=QUIET, linewidth=0.7, linestyle=DASHES)
+    axes.plot(MASSES, speed_law(MASSES), color=INK, label="law of animals")
+    mammals = [(species.mass, species.top_speed) for species in numbers.mammals]
+    if mammals:
+        axes.scatter(*zip(*mammals, strict=True), s=12, color=QUIET, label="mammals")
+    named: set[str] = set()
+    for robot in numbers.everyone:
+        group = _group(numbers, robot)
+        mark, color = GROUPS[group]
         label = None if group in named else group
+        size = 9 if mark == "*" else 5
         axes.plot(
-            *point(robot),
+            robot.mass,
+            robot.top_speed,
             mark,
             ms=size,
             color=color,
-            markeredgewidth=0,
+            mew=0,
             label=label,
             zorder=3,
         )
         named.add(group)
+    points = [*mammals, *((robot.mass, robot.top_speed) for robot in numbers.robots)]
+    masses, speeds = zip(*points, (36.0, 0.6), (36.0, 25.0), strict=True)
+    axes.set(
+        title=f"A   Speed over body mass; dashed: {SHARES[0]:.0%} and {SHARES[1]:.0%} of the law",
+        xscale="log",
+        yscale="log",
+        xlabel="Body mass [kg]",
+        ylabel="Greatest speed [m/s]",
+        xlim=(0.5 * min(masses), 2.0 * max(masses)),
+        ylim=(0.8 * min(speeds), 1.2 * max(speeds)),
+    )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_locator(NullLocator())
+    axes.legend(loc="lower right", fontsize=8.5)
 
 
-def _motor_point(robot: ComparedRobot) -> tuple[float, float]:
-    if robot.motor_envelope is None:
-        return np.nan, np.nan
-    return robot.motor_envelope, robot.mass * PAPER_GRAVITY * robot.top_speed
-
-
-def _with_share(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
-    ours = robot.name in (BP2, numbers.treadmill.name) or robot in numbers.simulated
-    return f"{robot.name}, {robot.share:.2f} of the law" if ours else robot.name
+def _draw_ratios(axes: Axes, numbers: ScalingNumbers) -> None:
+    known = [
+        (robot.demand_as_printed, robot)
+        for robot in numbers.everyone
+        if robot.demand_as_printed is not None
+    ]
+    ranked = sorted(known, key=lambda pair: pair[0])
+    spread = numbers.spread
+    axes.axvspan(*BAND, color=QUIET, alpha=0.18, linewidth=0)
+    axes.axvline(spread.median, color=INK, linewidth=0.9, linestyle=DASHES)
+    note(axes, f"median {spread.median:.2f}", (BAND[1], 0.0), (4, 0), va="center")
+    for row, (demand, robot) in enumerate(ranked):
+        mark, color = GROUPS[_group(numbers, robot)]
+        axes.plot((0.0, demand), (row, row), color=color, linewidth=0.8, alpha=0.6)
+        axes.plot(demand, row, mark, ms=5, color=color)
+        note(axes, f"{demand:.3f}", (demand, row), (6, 0), va="center", fontsize=7.5)
+    name_rows(axes, [robot.name for _, robot in ranked], 7.5)
+    axes.set(
+        title=f"B   m g v over peak torque x no-load speed: {len(spread.within)} of {spread.number} others in "
+        f"{BAND[0]:g} to {BAND[1]:g}",
+        xlabel=f"Ratio, g = {PAPER_GRAVITY:g} m/s²",
+        xlim=(0.0, 1.1 * ranked[-1][0]),
+    )
 
 
 def _group(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     if robot in numbers.simulated:
         return "BP2, simulated"
-    if robot.name in (BP2, numbers.treadmill.name):
+    if robot.name in (BP2, TREADMILL):
         return "BP2, measured"
     return "wheels on legs" if robot.wheels else "legs"
 
 
-def _mark(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
-    return {"legs": "o", "wheels on legs": "s"}.get(_group(numbers, robot), "*")
+# --- Names beside points --------------------------------------------------------------
+
+CLEAR = 3.5  # points of the page around a mark
+RADII = (6.0, 10.0, 16.0, 24.0, 34.0, 46.0, 60.0)  # points of the page
+DIRECTIONS = np.deg2rad((0, 180, 35, -35, 145, -145, 70, -70, 110, -110, 90, -90))
+HALO = withStroke(linewidth=2.0, foreground="white")  # keeps a name readable on a line
 
 
-def _color(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
-    colors = {
-        "legs": INK,
-        "wheels on legs": WHEELED,
-        "BP2, measured": PAPER,
-        "BP2, simulated": SIMULATED,
-    }
-    return colors[_group(numbers, robot)]
-
-
-def _along(axes: Axes, text: str, line: Callable[[float], float]) -> None:
-    """Write above a line, at its left end, in its direction."""
-    x = LEFT * axes.get_xlim()[0]
-    ends = axes.transData.transform([(x, line(x)), (1.05 * x, line(1.05 * x))])
-    angle = np.rad2deg(np.arctan2(*(ends[1] - ends[0])[::-1]))
-    axes.annotate(
-        text,
-        (x, line(x)),
-        (0, 2.5),
-        textcoords="offset points",
-        color=QUIET,
-        fontsize=7.5,
-        va="bottom",
-        rotation=angle,
-        rotation_mode="anchor",
-    )
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """1, 2, 5, 10, 20 and so on, written out."""
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_locator(NullLocator())
+def _name_points(axes: Axes, numbers: ScalingNumbers) -> None:
+    """Write each robot's name as near to its point as there is room, with a line to it;
+    the axes have their final place and limits."""
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    clear = CLEAR * figure.dpi / 72.0
+    points = [(robot.mass, robot.top_speed) for robot in numbers.everyone]
+    marks = axes.transData.transform(points)
+    taken = [
+        Bbox.from_bounds(x - clear, y - clear, 2 * clear, 2 * clear) for x, y in marks
+    ]
+    page = axes.get_window_extent(renderer)
+    for robot, point in zip(numbers.everyone, points, strict=True):
+        group = _group(numbers, robot)
+        share = f", {robot.share:.2f} of the law" if group.startswith("BP2") else ""
+        text = axes.annotate(
+            robot.name + share,
+            point,
+            (0.0, 0.0),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=GROUPS[group][1],
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.5},
+            zorder=4,
+        )
+        text.set_path_effects([HALO])
+        for radius, angle in itertools.product(RADII, DIRECTIONS):
+            right, up = float(np.cos(angle)), float(np.sin(angle))
+            side = "left" if right > 0.2 else "right" if right < -0.2 else "center"
+            text.set(position=(radius * right, radius * up), horizontalalignment=side)
+            text.update_positions(renderer)
+            box = Text.get_window_extent(text, renderer)  # without its line
+            inside = page.x0 <= box.x0 and box.x1 <= page.x1
+            if inside and not box.count_overlaps(taken):
+                break
+        taken.append(Text.get_window_extent(text, renderer))

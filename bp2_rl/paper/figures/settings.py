@@ -1,4 +1,4 @@
-"""What the figures may be told; read before anything slow is imported."""
+"""Settings of the figures, read before anything slow is imported."""
 
 import dataclasses
 from pathlib import Path
@@ -68,7 +68,7 @@ class StridesSettings:
 
 @dataclasses.dataclass(frozen=True)
 class OperatingSettings:
-    """Draw where hips and knees work, torque over speed, in three cycles of each run
+    """Draw where hips and knees work, torque over speed, in three cycles of every run
     (paper, Fig. 5 E)."""
 
     runs: tuple[Path, ...] = ()

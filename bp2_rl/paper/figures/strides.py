@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.drawn import Comparison, Drawn
+from bp2_rl.paper.figures.drawn import Drawn
+from bp2_rl.paper.figures.robot import draw_outlines, outlines
 from bp2_rl.paper.figures.runs import CYCLES, LEG, cycles, read_runs
 from bp2_rl.paper.figures.settings import StridesSettings
-from bp2_rl.paper.figures.silhouette import draw, outlines
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.gait import contacts
@@ -27,17 +27,17 @@ FADED = 0.35
 
 @dataclasses.dataclass(frozen=True)
 class StridesNumbers:
-    """All that the figure says."""
+    """The gait over the cycles that are drawn."""
 
-    name: str  # what ran
-    speed: float  # m/s, over the cycles
-    frequency: float  # Hz, of the stride
-    duty: float  # mean of the legs
-    aerial: float  # share of the time with no foot on the ground
+    name: str = metric("Three cycles", form="s")  # what ran
+    speed: float = metric("Speed", "m/s")
+    frequency: float = metric("Strides", "Hz")
+    duty: float = metric("Duty factor", form=".3f")  # mean of the legs
+    aerial: float = metric("No foot on the ground", form=".1%")  # share of the time
 
 
 def strides(settings: StridesSettings) -> Drawn:
-    """The figure and its numbers.
+    """Draw three cycles of a run, and tabulate their gait.
 
     Raises:
         UserError: no report, several, or a run without three cycles.
@@ -48,24 +48,13 @@ def strides(settings: StridesSettings) -> Drawn:
         )
     (run,) = read_runs(settings.runs, BENCHMARK)
     part = cycles(run.trajectory)
-    numbers = measure(run.name, part)
-    lines = [
-        ("speed", f"{numbers.speed:.2f} m/s"),
-        ("strides a second", f"{numbers.frequency:.2f}"),
-        ("duty factor", f"{numbers.duty:.3f}"),
-        ("no foot on the ground", f"{numbers.aerial:.1%}"),
-    ]
-    said = Comparison(
-        "the leg pushes off and an aerial phase follows",
-        f"no foot on the ground {numbers.aerial:.0%} of the time",
-        "same" if numbers.aerial > 0.0 else "differs",
-    )
-    table = Table(f"Three cycles, {numbers.name}", ("Gait", "Value"), lines)
-    return Drawn(numbers, (table,), (said,), {"strides": strides_figure(part, numbers)})
+    numbers = describe_cycles(run.name, part)
+    table = table_of("", (numbers,))
+    return Drawn(numbers, (table,), {"strides": strides_figure(part, numbers)})
 
 
-def measure(name: str, part: Trajectory) -> StridesNumbers:
-    """The gait of these cycles."""
+def describe_cycles(name: str, part: Trajectory) -> StridesNumbers:
+    """Return the gait of the cycles in `part`."""
     standing = contacts(part)
     return StridesNumbers(
         name=name,
@@ -78,7 +67,7 @@ def measure(name: str, part: Trajectory) -> StridesNumbers:
 
 @styled
 def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
-    """A row a cycle."""
+    """Draw keyframes, a row for each cycle."""
     model = load_model(part.hardware)
     data = mujoco.MjData(model)
     figure = Figure(figsize=(1.3 * WIDTH, 5.0), layout="constrained")
@@ -94,7 +83,7 @@ def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
             data.qpos[:] = part.qpos[sample]
             data.qpos[:2] = 0.0
             mujoco.mj_kinematics(model, data)
-            draw(
+            draw_outlines(
                 axes,
                 outlines(model, data, (0, 2)),
                 colors,

@@ -1,4 +1,4 @@
-"""What a fast run does to a robot: speed over how hard soles land, and whether it needs
+"""The wear of a robot in a fast run: speed over how hard soles land, and whether it needs
 strong brakes."""
 
 import dataclasses
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from bp2_rl.base.metric import metric, show_fall, table_of
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, styled
-from bp2_rl.evaluation.benchmarks.outcome import Table, show, show_fall
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import WearSettings
@@ -29,30 +29,38 @@ COLORS = (QUIET, *LEG_COLORS.values())
 
 @dataclasses.dataclass(frozen=True)
 class Wear:
-    """A policy's run on the built robot, and one with weak brakes; means and extremes
-    of the time held."""
+    """The wear of a policy's run on the built robot; means and extremes of the time
+    held."""
 
-    policy: str
-    landing_reward: float  # coefficient in training
-    fell_at: float | None  # s
-    speed: float  # m/s, mean
-    landing: float | None  # m/s, of soles, downwards, mean
-    top_out: float  # m/s, greatest, of springs onto their rebound stop
-    overspeed: float  # share of motor samples beyond the no-load speed
-    room: float  # m, least between legs
-    plate_force: float  # body weights, greatest vertical mean over `PLATE`
-    weak_fell_at: float | None  # s, with brakes as drives
+    policy: str = metric("Policy", form="s")
+    landing_reward: float = metric(
+        "Landing reward", form="g"
+    )  # coefficient in training
+    speed: float = metric("Speed", "m/s")  # mean
+    fell_at: float | None = metric("Fall", form=show_fall)  # s
+    # of soles, downwards, mean
+    landing: float | None = metric("Soles land at", "m/s", ".1f")
+    # greatest, of springs onto their rebound stop
+    top_out: float = metric("Springs top out at", "m/s", ".1f")
+    # share of motor samples beyond the no-load speed
+    overspeed: float = metric("Motors beyond no load", form=".1%")
+    room: float = metric("Room between legs", "mm", ".0f")  # least
+    # greatest vertical mean over `PLATE`
+    plate_force: float = metric(
+        f"Foot over {1e3 * PLATE:.0f} ms", "body weights", ".1f"
+    )
+    # with brakes as drives
+    weak_fell_at: float | None = metric("Fall with brakes as drives", form=show_fall)
 
 
 def wear(settings: WearSettings) -> Drawn:
-    """The figure and its table."""
+    """Draw and tabulate the wear of policies."""
     found = tuple(
         wear_of(str(path), load_policy(path), settings.speed)
         for path in settings.policies
     )
-    return Drawn(
-        {"policies": found}, (_table(found),), (), {"wear": wear_figure(found)}
-    )
+    table = table_of("Held for 5 s on the built robot, in C MuJoCo", found)
+    return Drawn({"policies": found}, (table,), {"wear": wear_figure(found)})
 
 
 def wear_of(name: str, policy: Policy, speed: float) -> Wear:
@@ -61,13 +69,13 @@ def wear_of(name: str, policy: Policy, speed: float) -> Wear:
     run, weak = simulate(
         policy, [RunRequest(ramp, hardware=robot) for robot in (BUILT, WEAK)]
     )
-    return measure(name, policy.card.env.reward.landing, run, weak.fell_at)
+    return measure_wear(name, policy.card.env.reward.landing, run, weak.fell_at)
 
 
-def measure(
+def measure_wear(
     name: str, landing_reward: float, run: Trajectory, weak_fell_at: float | None
 ) -> Wear:
-    """Return what a run wears."""
+    """Measure the wear of a run in its steady part."""
     metrics, steady = run.metrics, account(steady_window(run))
     return Wear(
         policy=name,
@@ -81,37 +89,6 @@ def measure(
         plate_force=steady.ground.plate_force / (run.hardware.mass * GRAVITY),
         weak_fell_at=weak_fell_at,
     )
-
-
-def _table(policies: Sequence[Wear]) -> Table:
-    head = (
-        "Policy",
-        "Landing reward",
-        "Speed [m/s]",
-        "Fall",
-        "Soles land at [m/s]",
-        "Springs top out at [m/s]",
-        "Motors beyond no load",
-        "Room between legs [mm]",
-        f"Foot over {1e3 * PLATE:.0f} ms [body weights]",
-        "Fall with brakes as drives",
-    )
-    lines = [
-        (
-            one.policy,
-            f"{one.landing_reward:g}",
-            f"{one.speed:.2f}",
-            show_fall(one.fell_at),
-            show(one.landing, ".1f"),
-            f"{one.top_out:.1f}",
-            f"{one.overspeed:.1%}",
-            f"{1e3 * one.room:.0f}",
-            f"{one.plate_force:.1f}",
-            show_fall(one.weak_fell_at),
-        )
-        for one in policies
-    ]
-    return Table("Held for 5 s on the built robot, in C MuJoCo", head, lines)
 
 
 @styled

@@ -1,6 +1,7 @@
 """A row of the index: an item of the paper, the command that makes ours, and what has
 to hold for "same"."""
 
+import contextlib
 import dataclasses
 import math
 import re
@@ -27,7 +28,7 @@ class Check:
     words: str | None = None
 
     def holds(self, value: Any) -> bool:
-        """Whether it does; what was not measured does not."""
+        """Return whether a value passes the check; a value that was not measured fails."""
         if self.words is not None:
             return value == self.words
         return isinstance(value, int | float) and self.least <= value <= self.most
@@ -98,6 +99,17 @@ class IndexRow(NamedTuple):
     because: tuple[str | ReportNumber, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class Statement:
+    """One item of the paper, and its verdict by one report."""
+
+    item: str  # its number in the paper
+    paper: str  # what it shows
+    ours: str
+    verdict: Verdict
+    because: str
+
+
 Reports = Mapping[str, Any]
 """What is in the files of numbers, by source; those that were not run are not in it."""
 _NUMBER = re.compile(r"\{(\w+:[^|{}]+)\|([^{}]*)\}")
@@ -135,6 +147,32 @@ def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> IndexRow:
     return IndexRow(
         item, verdict, _filled(item.ours, reports), _filled(item.because, reports)
     )
+
+
+def statements_of(source: str, report: Mapping[str, Any]) -> tuple[Statement, ...]:
+    """Return what becomes of a source's items, of those whose numbers its report alone
+    has."""
+    found = []
+    for item in (item for items in read_items().values() for item in items):
+        if item.source == source:
+            # flags may leave out what an item needs
+            with contextlib.suppress(UserError):
+                found.append(fill(item, {source: report}, {}))
+    return tuple(
+        Statement(
+            row.item.number,
+            row.item.shows,
+            _text(row.ours),
+            row.verdict,
+            _text(row.because),
+        )
+        for row in found
+        if row.verdict != "not run"
+    )
+
+
+def _text(parts: tuple[str | ReportNumber, ...]) -> str:
+    return "".join(part if isinstance(part, str) else part.text for part in parts)
 
 
 def places(item: Item) -> tuple[str, ...]:

@@ -1,5 +1,4 @@
-"""The commands whose numbers and pictures the index shows, and what each of them hangs
-on."""
+"""The commands whose numbers and pictures the index shows, and their inputs."""
 
 import dataclasses
 import hashlib
@@ -98,7 +97,7 @@ SOURCES = (
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """What is chosen for all of them."""
+    """The choices that hold for all commands."""
 
     policy: Path  # of those that run one
     quick: bool = False
@@ -160,7 +159,7 @@ def digest(path: Path) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Key:
-    """What a command's folder says of itself."""
+    """The key, checksum and duration that a command's folder holds."""
 
     key: str
     numbers: str  # checksum of the file of its numbers

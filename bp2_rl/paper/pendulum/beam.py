@@ -11,7 +11,7 @@ there are as many as the arrays say.
 
 import dataclasses
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -22,14 +22,16 @@ Many = Float[np.ndarray, "*#many"]
 """One number for each system of pendulums."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Energies:
-    """Who has how much, in m g l. `pendulums` and `beam` add up to what is kept;
-    `beam_frame` is no part of it."""
+class Energies(NamedTuple):
+    """The energies of the pendulums and the beam, in m g l.
 
-    pendulums: Any  # "*many pendulums", as seen from the ground
-    beam: Any  # "*many"
-    beam_frame: Any  # "*many pendulums", as seen from the beam: th'^2 / 2 + 1 - cos th
+    `pendulums` and `beam` add up to what is kept; `beam_frame` is no part of it.
+    """
+
+    pendulums: Float[np.ndarray, "*many pendulums"]  # as seen from the ground
+    beam: Float[np.ndarray, "*many"]
+    # as seen from the beam: th'^2 / 2 + 1 - cos th
+    beam_frame: Float[np.ndarray, "*many pendulums"]
 
 
 def accelerations(
@@ -52,7 +54,7 @@ def fixed_torque(theta: Angles, acceleration: Angles) -> Angles:
 def coupled_torque(
     theta: Angles, rate: Angles, acceleration: Angles, mass_ratio: Many
 ) -> Angles:
-    """What a free beam adds to that (paper, u^c in Eq. active torque)."""
+    """The torque that a free beam adds to a motion (paper, u^c in Eq. active torque)."""
     sin, cos = np.sin(theta), np.cos(theta)
     push = np.sum(sin * rate**2 - cos * acceleration, axis=-1) / (
         mass_ratio + theta.shape[-1]
@@ -73,8 +75,7 @@ def momentum(
 def energies(
     theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many
 ) -> Energies:
-    """The energies, of which the pendulums' and the beam's add up to what the motors
-    have put in."""
+    """The energies of pendulums and beam; they add up to what the motors have put in."""
     sin, cos = np.sin(theta), np.cos(theta)
     kinetic = ((beam_rate[..., None] + cos * rate) ** 2 + (sin * rate) ** 2) / 2.0
     return Energies(
@@ -85,7 +86,7 @@ def energies(
 # --- Free motion ----------------------------------------------------------------------
 
 NATURAL_PERIOD = 2.0 * math.pi
-"""T0, of one small swing from a fixed beam."""
+"""T0, the period of one small swing from a fixed beam."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +103,7 @@ class SwingMotion:
 
     @property
     def energies(self) -> Energies:
-        """At each time."""
+        """The energies at each time."""
         return energies(self.theta, self.rate, self.beam_rate, self.mass_ratio)
 
     @property
@@ -111,7 +112,7 @@ class SwingMotion:
     ) -> tuple[
         Float[np.ndarray, "samples ..."], Float[np.ndarray, "samples ... pendulums"]
     ]:
-        """The beam's and the pendulums', at each time."""
+        """The accelerations of the beam and of the pendulums at each time."""
         return accelerations(
             self.theta, self.rate, np.zeros_like(self.theta), self.mass_ratio
         )

@@ -1,5 +1,4 @@
-"""What pendulums on a beam do in closed form: what small swings and a rule of thumb
-say.
+"""Closed forms of pendulums on a beam: the laws of small swings, and a rule of thumb.
 
 W is a frequency over w0, z pulls of the pendulums on each other, A an amplitude in rad.
 Two pendulums unless an argument counts them.
@@ -9,25 +8,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-
-
-def in_phase_frequency(mass_ratio: float) -> float:
-    """Return the frequency, over w0, of two small swings in phase. In antiphase it is
-    1, and the beam rests."""
-    return math.sqrt(1.0 + 2.0 / mass_ratio)
-
-
-def beat_period(mass_ratio: float) -> float:
-    """Until a small swing is back with the pendulum that was let go, in T0."""
-    return 1.0 / (in_phase_frequency(mass_ratio) - 1.0)
-
-
-def shares(mass_ratio: float) -> tuple[float, float]:
-    """Return the shares of a small swing's energy, in the long average: each
-    pendulum's, and the beam's."""
-    return (3.0 + mass_ratio / (mass_ratio + 2.0)) / 8.0, 1.0 / (
-        2.0 * (mass_ratio + 2.0)
-    )
 
 
 def small_torque_ratio(
@@ -47,8 +27,8 @@ def small_torque_ratio(
 
 
 def boundary_frequency(mass_ratio: float) -> float:
-    """The W above which, and only above which, a free beam lowers the torque of small
-    swings, whatever the phase."""
+    """Return the W above which a free beam lowers the torque of small swings, and below
+    which it raises it, whatever the phase."""
     return math.sqrt((mass_ratio + 2.0) / (mass_ratio + 1.0))
 
 
@@ -65,8 +45,7 @@ def small_gait_ratio(
 
 
 def trapping_ratio(amplitude: float) -> float:
-    """The mass ratio above which a swing stays with its pendulum: the small-angle law
-    32 / A^2.
+    """Return the mass ratio above which a swing stays with its pendulum: 32 / A^2.
 
     The swing shifts its pendulum's frequency by -A^2 / 16, and the two do not exchange
     if that exceeds twice the splitting of their modes, 1 / R.

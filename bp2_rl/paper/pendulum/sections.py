@@ -1,4 +1,4 @@
-"""Poincare sections of two pendulums on a beam (paper, Fig. model_analysis D).
+"""Poincare sections of two pendulums on a beam (paper, Fig. 3 D).
 
 What is free to swing keeps its energy, and a flow that does so keeps volumes, too
 (Liouville): no orbit attracts others. Yet with the mass ratio the section changes:
@@ -8,48 +8,44 @@ trapped, each has a path of its own.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.distance import directed_hausdorff
 
-from bp2_rl.base.plotting import WIDTH, styled
+from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.plotting import FALL, FRONT, WIDTH, styled
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, remark
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumSectionsSettings
-from bp2_rl.paper.pendulum.study import ONE, TWO, PendulumStudy, numbered, remark
 
-Instant = Literal["beam", "pendulum"]
-INSTANTS: dict[Instant, str] = {
-    "beam": "the beam turns, from left to right",
-    "pendulum": "pendulum 1 passes the vertical, to the right",
-}
-"""When a point of the section is taken."""
 SAMPLES = 100  # of a natural period; a cubic between two is right to 1e-6
 COLUMNS = 3
+
+_show_angles = joined("+.2f", " to ")
 
 
 @dataclasses.dataclass(frozen=True)
 class Path:
-    """What a section shows, in numbers."""
+    """A section in numbers: its angles, and how far apart the two paths are."""
 
-    mass_ratio: float
-    points: int
+    mass_ratio: float = metric("R", form="g")
+    points: int = metric("Points", form="d")
     # rad, least and greatest of each pendulum
-    angles: tuple[tuple[float, float], tuple[float, float]]
-    apart: float | None
+    angles: tuple[tuple[float, float], tuple[float, float]] = metric(
+        "Angles of 1 / 2", "rad", lambda pairs: " / ".join(map(_show_angles, pairs))
+    )
+    apart: float = metric("Paths apart", "rad", ".3f")
     """Hausdorff's distance between the two pendulums' points in the plane of (th, th'):
     how far, at most, a point of one is from the other's nearest. Where they share a
-    path, gaps between points are left. None for a section that pins pendulum 1 to the
-    vertical"""
+    path, gaps between points are left"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The points of one mass ratio."""
+    """The points of the section at a mass ratio."""
 
     path: Path
     theta: Float[np.ndarray, "points 2"]
@@ -57,28 +53,25 @@ class Section:
 
 
 def sections(
-    amplitude: float, mass_ratios: Sequence[float], periods: float, instant: Instant
+    amplitude: float, mass_ratios: Sequence[float], periods: float
 ) -> list[Section]:
-    """Let one of two pendulums go and look at both whenever it is that instant, for
-    each mass ratio."""
+    """Let one of two pendulums go and look at both whenever the beam turns from left to
+    right, for each mass ratio."""
     time = np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * SAMPLES) + 1)
     released = np.tile((amplitude, 0.0), (len(mass_ratios), 1))
     motion = swing(released, np.array(mass_ratios), time, tolerance=1e-10)
-    return [_section(motion, system, instant) for system in range(len(mass_ratios))]
+    return [_section(motion, system) for system in range(len(mass_ratios))]
 
 
-def _section(motion: SwingMotion, system: int, instant: Instant) -> Section:
-    """Return the section of one of several systems."""
+def _section(motion: SwingMotion, system: int) -> Section:
+    """Return the section of a system, by its place among several."""
     beam_acceleration, acceleration = (
         values[:, system] for values in motion.accelerations
     )
     theta, rate = motion.theta[:, system], motion.rate[:, system]
-    if instant == "beam":
-        rising = CubicHermiteSpline(
-            motion.time, motion.beam_rate[:, system], beam_acceleration
-        )
-    else:
-        rising = CubicHermiteSpline(motion.time, theta[:, 0], rate[:, 0])
+    rising = CubicHermiteSpline(
+        motion.time, motion.beam_rate[:, system], beam_acceleration
+    )
     times = rising.roots(extrapolate=False)
     times = times[rising(times, 1) > 0.0]
     theta, rate = (
@@ -90,9 +83,7 @@ def _section(motion: SwingMotion, system: int, instant: Instant) -> Section:
         mass_ratio=float(motion.mass_ratio[system]),
         points=len(times),
         angles=(_ends(one[:, 0]), _ends(two[:, 0])),
-        apart=max(directed_hausdorff(one, two)[0], directed_hausdorff(two, one)[0])
-        if instant == "beam"
-        else None,
+        apart=max(directed_hausdorff(one, two)[0], directed_hausdorff(two, one)[0]),
     )
     return Section(path, theta, rate)
 
@@ -101,53 +92,38 @@ def _ends(values: Float[np.ndarray, " points"]) -> tuple[float, float]:
     return float(np.min(values)), float(np.max(values))
 
 
-def cut_sections(settings: PendulumSectionsSettings) -> PendulumStudy:
+def cut_sections(settings: PendulumSectionsSettings) -> Drawn:
     """Study how far apart the paths of two pendulums are."""
-    found = sections(
-        settings.amplitude, settings.mass_ratio, settings.periods, settings.instant
-    )
-    rows = []
-    for path in (section.path for section in found):
-        angles = (f"{low:+.2f} to {high:+.2f}" for low, high in path.angles)
-        apart = "-" if path.apart is None else f"{path.apart:.3f}"
-        rows.append((f"{path.mass_ratio:g}", str(path.points), *angles, apart))
-    columns = ("R", "points", "angles of 1, rad", "angles of 2, rad", "paths apart")
-    arrays = numbered(
-        {"theta": section.theta, "rate": section.rate} for section in found
-    )
-    results = {"mass_ratios": [section.path for section in found]}
-    return PendulumStudy(
-        columns, rows, results, arrays, sections_figure(found, settings.instant)
-    )
+    found = sections(settings.amplitude, settings.mass_ratio, settings.periods)
+    paths = tuple(section.path for section in found)
+    table = table_of("", paths)
+    return Drawn({"mass_ratios": paths}, (table,), {"sections": sections_figure(found)})
 
 
 @styled
-def sections_figure(sections: Sequence[Section], instant: Instant) -> Figure:
+def sections_figure(sections: Sequence[Section]) -> Figure:
     """Angle and rate of both pendulums at each instant of the section (paper, Fig.
-    3D)."""
+    3 D)."""
     columns = min(COLUMNS, len(sections))
     rows = -(-len(sections) // columns)
     figure = Figure(figsize=(WIDTH, 1.1 + 2.6 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in panels.ravel()[len(sections) :]:
         axes.set_axis_off()
+    marks = (FRONT, {"mew": 0.0}), (FALL, {"mew": 0.8, "mfc": "none"})
     for section, axes in zip(sections, panels.ravel(), strict=False):
-        path = section.path
-        axes.plot(
-            section.theta[:, 0], section.rate[:, 0], "o", color=ONE, ms=3.2, mew=0.0
-        )
-        axes.plot(
-            section.theta[:, 1],
-            section.rate[:, 1],
-            "o",
-            color=TWO,
-            ms=3.2,
-            mew=0.8,
-            mfc="none",
-        )
-        axes.set_title(f"R = {path.mass_ratio:g}")
-        if path.apart is not None:
-            remark(axes, f"{path.apart:.2f} apart")
+        for k, (color, mark) in enumerate(marks):
+            axes.plot(
+                section.theta[:, k],
+                section.rate[:, k],
+                "o",
+                color=color,
+                ms=3.2,
+                label=f"pendulum {k + 1}{'' if k else ', let go'}, as the beam turns",
+                **mark,
+            )
+        axes.set_title(f"R = {section.path.mass_ratio:g}")
+        remark(axes, f"{section.path.apart:.2f} apart")
     top = max(float(abs(section.rate).max()) for section in sections)
     panels[0, 0].set_ylim(-1.15 * top, 1.35 * top)
     for axes in panels[:, 0]:
@@ -156,29 +132,5 @@ def sections_figure(sections: Sequence[Section], instant: Instant) -> Figure:
         below = [axes for axes in column if axes.axison][-1]
         below.set_xlabel("Angle [rad]")
         below.tick_params(labelbottom=True)
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=ONE,
-            marker="o",
-            linestyle="",
-            ms=4,
-            label="pendulum 1, let go",
-        ),
-        Line2D(
-            [],
-            [],
-            color=TWO,
-            marker="o",
-            linestyle="",
-            ms=4,
-            mfc="none",
-            label="pendulum 2",
-        ),
-        Line2D([], [], linestyle="", label=f"taken each time {INSTANTS[instant]}"),
-    ]
-    figure.legend(
-        handles=handles, loc="outside upper center", ncols=3, handlelength=1.0
-    )
+    legend_above(figure, panels[0, 0], 2)
     return figure

@@ -1,15 +1,44 @@
-"""What the figures of pendulums are told; read before anything slow is imported."""
+"""Settings of the pendulums' figures, and BP2 as pendulums on a beam; read before
+anything slow is imported."""
 
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.paper.pendulum import bp2
+from bp2_rl.robot import bp2, conventions
+
+# --- BP2: its legs hang from its trunk, so much is left of it here --------------------
+
+MASS_RATIO = (
+    4.0 * bp2.TRUNK_QUARTER_MASS / (bp2.THIGH_MASS + bp2.SHANK_MASS + bp2.TOE_MASS)
+)
+"""Trunk over leg."""
+LEG_LENGTH = bp2.THIGH_LENGTH
+"""m, of the pendulum that a leg stands for. ASSUMED: the leg's mass is in its thigh,
+folded up to its knee."""
+STRIDE_FREQUENCY = 3.2
+"""Hz, DERIVED: the period of the shipped library's trot at 10 m/s is 0.315 s."""
+HIP_AMPLITUDE = 0.6
+"""rad, ASSUMED. In that trot a hip swings by 0.75 rad either way; a wider swing gains
+less."""
+
+
+def reduced_frequency(frequency: float, length: float) -> float:
+    """Return W, a frequency in Hz over the frequency of a pendulum's small swings.
+
+    Args:
+        frequency: Hz.
+        length: of the pendulum, m.
+    """
+    return 2.0 * math.pi * frequency * math.sqrt(length / conventions.GRAVITY)
+
+
+# --- Settings -------------------------------------------------------------------------
 
 MassRatio = Annotated[float, Within(0.05, 1e4)]
 """The beam's mass over one pendulum's. A lighter beam whirls so fast that the
@@ -52,9 +81,6 @@ class PendulumSectionsSettings:
     amplitude: Angle = math.pi / 3.0
     """from which the first is let go; the paper's 60 deg by default"""
     periods: Periods = 200.0
-    instant: Literal["beam", "pendulum"] = "beam"
-    """when: as the beam turns from left to right, or as pendulum 1 passes the vertical
-    to the right"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
@@ -105,22 +131,15 @@ class PendulumMapSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTrappingSettings:
-    """Sweep the mass ratio from 0.25 to 200: when a swing stays with the pendulum that
-    has it (beyond the paper)."""
+    """Search for the mass ratio above which a swing stays with the pendulum that has it
+    (beyond the paper)."""
 
-    amplitude: tuple[Swing, ...] = (math.pi / 3.0, 0.5)
-    """from which the first is let go, of each sweep; at most 4"""
     thresholds: tuple[Swing, ...] = (0.5, 0.6, 0.8, math.pi / 3.0, 1.2, 1.4)
     """amplitudes whose threshold is searched for; at most 12"""
-    periods: Periods = 300.0
-    """of a sweep"""
-    points: Annotated[int, Within(5, 200)] = 40
-    """mass ratios of a sweep"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "--")
-        _check_list("--amplitude", self.amplitude, 4)
         _check_list("--thresholds", self.thresholds, 12)
 
 
@@ -129,13 +148,13 @@ class PendulumGaitsSettings:
     """Hang four legs from a beam: what each gait's phases leave of the beam's help
     (beyond the paper)."""
 
-    mass_ratio: tuple[MassRatio, ...] = (bp2.MASS_RATIO, 1.0)
+    mass_ratio: tuple[MassRatio, ...] = (MASS_RATIO, 1.0)
     """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
     default; a panel each, at most 3"""
-    amplitude: Angle = bp2.HIP_AMPLITUDE
-    frequency: Hertz = bp2.STRIDE_FREQUENCY
+    amplitude: Angle = HIP_AMPLITUDE
+    frequency: Hertz = STRIDE_FREQUENCY
     """of the stride; BP2's at 10 m/s by default"""
-    length: Length = bp2.LEG_LENGTH
+    length: Length = LEG_LENGTH
     """of the pendulum that a leg stands for; BP2's thigh by default"""
 
     def __post_init__(self) -> None:
@@ -157,13 +176,13 @@ def _check_list(flag: str, values: Sequence[float], most: int) -> None:
 
 
 def driven_frequency(frequency: float, length: float) -> float:
-    """Return W, a frequency (Hz) over that of a pendulum of a length (m).
+    """Return `reduced_frequency` of a motion that is driven.
 
     Raises:
         UserError: it is the pendulum's own, where a fixed beam asks for hardly any
             torque to compare with.
     """
-    reduced = bp2.reduced_frequency(frequency, length)
+    reduced = reduced_frequency(frequency, length)
     if abs(reduced - 1.0) < 1e-3:
         raise UserError(
             f"{frequency:g} Hz is a pendulum's own frequency at a length of {length:g} m, where a fixed beam asks for "

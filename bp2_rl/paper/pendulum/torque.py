@@ -1,19 +1,37 @@
-"""What it takes to move pendulums as one wants: the motors' torques with the beam free,
-and with it fixed.
+"""The torques that move pendulums as one wants, with the beam free and with it fixed
+(paper, Fig. 3 E).
 
 The motion is the paper's: th_i = A sin(W t + phi_i), W the frequency over w0. It is
-looked at over one cycle, in which the beam's momentum stays zero.
+looked at over one cycle, in which the beam's momentum stays zero. The paper does not
+give the pendulums' length, so the ratios are shown over it.
 """
 
 import dataclasses
+import math
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
+from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.plotting import FALL, FRONT, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, note, remark
 from bp2_rl.paper.pendulum import beam
+from bp2_rl.paper.pendulum.settings import (
+    LEG_LENGTH,
+    PendulumTorqueSettings,
+    reduced_frequency,
+)
 
 SAMPLES = 256
 """Of a cycle. A peak between two of them is found to 1e-7 of it."""
+LENGTHS = (0.05, 10.0)  # m, of the curve over lengths
+POINTS = 200  # of the curve
+# W at which gravity is a part in 1e12 of inertia: the limit of long pendulums
+FASTEST = 1e6
+TAKES, ADDS = "#BFE3D6", "#F5D2BC"  # colours of what coupling takes and adds
+PENDULUMS, GREEN = (FRONT, FALL), LEG_COLORS["RR"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +48,7 @@ class PendulumCycle:
 
     @property
     def free(self) -> Float[np.ndarray, "*many samples pendulums"]:
-        """Torque with the beam free, u."""
+        """The torque with the beam free, u."""
         return self.fixed + self.coupled
 
 
@@ -40,7 +58,7 @@ def drive(
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
 ) -> PendulumCycle:
-    """The torques of pendulums that swing alike but for their phases.
+    """Return the torques of pendulums that swing alike but for their phases.
 
     Args:
         phase: of each pendulum, rad.
@@ -58,19 +76,14 @@ def drive(
     acceleration = -(frequency[..., None] ** 2) * swing
     theta, rate, acceleration = np.broadcast_arrays(swing, rate, acceleration)
     fixed = beam.fixed_torque(theta, acceleration)
-    return PendulumCycle(
-        angle,
-        theta,
-        rate,
-        fixed,
-        beam.coupled_torque(theta, rate, acceleration, mass_ratio),
-    )
+    coupled = beam.coupled_torque(theta, rate, acceleration, mass_ratio)
+    return PendulumCycle(angle, theta, rate, fixed, coupled)
 
 
 def peak(
     torque: Float[np.ndarray, "*many samples pendulums"],
 ) -> Float[np.ndarray, "*many pendulums"]:
-    """The greatest magnitude over a cycle, between samples too."""
+    """Return the greatest magnitude of torques over a cycle, between samples too."""
     at = np.argmax(np.abs(torque), axis=-2, keepdims=True)
     samples = ((at + step) % torque.shape[-2] for step in (-2, -1, 0, 1, 2))
     far, before, here, after, beyond = (
@@ -93,5 +106,148 @@ def peak(
 def root_mean_square(
     torque: Float[np.ndarray, "*many samples pendulums"],
 ) -> Float[np.ndarray, "*many pendulums"]:
-    """Over a cycle."""
+    """Return the root mean square of torques over a cycle."""
     return np.sqrt(np.mean(torque**2, axis=-2))
+
+
+# --- The paper's motion ---------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class LengthRow:
+    """Torques of both pendulums at a length, beam free over beam fixed."""
+
+    length: float = metric("Length", "m", "g")  # infinite for the limit
+    frequency: float = metric("W", form=".2f")
+    peak: tuple[float, float] = metric("Peak free / fixed, 1 / 2", form=joined(".3f"))
+    root_mean_square: tuple[float, float] = metric(
+        "Root mean square free / fixed", form=joined(".3f")
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Prescribed:
+    """One motion: its cycle at one length, and the ratios at several."""
+
+    cycle: PendulumCycle
+    rows: tuple[LengthRow, ...]  # at the length shown, at BP2's leg, and in the limit
+    lengths: Float[np.ndarray, " points"]  # m
+    peaks: Float[np.ndarray, "points 2"]  # free over fixed
+    root_mean_squares: Float[np.ndarray, "points 2"]
+
+
+def prescribe(
+    mass_ratio: float, amplitude: float, phase: float, hertz: float, length: float
+) -> Prescribed:
+    """Move two pendulums alike, the second ahead by `phase`, `hertz` times a second."""
+    lengths = np.geomspace(*LENGTHS, POINTS)
+    printed = list(dict.fromkeys((length, LEG_LENGTH)))  # once, if they are the same
+
+    def at(frequency: Float[np.ndarray, "*many"]) -> PendulumCycle:
+        return drive(
+            np.array([0.0, phase]), np.array(amplitude), frequency, np.array(mass_ratio)
+        )
+
+    rows = [_row(one, reduced_frequency(hertz, one), at) for one in printed]
+    limit = dataclasses.replace(_row(math.inf, FASTEST, at), frequency=math.inf)
+    curve = _ratios(at(np.array([reduced_frequency(hertz, one) for one in lengths])))
+    cycle = at(np.array(rows[0].frequency))
+    return Prescribed(cycle, (*rows, limit), lengths, *curve)
+
+
+def _row(
+    length: float, frequency: float, at: Callable[[np.ndarray], PendulumCycle]
+) -> LengthRow:
+    """Return the ratios of the motion that `at` makes at a W."""
+    peaks, root_mean_squares = (
+        (float(one), float(two)) for one, two in _ratios(at(np.array(frequency)))
+    )
+    return LengthRow(length, frequency, peaks, root_mean_squares)
+
+
+def _ratios(
+    cycle: PendulumCycle,
+) -> tuple[Float[np.ndarray, "*many 2"], Float[np.ndarray, "*many 2"]]:
+    """Return each pendulum's peak torque and root mean square torque, free over
+    fixed."""
+    return peak(cycle.free) / peak(cycle.fixed), root_mean_square(
+        cycle.free
+    ) / root_mean_square(cycle.fixed)
+
+
+def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
+    """Study what a free beam takes off the torques of a prescribed motion."""
+    case = prescribe(
+        settings.mass_ratio,
+        settings.amplitude,
+        settings.phase,
+        settings.frequency,
+        settings.length,
+    )
+    table = table_of("", case.rows)
+    return Drawn({"lengths": case.rows}, (table,), {"torque": torque_figure(case)})
+
+
+@styled
+def torque_figure(case: Prescribed) -> Figure:
+    """Torques over a cycle, shaded where coupling adds or takes (paper, Fig. 3 E);
+    below, ratios over the length."""
+    figure = Figure(figsize=(WIDTH, 6.2), layout="constrained")
+    panels = figure.subplot_mosaic([["one", "two"], ["over", "over"]])
+    pair, over = (panels["one"], panels["two"]), panels["over"]
+    cycle, shown = case.cycle, case.rows[0]
+    top = float(np.max(np.abs((cycle.fixed, cycle.free))))
+    around = np.append(cycle.angle, 2.0 * math.pi) / (2.0 * math.pi)
+    for pendulum, axes in enumerate(pair):
+        fixed, free = (
+            np.append(torque[:, pendulum], torque[0, pendulum])
+            for torque in (cycle.fixed, cycle.free)
+        )
+        less = np.abs(free) <= np.abs(fixed)
+        for where, color, label in (
+            (less, TAKES, "coupling takes"),
+            (~less, ADDS, "coupling adds"),
+        ):
+            axes.fill_between(
+                around,
+                fixed,
+                free,
+                where=where,
+                color=color,
+                linewidth=0,
+                interpolate=True,
+                label=label,
+            )
+        axes.plot(around, fixed, color=QUIET, linestyle=(0, (4, 2)), label="beam fixed")
+        axes.plot(around, free, color=PENDULUMS[pendulum], linewidth=2, label="free")
+        axes.axhline(0.0, color=QUIET, linewidth=0.8)
+        axes.set(
+            title=f"{'AB'[pendulum]}   Pendulum {pendulum + 1}",
+            xlabel="Time / period",
+            ylabel="Torque / (m g l)",
+            xlim=(0.0, 1.0),
+            ylim=(-1.1 * top, 1.4 * top),
+        )
+        remark(
+            axes,
+            f"free / fixed: peak {shown.peak[pendulum]:.3f}, r.m.s. {shown.root_mean_square[pendulum]:.3f}",
+        )
+    legend_above(figure, pair[0], 4)
+    greatest = case.peaks.max(axis=-1), case.root_mean_squares.max(axis=-1)
+    over.plot(case.lengths, greatest[0], color=FRONT, label="peak")
+    over.plot(case.lengths, greatest[1], color=GREEN, label="root mean square")
+    *within, limit = case.rows
+    for row, side in zip(within, ("left", "right"), strict=False):
+        at = (row.length, max(row.peak))
+        over.plot(*at, "o", color=FRONT, ms=5)
+        note(over, f"{at[1]:.3f} at {row.length:g} m", at, (0, 9), ha=side)
+    over.set(
+        title=f"C   What the free beam leaves; peak of a very long one: {max(limit.peak):.3f}",
+        xscale="log",
+        xlabel="Length of a pendulum [m], which the paper does not give",
+        ylabel="Free / fixed",
+        xlim=LENGTHS,
+        ylim=(0.0, 1.2 * max(1.0, *(max(row.peak) for row in case.rows))),
+    )
+    over.legend(loc="lower right", ncols=2)
+    return figure

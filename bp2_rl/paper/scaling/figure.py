@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.paper.figures.drawn import name_rows
 from bp2_rl.paper.scaling.study import LimitedRobot, ScalingStudy
 from bp2_rl.paper.scaling.variants import BP2
 
@@ -32,7 +33,7 @@ def draw_limits(study: ScalingStudy) -> Figure:
 
 
 def _draw_robots(axes: Axes, robots: tuple[LimitedRobot, ...]) -> None:
-    rows = range(len(robots), 0, -1)
+    rows = range(len(robots) - 1, -1, -1)
     for row, robot in zip(rows, robots, strict=True):
         color = FALL if robot.fastest > robot.limit.speed else QUIET
         axes.plot(
@@ -87,7 +88,7 @@ def _draw_robots(axes: Axes, robots: tuple[LimitedRobot, ...]) -> None:
 
 def _draw_variants(axes: Axes, study: ScalingStudy) -> None:
     variants = study.variants
-    rows = range(len(variants), 0, -1)
+    rows = range(len(variants) - 1, -1, -1)
     limits = [one.limit.speed for one in variants]
     axes.barh(
         rows,
@@ -114,9 +115,6 @@ def _draw_variants(axes: Axes, study: ScalingStudy) -> None:
 
 
 def _name(axes: Axes, names: list[str], title: str) -> None:
-    axes.set(yticks=range(len(names), 0, -1), ylim=(0.3, len(names) + 0.7))
-    axes.set_yticklabels(names, fontsize=8)
+    name_rows(axes, names[::-1])
     axes.set_title(title, x=0.0)
     axes.margins(x=0.22)
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)

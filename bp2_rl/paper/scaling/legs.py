@@ -93,7 +93,7 @@ class PublishedLegs:
 
     @property
     def links_published(self) -> bool:
-        """Whether the masses of the links are."""
+        """Return whether the masses of the links are published."""
         return self.thigh_mass is not None
 
 

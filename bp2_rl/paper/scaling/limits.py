@@ -1,5 +1,4 @@
-"""The greatest speed of a robot's trot by the optimiser, and what a little more of each
-of its limits would bring."""
+"""The greatest speed of a robot's trot by the optimiser, and its gains by limit."""
 
 import concurrent.futures
 import contextlib
@@ -67,7 +66,7 @@ class SpeedLimit:
 
 @dataclasses.dataclass(frozen=True)
 class Rules:
-    """What a limit is found by."""
+    """The rules by which the limits of robots are found."""
 
     intervals: int = 16  # a segment; `SPRUNG` times as many where there are springs
     greatest_impact: float = MOST_IMPACT  # of the weight, that landings bear
@@ -119,7 +118,7 @@ def find_limit(hardware: HardwareSpec, rules: Rules) -> SpeedLimit:
 
 
 def _fastest_from_cold(problem: Problem) -> list[Solution]:
-    """Return the fastest trots that those of several speeds lead to."""
+    """Return the fastest trots that trots of several speeds lead to."""
     found: list[Solution] = []
     for speed in STARTS:
         if len(found) < ENOUGH:

@@ -16,11 +16,11 @@ from typing import Annotated
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import NOT_MEASURED, Table, show
 from bp2_rl.base.serialization import load_config
-from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.paper.figures.scaling_numbers import shipped
+from bp2_rl.paper.figures.scaling import shipped
+from bp2_rl.paper.published import PublishedRobot, read_robots
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
-from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
 from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
@@ -35,8 +35,7 @@ SIMULATE = "bp2 paper scaling --simulate"
 
 @dataclasses.dataclass(frozen=True)
 class LearnedSpeed:
-    """The top speed of one policy in C MuJoCo: the best mean speed of a ramp's holds of
-    6 s."""
+    """The top speed of a policy in C MuJoCo: the best mean of a ramp's holds of 6 s."""
 
     robot: str  # as in Table S1
     speed: Annotated[float, Within(0.0, 1e3), ColumnHeading("top speed [m/s]")]
@@ -54,8 +53,7 @@ class LimitSearch:
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimits:
-    """What the optimiser found, by name: robots, and BP2 and its variants; None where
-    it found no trot."""
+    """The limits that the optimiser found, by name; None where it found no trot."""
 
     command: str
     rules: Rules
@@ -159,7 +157,7 @@ def choose_robots(
 def simulate(
     search: LimitSearch, workers: int, begun: SpeedLimits | None = None
 ) -> Iterator[SpeedLimits]:
-    """Yield what is found so far each time that a limit is found; the last has all.
+    """Yield all limits found so far, each time that a limit is found.
 
     Args:
         search: whose limits are found.
@@ -245,8 +243,7 @@ def compare_limits(
 
 
 def read_learned() -> tuple[LearnedSpeed, ...]:
-    """Return what policies learned: those of the table that ships, and BP2's policy by
-    its card."""
+    """Return learned speeds: the table that ships, and BP2's policy by its card."""
     own = (
         LearnedSpeed(BP2, robot.top_speed, "the policy that ships")
         for robot in shipped()
@@ -276,35 +273,30 @@ def refutations(study: ScalingStudy) -> list[str]:
     ]
 
 
-def verdict(study: ScalingStudy) -> list[str]:
-    """Return sentences on what the limits make of robots' speeds and of BP2's."""
-    bp2 = next((robot for robot in study.robots if robot.robot == BP2), None)
-    others = [robot for robot in study.robots if robot is not bp2]
-
-    def shares(speeds: Sequence[float]) -> str:
-        return f"{min(speeds):.2f} to {max(speeds):.2f}, in the median {statistics.median(speeds):.2f}"
-
-    lines: list[str] = []
-    if others:
-        lines.append(
-            f"Published speeds are {shares([1.0 / robot.ratio for robot in others])} of other robots' limits"
-        )
-    if learned := [
-        max(robot.learned) / robot.limit.speed for robot in others if robot.learned
-    ]:
-        lines.append(f"Learned speeds are {shares(learned)} of other robots' limits")
-    if bp2:
-        top = bp2.limit.speed
-        lines.append(
-            f"BP2's limit by the same rules is {top:.2f} m/s: it learned {max(bp2.learned, default=0.0) / top:.2f} of "
-            f"that, and the published {bp2.published:g} m/s are {bp2.published / top:.2f}"
-        )
+def summarise_speeds(study: ScalingStudy) -> list[str]:
+    """Return sentences on the shares of their limits that robots and BP2 run."""
+    others = [robot for robot in study.robots if robot.robot != BP2]
+    published = [1.0 / robot.ratio for robot in others]
+    learned = [max(one.learned) / one.limit.speed for one in others if one.learned]
+    lines = [
+        f"{whose} speeds are {min(shares):.2f} to {max(shares):.2f}, in the median {statistics.median(shares):.2f}, "
+        "of other robots' limits"
+        for whose, shares in (("Published", published), ("Learned", learned))
+        if shares
+    ]
     limits = {one.variant: one.limit.speed for one in study.variants}
-    if rigid := limits.get(RIGID):
-        lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s")
-    if legs := [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]:
+    legs = [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]
+    for robot in study.robots:
+        if robot.robot == BP2:
+            top, best = robot.limit.speed, max(robot.learned, default=0.0)
+            lines.append(
+                f"BP2's limit by the same rules is {top:.2f} m/s: it learned {best / top:.2f} of that, and the "
+                f"published {robot.published:g} m/s are {robot.published / top:.2f}"
+            )
+    if RIGID in limits and legs:
         lines.append(
-            f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s"
+            f"With rigid shanks BP2's limit is {limits[RIGID]:.2f} m/s, with its motors on rigid legs of other robots "
+            f"{min(legs):.2f} to {max(legs):.2f} m/s"
         )
     return lines
 

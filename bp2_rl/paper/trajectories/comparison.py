@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from bp2_rl.base import serialization as config
+from bp2_rl.base.metric import Table, metrics_of
 from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import (
@@ -33,7 +33,7 @@ GREATEST = "greatest"  # name of the file
 
 @dataclasses.dataclass(frozen=True)
 class ComparisonRow:
-    """A variant at a speed."""
+    """The gait of a variant at one speed."""
 
     name: str
     speed: float | None  # m/s, asked for or, of the greatest, found
@@ -44,14 +44,14 @@ class ComparisonRow:
 
 @dataclasses.dataclass(frozen=True)
 class VariantComparison:
-    """A whole comparison."""
+    """All rows of a comparison of variants."""
 
     problem: Problem
     speeds: tuple[float, ...]  # m/s
     rows: tuple[ComparisonRow, ...]
 
 
-def compare(
+def compare_variants(
     problem: Problem,
     variants: Mapping[str, Problem],
     speeds: Sequence[float],
@@ -60,8 +60,7 @@ def compare(
     what: str,
     workers: int = 1,
 ) -> Iterator[list[ComparisonRow]]:
-    """The rows of each variant, for each speed and for its greatest, in their order, as
-    they are found.
+    """Yield the rows of every variant: of all speeds, then of its greatest speed.
 
     Each is the cheaper of two searches, from the cold guess and from the speed before;
     a greatest speed is the better of what the last two speeds lead to. Solutions are
@@ -124,8 +123,8 @@ def _kept(
     tries: Sequence[Callable[[], Solution]],
     worth: Callable[[Solution], float],
 ) -> Solution | None:
-    """The solution that is kept there, or else the worthiest of the tries, which is
-    then kept; None of none."""
+    """Return the solution that is kept at `path`, or else the worthiest of the tries,
+    which is then kept."""
     if is_saved(path):
         return load_solution(path)
     found: list[Solution] = []
@@ -153,42 +152,21 @@ def _row(
     )
 
 
-def tabulate(rows: Sequence[ComparisonRow]) -> Table:
-    """A line for each row."""
-    table = Table(
-        "",
-        "m/s",
-        "R",
-        "work / m g d",
-        "period",
-        "duty",
-        "peak torque",
-        "RMS",
-        "force",
-        "pitch",
-    )
+def tabulate_variants(rows: Sequence[ComparisonRow]) -> Table:
+    """Return a table with a line for each variant at each speed."""
+    names = list(metrics_of(GaitSummary))
+    declared = [metrics_of(GaitSummary)[name] for name in names]
+    lines: list[list[str]] = []
     for row in rows:
-        speed = (
-            "greatest"
-            if row.speed is None
-            else f"{row.speed:.2f}, greatest"
-            if row.greatest
-            else f"{row.speed:g}"
+        top = " (greatest)" if row.greatest else ""
+        cells = [
+            one.show(getattr(row.gait, name, None), unit=False)
+            for name, one in zip(names, declared, strict=True)
+        ]
+        pitch = (
+            []
+            if row.pitch is None
+            else [f"{np.rad2deg(end):+.1f}" for end in row.pitch]
         )
-        gait = row.gait
-        if gait is None or row.pitch is None:
-            table.add_row(row.name, speed, "not found")
-            continue
-        table.add_row(
-            row.name,
-            speed,
-            f"{gait.running_cost:.2f}",
-            f"{gait.positive:.3f}",
-            f"{gait.period:.3f} s",
-            f"{gait.duty:.3f}",
-            f"{gait.peak_torque:.0f} Nm",
-            f"{gait.rms_torque:.0f} Nm",
-            f"{gait.peak_force:.0f} N",
-            f"{np.rad2deg(row.pitch[0]):+.1f} to {np.rad2deg(row.pitch[1]):+.1f} deg",
-        )
-    return table
+        lines.append([f"{row.name}{top}", *cells, " to ".join(pitch) or "not found"])
+    return Table("", ["Variant", *(one.head for one in declared), "Pitch [deg]"], lines)

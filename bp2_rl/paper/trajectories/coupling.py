@@ -22,18 +22,28 @@ stands still (Eq. active torque).
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
+from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.cycle import Cycle
 from bp2_rl.optimiser.problem import TRUNK, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
+from bp2_rl.optimiser.verify import StrideSummary, summarise
+from bp2_rl.paper.figures.drawn import joined
 from bp2_rl.paper.trajectories.decomposition import (
+    KINDS,
     TERMS,
     Decomposition,
+    TermMeans,
+    Trends,
+    comparable,
+    coupling_opposes,
     decompose,
     evaluate,
+    peak_velocity_force,
     periodic_peaks,
 )
 
@@ -48,7 +58,17 @@ THROUGH = (
     "velocities",
     "air",
 )
+_show_shares = joined("+.2f")
 ENDS = {"fore": True, "hind": False}  # whether their legs are at the front
+
+
+def _show_within(shares: dict[str, float]) -> str:
+    knee, spring, *trunk = shares.values()
+    return _show_shares((knee, spring, sum(trunk)))
+
+
+def _show_through(shares: dict[str, float]) -> str:
+    return _show_shares([shares[name] for name in THROUGH[:3]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,8 +97,8 @@ class Sources:
 
     @property
     def closure(self) -> float:
-        """Largest gap between the coupled torque, or the trunk's part of it, and the
-        sum of its sources, as a share of the largest source."""
+        """The largest gap between coupled torque and the sum of its sources, of the
+        trunk's part, too, as a share of the largest source."""
         gap = max(
             np.max(
                 np.abs(
@@ -92,8 +112,7 @@ class Sources:
         )
 
     def motors(self, joint: str, front: bool | None = None) -> list[int]:
-        """Indices of the legs' motors of one joint: of all, or of those at the front or
-        behind."""
+        """Return the indices of the motors of a joint, in all legs or at an end."""
         legs = self.decomposition.legs
         return [
             2 * i + ("hip", "knee").index(joint)
@@ -108,8 +127,8 @@ class Sources:
 
 
 def split_sources(solution: Solution) -> Sources:
-    """The coupled inertial torques of hips and knees by source, at every mesh point of
-    a whole gait cycle.
+    """Split the coupled inertial torques of hips and knees by source, at every mesh
+    point of a whole gait cycle.
 
     Raises:
         UserError: CasADi is not installed.
@@ -168,9 +187,8 @@ def split_sources(solution: Solution) -> Sources:
 def covered_by(
     sources: Sources, parts: Float[np.ndarray, "K N motors"], joint: str = "hip"
 ) -> Float[np.ndarray, " K"]:
-    """Share of a joint's main inertial torque that each part makes up for: mean over
-    the peaks of all legs, as `Coupling.covered`, and like it nan where there is
-    none."""
+    """Return the share of a joint's main inertial torque that each part makes up for:
+    mean over the peaks of all legs, as `Coupling.covered`; nan where there is none."""
     shares = []
     for leg, motor in zip(
         sources.decomposition.legs, sources.motors(joint), strict=True
@@ -185,45 +203,23 @@ def covered_by(
 def keep_harmonics(
     cycle: Cycle, values: Float[np.ndarray, "... N"], most: int
 ) -> Float[np.ndarray, "... N"]:
-    """What is left of values along the cycle with harmonics of the stride beyond `most`
-    taken away.
+    """Return values along the cycle without the stride's harmonics beyond `most`.
 
     It is linear, so terms that balance do so still. The impulses of touchdowns are not
     in it.
     """
-    coefficients = _fourier(cycle, values, most)
     turns = np.exp(
         2j * np.pi * np.outer(np.arange(most + 1), cycle.time.ravel() / cycle.period)
     )
+    # by the scheme's quadrature
+    coefficients = (values * cycle.weights.ravel() / cycle.period) @ turns.conj().T
     twice = np.where(np.arange(most + 1) > 0, 2.0, 1.0)
     return np.real((twice * coefficients) @ turns)
 
 
-def variance_above(cycle: Cycle, values: Float[np.ndarray, " N"], most: int) -> float:
-    """Share of the values' variance over the cycle that is in harmonics of the stride
-    beyond `most`."""
-    coefficients = _fourier(cycle, values, most)
-    variance = (
-        np.sum(cycle.weights.ravel() / cycle.period * values**2)
-        - np.abs(coefficients[0]) ** 2
-    )
-    return float(1.0 - 2.0 * np.sum(np.abs(coefficients[1:]) ** 2) / variance)
-
-
-def low_passed(terms: Decomposition, most: int) -> Decomposition:
-    """The terms with harmonics of the stride beyond `most` taken away, and without
-    impulses."""
-    forces = np.moveaxis(
-        keep_harmonics(terms.cycle, np.moveaxis(terms.forces, 1, -1), most), -1, 1
-    )
-    return dataclasses.replace(
-        terms, forces=forces, impulses=np.zeros_like(terms.impulses)
-    )
-
-
 def _relation(cycle: Cycle, leg: str, source: str) -> str:
-    """What one leg is to another, by the names of `THROUGH`: of a pair are those that
-    stand together."""
+    """Return a leg's relation to another, by the names of `THROUGH`; a pair stands
+    together."""
     if source == leg:
         return "own leg"
     return (
@@ -233,12 +229,203 @@ def _relation(cycle: Cycle, leg: str, source: str) -> str:
     )
 
 
-def _fourier(
-    cycle: Cycle, values: Float[np.ndarray, "... N"], most: int
-) -> Complex[np.ndarray, "... harmonics"]:
-    """Fourier coefficients 0 to `most` of values along the cycle, by the scheme's
-    quadrature."""
-    turns = np.exp(
-        -2j * np.pi * np.outer(cycle.time.ravel() / cycle.period, np.arange(most + 1))
+# --- What coupling does at a speed, in numbers ----------------------------------------
+
+HARMONICS = (2, 4, 8)
+"""Torques are looked at up to these harmonics of the stride; a toe on its spring, 17
+Hz, is the fifth or sixth."""
+PAPER_INSTANT = 0.21  # T, at which the paper has the hip reverse
+
+
+@dataclasses.dataclass(frozen=True)
+class Torque:
+    """The torque of a kind of motor over a cycle, u, and what it would be on a trunk
+    that is not accelerated, u~."""
+
+    name: str = metric("Motors", form="s")
+    peak: float = metric("Peak of u", "Nm", ".1f")
+    fixed_peak: float = metric("Of ũ", "Nm", ".1f")
+    rms: float = metric("RMS of u", "Nm", ".1f")
+    fixed_rms: float = metric("RMS of ũ", "Nm", ".1f")
+    # by the trunk's acceleration where u~ peaks
+    saved: float = metric("Trunk saves", "Nm", ".1f")
+    saved_by_limbs: float = metric("Other legs' part", "Nm", ".1f")
+
+
+@dataclasses.dataclass(frozen=True)
+class Cutoff:
+    """The hips' main inertial torque kept to the first harmonics of the stride."""
+
+    harmonics: int
+    largest: dict[str, float]  # Nm, by end
+
+
+@dataclasses.dataclass(frozen=True)
+class VelocityForce:
+    """The vertical force of velocities, C_z, over the weight; instants are shares of
+    the cycle from a touchdown on."""
+
+    peak: float
+    instant: float
+    at_three_quarters: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CouplingAccount:
+    """The effect of coupling at one speed: shares are of the hips' main inertial
+    torque, mean over its peaks."""
+
+    speed: float = metric("Speed", "m/s", "g")
+    closure: float = metric("Closure", form=".0e")  # as `Sources.closure`
+    opposing: float = metric("Opposed at", form=".0%")  # of the peaks
+    covered: float = metric("Covered")
+    # `covered` by source, as in `WITHIN`
+    within: dict[str, float] = metric("By knee / spring / trunk", form=_show_within)
+    # the trunk's part of it by source, as in `THROUGH`
+    through: dict[str, float] = metric(
+        "Own leg / pair / other pair", form=_show_through
     )
-    return (values * cycle.weights.ravel() / cycle.period) @ turns
+    torques: dict[str, Torque]  # by end and joint
+    cutoffs: tuple[Cutoff, ...]
+    # Nm, of a hip by its angle, by the name of the coordinates
+    largest_main: dict[str, float]
+    # Nm, terms of a hind hip at `PAPER_INSTANT` after its touchdown
+    at_paper_instant: dict[str, float]
+    # share of the cycle after a touchdown, at which a hind hip turns from backwards to
+    # forwards
+    reversal: float = metric("Hip reverses at", "T")
+    velocity_force: VelocityForce
+
+
+def account_coupling(solution: Solution) -> CouplingAccount:
+    """Return the effect of coupling at one speed."""
+    sources = split_sources(solution)
+    terms, cycle = sources.decomposition, sources.decomposition.cycle
+    coupling, hind = coupling_opposes(terms), f"{cycle.hind_leg} hip"
+    since = cycle.since_touchdown(cycle.hind_leg)
+    order = np.argsort(since)
+    angles = cycle.motion.q.reshape(len(since), -1)
+    hip_angle = angles[:, terms.coordinates.index(hind)]
+    return CouplingAccount(
+        speed=cycle.problem.speed,
+        closure=sources.closure,
+        opposing=coupling.opposing,
+        covered=coupling.covered,
+        within=_named(WITHIN, covered_by(sources, sources.within)),
+        through=_named(THROUGH, covered_by(sources, sources.through)),
+        torques={
+            f"{end} {joint}": _torque(sources, f"{end} {joint}")
+            for end in ENDS
+            for joint in ("hip", "knee")
+        },
+        cutoffs=tuple(_cut(terms, most) for most in HARMONICS),
+        largest_main={"joints": float(np.max(np.abs(coupling.main), initial=0.0))},
+        at_paper_instant={
+            term: float(
+                np.interp(PAPER_INSTANT, since[order], terms.along(term, hind)[order])
+            )
+            for term in TERMS
+        },
+        reversal=float(since[np.argmax(hip_angle)]),  # where the hip is furthest back
+        velocity_force=_velocity_force(terms),
+    )
+
+
+def account_family(solutions: Sequence[Solution]) -> list[CouplingAccount]:
+    """Return the effect of coupling over speed.
+
+    Raises:
+        UserError: there are no solutions, or they differ in more than speed, scheme and
+            mesh.
+    """
+    return [account_coupling(solution) for solution in comparable(solutions)]
+
+
+def _cut(terms: Decomposition, most: int) -> Cutoff:
+    largest = {}
+    for end, front in ENDS.items():
+        main = terms.along("main inertial", f"{terms.leg_at(front)} hip")
+        kept = keep_harmonics(terms.cycle, main, most)
+        largest[end] = float(np.max(np.abs(kept)))
+    return Cutoff(most, largest)
+
+
+def _torque(sources: Sources, name: str) -> Torque:
+    end, joint = name.split()
+    motors, cycle = sources.motors(joint, ENDS[end]), sources.decomposition.cycle
+    weights = cycle.weights.ravel() / cycle.period
+    u, fixed = sources.active[:, motors], sources.fixed[:, motors]
+    instant, motor = np.unravel_index(np.argmax(np.abs(fixed)), fixed.shape)
+    # of the same and of the other pair
+    limbs = sources.through[1][:, motors] + sources.through[2][:, motors]
+    against = -np.sign(fixed[instant, motor])
+    return Torque(
+        name,
+        peak=float(np.max(np.abs(u))),
+        fixed_peak=float(np.max(np.abs(fixed))),
+        rms=float(np.sqrt(np.mean(weights @ u**2))),
+        fixed_rms=float(np.sqrt(np.mean(weights @ fixed**2))),
+        saved=float(against * (u - fixed)[instant, motor]),
+        saved_by_limbs=float(against * limbs[instant, motor]),
+    )
+
+
+def _velocity_force(terms: Decomposition) -> VelocityForce:
+    over_weight, share = terms.velocity_force, terms.time / terms.cycle.period
+    peak = np.argmax(np.abs(over_weight))
+    late = float(np.interp(0.75, share, over_weight))
+    return VelocityForce(float(over_weight[peak]), float(share[peak]), late)
+
+
+def _named(names: tuple[str, ...], values: Float[np.ndarray, " K"]) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+# --- All numbers of the figures of a family -------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShownStride(StrideSummary):
+    """The trajectory that is drawn, in the numbers of its panels and of the trends."""
+
+    speed: float  # m/s
+    closure: float  # N or Nm, of the equations of motion
+    velocity_force: float  # peak of the vertical C over weight
+    horizontal_impulse: float  # N s, of the ground over the cycle: 0
+    vertical_impulse: float  # of the ground over the cycle, over that of gravity: 1
+    # least ratio of the two's vertical means over all speeds, or the inverse of the
+    # greatest
+    gravity_to_ground: float
+
+
+@dataclasses.dataclass(frozen=True)
+class FigureNumbers:
+    """All numbers of the figures of a family of trajectories."""
+
+    shown: ShownStride
+    means: tuple[TermMeans, ...]  # by speed
+    by_speed: tuple[CouplingAccount, ...]
+
+
+def number_shown(
+    solution: Solution, terms: Decomposition, trends: Trends
+) -> ShownStride:
+    """Return the numbers of the trajectory that is drawn, and of the trends."""
+    weights, ground = terms.cycle.weights.ravel(), TERMS.index("ground reaction")
+    x, z = (terms.coordinates.index(name) for name in ("x", "z"))
+    pushed = weights @ terms.forces[ground] + np.sum(terms.impulses[ground], axis=0)
+    weight = weights @ terms.along("gravity", "z")
+    gravity, reaction = (
+        trends.average[:, TERMS.index(name), KINDS.index("z")]
+        for name in ("gravity", "ground reaction")
+    )
+    ratio = gravity / reaction
+    return ShownStride(
+        speed=solution.problem.speed,
+        **vars(summarise(solution)),
+        closure=terms.closure,
+        velocity_force=peak_velocity_force(terms),
+        horizontal_impulse=float(pushed[x]),
+        vertical_impulse=float(pushed[z] / weight),
+        gravity_to_ground=float(np.min(np.minimum(ratio, 1.0 / ratio))),
+    )

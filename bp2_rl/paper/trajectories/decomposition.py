@@ -1,4 +1,4 @@
-"""What each term of the equations of motion contributes along a gait cycle (paper,
+"""The terms of the equations of motion along a gait cycle (paper,
 "Inertial coupling in robot running", Eqs. continuous_dynamics, average force and force
 ratio).
 
@@ -51,7 +51,7 @@ PROMINENCE = 0.2  # of the largest magnitude: a peak counts that stands out by a
 
 @dataclasses.dataclass(frozen=True)
 class Decomposition:
-    """The terms along a gait cycle. T terms (`TERMS`), N instants, n coordinates, K
+    """All terms along a gait cycle. T terms (`TERMS`), N instants, n coordinates, K
     touchdowns."""
 
     cycle: Cycle
@@ -62,7 +62,7 @@ class Decomposition:
 
     @property
     def legs(self) -> tuple[str, ...]:
-        """Names of the legs, in the order of the coordinates."""
+        """The legs' names, in the order of the coordinates."""
         return self.cycle.problem.stride.legs
 
     @property
@@ -89,7 +89,7 @@ class Decomposition:
         return next(leg for leg in self.legs if leg.startswith("F") == front)
 
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
-        """One term of one coordinate, N or Nm."""
+        """Return a term of a coordinate along the cycle, N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
 
 
@@ -137,8 +137,8 @@ class TermMeans:
 
 
 def decompose(solution: Solution) -> Decomposition:
-    """The terms at every mesh point of a whole gait cycle; at a touchdown the impulses
-    they give.
+    """Return the terms at every mesh point of a whole gait cycle, and the impulses of
+    touchdowns.
 
     Raises:
         UserError: CasADi is not installed.
@@ -181,7 +181,7 @@ def decompose(solution: Solution) -> Decomposition:
 
 
 def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the sagittal model's coordinates, such as "FR hip"."""
+    """Return the names of the sagittal model's coordinates, such as "FR hip"."""
     return (
         "x",
         "z",
@@ -191,8 +191,8 @@ def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
-    """Mean magnitude over a gait cycle of each term of each coordinate, N or Nm (paper,
-    Eq. average force).
+    """Return the mean magnitudes of all terms over a gait cycle, N or Nm (paper, Eq.
+    average force).
 
     The integral is the scheme's own quadrature; a touchdown adds the magnitude of its
     impulse.
@@ -205,19 +205,19 @@ def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
 
 
 def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "... T n"]:
-    """Each term's share of the sum of all, of average forces (paper, Eq. force
+    """Return each term's share of the sum of all average forces (paper, Eq. force
     ratio)."""
     return average / np.sum(average, axis=-2, keepdims=True)
 
 
 def peak_velocity_force(decomposition: Decomposition) -> float:
-    """Largest `Decomposition.velocity_force`: the paper's C_y / (m g)."""
+    """Return the largest `Decomposition.velocity_force`: the paper's C_y / (m g)."""
     return float(np.max(np.abs(decomposition.velocity_force)))
 
 
 def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupling:
-    """What the coupled inertial torque does at the peaks of a joint's main inertial
-    torque, over all legs.
+    """Return the coupled inertial torque at the peaks of a joint's main inertial torque,
+    over all legs.
 
     A peak is a local maximum of the magnitude along the (periodic) cycle that stands
     out of its surroundings (prominence) by at least `PROMINENCE` of the largest.
@@ -232,7 +232,7 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
 
 
 def find_trends(solutions: Sequence[Solution]) -> Trends:
-    """Average forces and their shares over the solutions' speeds.
+    """Return average forces and their shares over the solutions' speeds.
 
     `KINDS` stand for the four columns of the paper's Fig. robot_model_analysis, E to L.
     Its text says that F and J are vertical and G and K the hip's; the knee and the
@@ -252,57 +252,25 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
 
 
 def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:
-    """The average forces and their shares, by name."""
+    """Return the average forces and their shares at each speed, by name."""
     return tuple(
-        TermMeans(float(speed), named(TERMS, average), named(TERMS, share))
+        TermMeans(float(speed), _named(average), _named(share))
         for speed, average, share in zip(
             trends.speeds, trends.average, trends.share, strict=True
         )
     )
 
 
-def named(
-    terms: Sequence[str], values: Float[np.ndarray, "T kinds"]
-) -> dict[str, dict[str, float]]:
+def _named(values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
     """Return values by kind of coordinate, and by the name of the term."""
     return {
-        kind: dict(zip(terms, map(float, column), strict=True))
+        kind: dict(zip(TERMS, map(float, column), strict=True))
         for kind, column in zip(KINDS, values.T, strict=True)
     }
 
 
-def turning_speeds(
-    speeds: Float[np.ndarray, " S"], values: Float[np.ndarray, " S"]
-) -> list[float]:
-    """Speeds between which values first fall and then rise, or the other way about."""
-    rise = np.sign(np.diff(values))
-    return [
-        float(speed)
-        for speed, before, after in zip(speeds[1:-1], rise, rise[1:], strict=False)
-        if before * after < 0
-    ]
-
-
-def remarks(trends: Trends) -> list[str]:
-    """What the shares of the hip and the knee do over speed, with the speeds at which
-    they turn, as found."""
-    first, last = trends.speeds[[0, -1]]
-    lines = []
-    for term in ("active", "coupled inertial"):
-        for kind in ("hip", "knee"):
-            share = trends.share[:, TERMS.index(term), KINDS.index(kind)]
-            turns = ", ".join(
-                f"{speed:g}" for speed in turning_speeds(trends.speeds, share)
-            )
-            lines.append(
-                f"{kind}, share of the {term} term: {share[0]:.3f} at {first:g} m/s, {share[-1]:.3f} at {last:g} m/s; "
-                + (f"turns at {turns} m/s" if turns else "never turns")
-            )
-    return lines
-
-
 def comparable(solutions: Sequence[Solution]) -> list[Solution]:
-    """The solutions by ascending speed.
+    """Return solutions by ascending speed.
 
     Raises:
         UserError: there are none, two have one speed, or they differ in gait or
@@ -331,8 +299,8 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
 def evaluate(
     function: Any, *arguments: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "rows m n"]:
-    """A CasADi function's matrix at each row of its arguments, the last of which is the
-    same for all."""
+    """Return a CasADi function's matrix at each row of its arguments, the last of which
+    is the same for all."""
     *varying, p = arguments
     rows, (m, n) = len(varying[0]), function.size_out(0)
     columns = np.array(function.map(rows)(*(x.T for x in varying), p))
@@ -342,21 +310,20 @@ def evaluate(
 def split_inertia(
     M: Float[np.ndarray, "K n n"], a: Float[np.ndarray, "K n"]
 ) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, "K n"]]:
-    """M_ii a_i and sum_{j != i} M_ij a_j of accelerations, or of jumps in velocity."""
+    """Return M_ii a_i and sum_{j != i} M_ij a_j of accelerations or jumps in velocity."""
     main = np.einsum("kii,ki->ki", M, a)
     return main, np.einsum("kij,kj->ki", M, a) - main
 
 
 def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
-    """Indices of the local maxima of one period that stand out by `PROMINENCE` of the
-    largest."""
+    """Return the indices of the peaks of a period that stand out by `PROMINENCE`."""
     size = len(values)
     peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
     return peaks[(peaks >= size) & (peaks < 2 * size)] - size
 
 
 def _mean(values: Shaped[np.ndarray, " P"]) -> float:
-    """The mean, nan of nothing."""
+    """Return the mean, nan of nothing."""
     return float(np.mean(values)) if len(values) else math.nan
 
 

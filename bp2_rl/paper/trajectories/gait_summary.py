@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
@@ -18,10 +19,12 @@ class GaitSummary(StrideSummary):
     """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along
     the track and up."""
 
-    speed: float  # m/s
-    rms_torque: float  # Nm
-    positive: float  # cost of transport: the motors' positive work
-    running_cost: float  # mean over time of the optimiser's R without its smoothness
+    speed: float = metric("Speed", "m/s")
+    rms_torque: float = metric("RMS torque", "Nm", ".1f")
+    # cost of transport: the motors' positive work
+    positive: float = metric("Work / m g d", form=".3f")
+    # mean over time of the optimiser's R without its smoothness
+    running_cost: float = metric("R")
 
 
 def summarise_gait(solution: Solution) -> GaitSummary:

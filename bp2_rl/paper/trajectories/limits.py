@@ -13,18 +13,17 @@ from bp2_rl.paper.trajectories.variants import LossVariant
 
 @dataclasses.dataclass(frozen=True)
 class FastestVariant:
-    """A variant at its greatest speed, and the variant it is compared with; None where
+    """A variant's greatest speed, m/s, and the variant it is compared with; None where
     IPOPT found no trajectory."""
 
     variant: str
     base: str
-    solution: Solution | None
+    speed: float | None
 
 
 @dataclasses.dataclass(frozen=True)
 class GreatestSpeeds:
-    """What is left of a search: greatest speed by variant, m/s; None where IPOPT found
-    none."""
+    """The greatest speeds of all variants, m/s; None where IPOPT found none."""
 
     problem: Problem
     speeds: dict[str, float | None]
@@ -33,8 +32,7 @@ class GreatestSpeeds:
 def greatest_speeds(
     variants: Mapping[str, Problem], workers: int = 2
 ) -> Iterator[FastestVariant]:
-    """Yield the greatest speed of each variant, as they are found, to be compared with
-    the first.
+    """Yield the greatest speeds of variants as they are found, beside the first variant.
 
     Each is the better of two searches: from the problem's own solution and from one of
     another speed.
@@ -45,7 +43,7 @@ def greatest_speeds(
             pool.submit(_search, variant): name for name, variant in variants.items()
         }
         for search in concurrent.futures.as_completed(searches):
-            yield FastestVariant(searches[search], base, _best(search.result()))
+            yield FastestVariant(searches[search], base, _greatest(search.result()))
 
 
 def greatest_speeds_by_loss(
@@ -67,7 +65,7 @@ def greatest_speeds_by_loss(
             variants["built"].problem, _starts(found["ideal"])
         )
         for name, solutions in found.items():
-            yield FastestVariant(name, variants[name].base, _best(solutions))
+            yield FastestVariant(name, variants[name].base, _greatest(solutions))
         searches = {
             pool.submit(_fastest_from, variant.problem, _starts(found[variant.base])): (
                 name,
@@ -77,12 +75,12 @@ def greatest_speeds_by_loss(
             if name not in found
         }
         for search in concurrent.futures.as_completed(searches):
-            yield FastestVariant(*searches[search], _best(search.result()))
+            yield FastestVariant(*searches[search], _greatest(search.result()))
 
 
 def _search(problem: Problem) -> list[Solution]:
-    """The fastest solutions that those at two speeds lead to, each followed by the one
-    it came from."""
+    """Return the fastest solutions that those at two speeds lead to, each followed by
+    the one it came from."""
     from bp2_rl.optimiser.collocation import fastest, solve
 
     found: list[Solution] = []
@@ -94,7 +92,7 @@ def _search(problem: Problem) -> list[Solution]:
 
 
 def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
-    """The fastest solutions that others' motions lead to."""
+    """Return the fastest solutions that the motions of other problems lead to."""
     from bp2_rl.optimiser.collocation import fastest
 
     found: list[Solution] = []
@@ -109,10 +107,15 @@ def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
 
 
 def _starts(found: list[Solution]) -> list[Solution]:
-    """The fastest of what `_search` found, and what its first came from."""
+    """Return the fastest of what `_search` found, and what its first came from."""
     best = _best(found)
     return [] if best is None else [best, *found[1:2]]
 
 
 def _best(found: list[Solution]) -> Solution | None:
     return max(found, key=lambda solution: solution.problem.speed, default=None)
+
+
+def _greatest(found: list[Solution]) -> float | None:
+    best = _best(found)
+    return None if best is None else best.problem.speed

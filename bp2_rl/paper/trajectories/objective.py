@@ -1,4 +1,4 @@
-"""What of a trajectory is the objective's and what the robot's: F bar of one, two and
+"""Trajectories and designs by the weight of forces in the cost: F bar of one, two and
 three body weights side by side.
 
 The paper has one cost for analysis and co-design and leaves open what forces are
@@ -12,15 +12,20 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich.table import Table
 
 from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.family import FamilyConfig
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chains
-from bp2_rl.paper.trajectories.codesign.search import start_chain
-from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings, DesignBounds
+from bp2_rl.paper.trajectories.codesign import (
+    Chain,
+    CodesignSettings,
+    DesignBounds,
+    read_solution,
+    solve_chains,
+    start_chain,
+)
 from bp2_rl.robot import bp2, conventions
 
 BODY_WEIGHT = bp2.TOTAL_MASS * conventions.GRAVITY  # N
@@ -29,22 +34,6 @@ ROBOTS = AS_IS, WITH_RESERVE, FREE = (
     "BP2 with the library's reserve",
     "co-design",
 )
-COLUMNS = {
-    "robot": "{0.robot}",
-    "m/s": "{0.speed:g}",
-    "F bar": "{0.body_weights:g} m g",
-    "period": "{0.period:.3f} s",
-    "duty": "{0.duty:.3f}",
-    "force": "{0.peak_force:.0f} N",
-    "torque": "{0.peak_torque:.0f} Nm",
-    "C_z": "{0.velocity_force:.2f}",
-    "covered": "{0.covered:.2f}",
-    "gear": "{0.gear_ratio:.2f}",
-    "stiffness": "{0.spring_stiffness:.0f} N/m",
-    "length": "{0.leg_length:.3f} m",
-    "spread": "{0.spread:.1%}",
-}
-"""The table's columns: heading -> format of a row."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,26 +49,27 @@ class ObjectiveSettings(Bounded):
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveRow:
-    """The cheapest trajectory of one robot under one F bar."""
+    """The cheapest trajectory of a robot under an F bar."""
 
-    robot: str
-    speed: float  # m/s
-    body_weights: float  # F bar
-    period: float  # s
-    duty: float
-    peak_force: float  # N, vertical, of a foot
-    peak_torque: float  # Nm
-    velocity_force: float  # peak of C_z over the weight
-    covered: float  # as `Coupling.covered`, of the hips
-    gear_ratio: float
-    spring_stiffness: float  # N/m
-    leg_length: float  # m
-    spread: float  # dearest over cheapest of what was solved, less 1
+    robot: str = metric("Robot", form="s")
+    speed: float = metric("Speed", "m/s", "g")
+    body_weights: float = metric("F bar", "m g", "g")
+    period: float = metric("Period", "s", ".3f")
+    duty: float = metric("Duty", form=".3f")
+    peak_force: float = metric("Force", "N", ".0f")  # vertical, of a foot
+    peak_torque: float = metric("Torque", "Nm", ".0f")
+    velocity_force: float = metric("C_z")  # peak, over the weight
+    covered: float = metric("Covered")  # as `Coupling.covered`, of the hips
+    gear_ratio: float = metric("Gear")
+    spring_stiffness: float = metric("Stiffness", "N/m", ".0f")
+    leg_length: float = metric("Length", "m", ".3f")
+    # dearest over cheapest of what was solved, less 1
+    spread: float = metric("Spread", form=".1%")
 
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """A whole comparison."""
+    """All rows of a comparison of F bars."""
 
     settings: ObjectiveSettings
     rows: tuple[ObjectiveRow, ...]
@@ -88,17 +78,15 @@ class Objective:
 def compare_objectives(
     settings: ObjectiveSettings, folder: Path, workers: int = 1
 ) -> list[ObjectiveRow]:
-    """A row for each robot, speed and F bar that has a trajectory; solutions are kept
-    in `folder`."""
+    """Return a row for each robot, speed and F bar that has a trajectory; solutions are
+    kept in `folder`."""
     cases = [
         (robot, share, speed, ways)
         for speed in settings.speeds
         for share in settings.body_weights
         for robot, ways in _chains(settings, speed, share).items()
     ]
-    solve_chains(
-        [chain for *_, ways in cases for chain in ways], folder, workers, "objectives"
-    )
+    solve_chains([chain for *_, ways in cases for chain in ways], folder, workers)
     rows = []
     for robot, share, _, ways in cases:
         solved = [
@@ -107,16 +95,16 @@ def compare_objectives(
             if (solution := read_solution(chain, folder)) is not None
         ]
         if solved:
-            rows.append(describe(robot, share, solved))
+            rows.append(describe_objective(robot, share, solved))
     return sorted(
         rows, key=lambda row: (-row.speed, ROBOTS.index(row.robot), row.body_weights)
     )
 
 
-def describe(
+def describe_objective(
     robot: str, body_weights: float, solved: Sequence[Solution]
 ) -> ObjectiveRow:
-    """The cheapest of several solutions of one problem, in numbers."""
+    """Describe the cheapest of several solutions of a problem."""
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
         decompose,
@@ -143,18 +131,10 @@ def describe(
     )
 
 
-def tabulate_objectives(rows: Sequence[ObjectiveRow]) -> Table:
-    """A line for each row."""
-    table = Table(*COLUMNS)
-    for row in rows:
-        table.add_row(*(form.format(row) for form in COLUMNS.values()))
-    return table
-
-
 def _chains(
     settings: ObjectiveSettings, speed: float, body_weights: float
 ) -> dict[str, list[Chain]]:
-    """Ways to the cheapest trajectory of each robot."""
+    """Return ways to the cheapest trajectories of all robots."""
     bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
     family = FamilyConfig().problem
     reserved = dataclasses.replace(

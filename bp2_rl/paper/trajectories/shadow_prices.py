@@ -1,5 +1,4 @@
-"""Shadow prices: which limits are active in a trajectory, and what a little more of
-each would bring.
+"""Shadow prices: the gain by a little more of a trajectory's limits.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
@@ -87,12 +86,9 @@ LOSSES: dict[str, Change] = {
 
 @dataclasses.dataclass(frozen=True)
 class ShadowPrices:
-    """An optimum, the limits that are active there, and the shadow prices of its
-    problem's parameters."""
+    """An optimum, and the shadow prices of its problem's parameters."""
 
     solution: Solution
-    # by limit: share of motors, feet or coordinates times instants at which it holds
-    active: dict[str, float]
     # d objective / d ln p, by parameter: in units of cost or, where that is looked for,
     # m/s
     prices: dict[str, float]
@@ -101,8 +97,7 @@ class ShadowPrices:
 def find_shadow_prices(
     start: Solution, changes: Mapping[str, Change], *, greatest: bool = False
 ) -> ShadowPrices:
-    """Find the optimum next to a solution, its active limits, and what changes of its
-    problem are worth.
+    """Find the optimum next to a solution, and what changes of its problem are worth.
 
     Args:
         start: where the search begins; a solution that is at its optimum stays there.
@@ -119,46 +114,11 @@ def find_shadow_prices(
         name: unit * _slope(optimised, change, options)
         for name, change in changes.items()
     }
-    return ShadowPrices(optimised.solution, active_limits(optimised), prices)
-
-
-def active_limits(optimised: Optimised) -> dict[str, float]:
-    """Return, by limit, the share of all its instants at which it is active; limits
-    that never are do not appear.
-
-    A limit is active where its multiplier exceeds its distance, both scaled: at an
-    optimum one of the two is zero but for the solver's tolerance.
-    """
-    program, optimum = optimised.transcription.program, optimised.optimum
-    conditions = program.conditions(optimum.point)
-    counts: dict[str, list[float]] = {}
-    for limits, multipliers, values, bounds in (
-        (
-            program.constraint_limits,
-            optimum.constraint_multipliers,
-            conditions.values,
-            conditions.constraint_bounds,
-        ),
-        (
-            program.unknown_limits,
-            optimum.unknown_multipliers,
-            optimum.point,
-            conditions.unknown_bounds,
-        ),
-    ):
-        distance = np.minimum(values - bounds.lower, bounds.upper - values)
-        holds = np.abs(multipliers) > np.maximum(distance, 0.0)
-        for limit, places, share in limits:
-            count = counts.setdefault(limit, [0.0, 0.0])
-            count[0] += np.count_nonzero(holds[places])
-            count[1] += share * len(places)
-    return {
-        limit: float(holding / of) for limit, (holding, of) in counts.items() if holding
-    }
+    return ShadowPrices(optimised.solution, prices)
 
 
 def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float:
-    """d f* / d ln p of the objective, by the multipliers."""
+    """Return d f* / d ln p of the objective, by the multipliers."""
     optimum, sides = optimised.optimum, []
     for factor in (1.0 - STEP, 1.0 + STEP):
         problem = change(optimised.solution.problem, factor)
@@ -178,8 +138,8 @@ def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float
 def _bound_term(
     multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds
 ) -> float:
-    """What moves with the bounds: each bound's shift by the multiplier of the side that
-    holds."""
+    """Return the part of the bounds: each bound's shift by the multiplier of the side
+    that holds."""
     lower, upper = (
         np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a))
         for a, b in zip(less, more, strict=True)

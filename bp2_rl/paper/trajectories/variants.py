@@ -80,14 +80,14 @@ class LossVariant(NamedTuple):
 
 
 def gait_variants(problem: Problem) -> dict[str, Problem]:
-    """The problem in each gait."""
+    """Return the problem in all gaits."""
     return {
         name: dataclasses.replace(problem, gait=gait) for name, gait in GAITS.items()
     }
 
 
 def limb_variants(problem: Problem) -> dict[str, Problem]:
-    """The problem, and the problem of each robot with other limbs."""
+    """Return the problem, and its variants on robots with other limbs."""
     changed = {
         name: problem.on(**{field: factor * problem.hardware.parameter(field)})
         for name, (field, factor) in LIMBS.items()
@@ -96,8 +96,7 @@ def limb_variants(problem: Problem) -> dict[str, Problem]:
 
 
 def hardware_variants(problem: Problem) -> dict[str, Problem]:
-    """The problem, that of each robot with one thing changed, and that of joints faster
-    than no-load."""
+    """Return the problem, and variants with one thing about the robot changed."""
     changed = {name: problem.on(**change) for name, change in HARDWARE_CHANGES.items()}
     return {
         **changed,

@@ -37,13 +37,20 @@ def test_a_picture_is_left_in_the_format_that_is_named(form, begins, tmp_path):
 def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
     assert main(["race", "--out", str(tmp_path)]) == 0
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    paper = load_config(FigureReport, tmp_path / "metrics.json").results["paper"]
-    assert (
-        f"T = {paper['time_constant']:.2f} s" in shown
-        or f"{paper['time_constant']:.2f}" in shown
-    )
-    assert f"{paper['constant_times']['trained sprinter']:.2f}" in shown
-    assert f"{paper['deficit']:.2f} s behind" in shown
+    report = load_config(FigureReport, tmp_path / "metrics.json")
+    (table_s2,) = (said for said in report.comparisons if said.item == "Table S2")
+    assert table_s2.ours == "12.2 s is level 3 of men and level 1 of women"
+    assert table_s2.verdict == "differs"
+    assert f"it {report.results['paper']['deficit']:.2f} s" in shown
+
+
+def test_an_item_without_its_number_is_left_out(tmp_path):
+    """Fig. 3 C asks for R = 2; items that need what a flag has taken away say
+    nothing."""
+    words = ["exchange", "--mass-ratio", "1", "--periods", "4"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    said = load_config(FigureReport, tmp_path / "metrics.json").comparisons
+    assert [one.item for one in said] == ["Fig. 3 B", "Eq. 5", "Eq. 6"]
 
 
 @pytest.mark.parametrize(

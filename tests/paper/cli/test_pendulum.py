@@ -3,7 +3,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bp2_rl.cli.__main__ import main
@@ -14,16 +13,7 @@ QUICK = {
     "sections": ["--mass-ratio", "2", "--periods", "6"],
     "torque": [],
     "map": ["--mass-ratio", "1"],
-    "trapping": [
-        "--amplitude",
-        "1.4",
-        "--thresholds",
-        "1.5",
-        "--periods",
-        "4",
-        "--points",
-        "5",
-    ],
+    "trapping": ["--thresholds", "1.5"],
     "gaits": ["--mass-ratio", "8.8"],
 }
 """Every command, with flags that let it end in a moment."""
@@ -61,10 +51,6 @@ def test_the_commands_are_listed(capsys):
             ["exchange", "--periods", "1e9"],
             "--periods must be from 2 to 1000, got 1e+09",
         ),
-        (
-            ["sections", "--instant", "never"],
-            "--instant takes beam or pendulum; got never",
-        ),
         (["torque", "--phase", "7"], "--phase must be from -6.28319 to 6.28319, got 7"),
         (["torque", "--length", "-1"], "--length must be from 0.001 to 1000, got -1"),
         (
@@ -76,14 +62,9 @@ def test_the_commands_are_listed(capsys):
             "--frequency must be from 0.01 to 1000, got inf",
         ),
         (
-            ["trapping", "--amplitude", "0.1"],
-            "--amplitude must be from 0.3 to 1.5, got 0.1",
-        ),
-        (
             ["trapping", "--thresholds", "2"],
             "--thresholds must be from 0.3 to 1.5, got 2",
         ),
-        (["trapping", "--points", "1"], "--points must be from 5 to 200, got 1"),
         (["gaits", "--mass-ratio", *"1234"], "--mass-ratio takes 1 to 3 values, got 4"),
         (["gaits", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
     ],
@@ -128,29 +109,15 @@ def metrics(reports: Path, name: str) -> dict:
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_a_report_has_its_numbers_its_curves_and_its_picture(name, reports):
+def test_a_report_has_its_numbers_and_its_picture(name, reports):
     report = metrics(reports, name)
     assert report["figure"] == name
     assert report["results"]
     assert "out" not in report["settings"]
-    with np.load(reports / name / f"{name}.npz") as arrays:
-        assert arrays.files
-        assert all(np.all(np.isfinite(arrays[array])) for array in arrays.files)
     assert (reports / name / f"{name}.png").stat().st_size > 20_000
 
 
-def test_numbers_and_curves_agree(reports):
-    rows = metrics(reports, "exchange")["results"]["mass_ratios"]
-    assert [row["mass_ratio"] for row in rows] == [1.0, 10.0]
-    with np.load(reports / "exchange/exchange.npz") as arrays:
-        for row, found in enumerate(rows):
-            assert list(arrays[f"mean_pendulums_{row}"][-1]) == found["mean"]
-            assert arrays[f"mean_beam_{row}"][-1] == found["mean_beam"]
-    shown = metrics(reports, "torque")["results"]["lengths"][0]
-    with np.load(reports / "torque/torque.npz") as arrays:
-        ratio = np.abs(arrays["free"]).max(axis=0) / np.abs(arrays["fixed"]).max(axis=0)
-        # the peak is between two samples
-        np.testing.assert_allclose(ratio, shown["peak"], rtol=1e-3)
+def test_what_is_infinite_and_what_rests_is_in_the_report(reports):
     assert metrics(reports, "torque")["results"]["lengths"][-1]["length"] == "inf"
     gaits = {row["gait"]: row for row in metrics(reports, "gaits")["results"]["gaits"]}
     assert gaits["trot"]["peak"] == pytest.approx(1.0, abs=1e-12)
@@ -160,7 +127,8 @@ def test_the_tables_numbers_are_the_reports(reports, capsys, tmp_path):
     assert figures.main(["gaits", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     for row in json.loads((tmp_path / "metrics.json").read_text())["results"]["gaits"]:
-        assert f"{row['least_peak']:.3f} to {row['peak']:.3f}" in out
+        assert f"{row['least_peak']:.3f}" in out
+        assert f"{row['peak']:.3f}" in out
 
 
 def test_a_report_is_written_again_but_over_no_other(reports, capsys, tmp_path):

@@ -45,7 +45,6 @@ def test_the_commands_are_listed(capsys):
             "there is no robot 'bilt': did you mean built? choose one of ideal, built",
         ),
         (["limits", "--workers", "-1"], "workers must be from 1 to 256, got -1"),
-        (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
         (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
         (
             ["codesign", "--bounds.gear-ratio", "5", "inf"],
@@ -76,7 +75,7 @@ def test_a_mistake_is_one_line_and_status_2(
     assert not list(tmp_path.rglob("*.npz"))
 
 
-@pytest.mark.parametrize("words", [["sweep"], ["codesign"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["limits"], ["codesign"]], ids=" ".join)
 def test_the_second_of_two_on_one_folder_is_refused(
     words, capsys, tmp_path, monkeypatch
 ):

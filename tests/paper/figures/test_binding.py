@@ -44,7 +44,6 @@ def test_speeds_are_weighed_and_drawn(monkeypatch):
     assert ten.prices["speed"] > 0.5  # it costs to be faster
     assert ten.prices["peak torque"] <= 1e-6 < numbers.greatest.prices["peak torque"]
     assert numbers.greatest.speed > 13.2
-    assert {"peak torque", "joint speed"} <= numbers.greatest.touched.keys()
     # R without smoothness, over time, beside the objective, which has it and counts
     # segments alike.
     assert ten.gait.running_cost == pytest.approx(ten.cost, rel=0.5)
@@ -62,14 +61,13 @@ def test_no_greatest_speed_loses_nothing(monkeypatch):
         numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]}
     )
     drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
-    _, prices = drawn.tables
+    (prices,) = drawn.tables
     assert prices.head[-1] == "greatest, not found"
     assert {line[0]: line[-1] for line in prices.lines} == {
         "friction": "",
         "speed": "",
         "cost": "",
     }
-    assert "10.0 m/s or more" in drawn.comparisons[0].ours
 
 
 @pytest.mark.parametrize("speeds", [(), (10.0, 10.0), (13.0, 10.0)])

@@ -29,10 +29,10 @@ def test_the_first_that_reaches_ten_metres_a_second_is_told_beside_the_best(tmp_
     drawn = learning(LearningSettings((first, slow)))
     (table,) = drawn.tables
     assert table.lines == [
-        ("a", "4.0 M", "240", "11.0", "12.5", "5.0 M"),
-        ("b", "-", "-", "-", "9.0", "2.0 M"),
+        ["a", "4.0", "240", "11.0", "12.5", "5.0"],
+        ["b", "-", "-", "-", "9.0", "2.0"],
     ]
-    assert [one.steps for one in drawn.results.curves[0].judged] == [
+    assert [one.steps for one in drawn.results["curves"][0].judged] == [
         2_000_000,
         4_000_000,
         5_000_000,

@@ -6,31 +6,14 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import from_json, save_config, to_json
-from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.paper.benchmarks.efficiency.measured import motors_of
-from bp2_rl.paper.figures.operating import OperatingNumbers, compare, measure, operating
+from bp2_rl.paper.figures.operating import OperatingNumbers, measure_points, operating
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.hardware import BUILT
 
 HIND_HIPS = [MOTOR_NAMES.index("RR_hip"), MOTOR_NAMES.index("RL_hip")]
-
-
-@pytest.fixture
-def report(tmp_path):
-    """A folder of a run's report."""
-
-    def report(name, run):
-        folder = tmp_path / name
-        folder.mkdir()
-        save_config(
-            folder / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {})
-        )
-        run.save(folder / TRAJECTORY)
-        return folder
-
-    return report
 
 
 @pytest.fixture
@@ -57,7 +40,7 @@ def test_motors_are_those_of_their_names():
 def test_points_are_measured_in_all_quadrants(known):
     """Root mean squares of a sine; shares of time by construction, of the hold of whole
     cycles."""
-    found = {kind.name: kind for kind in measure(known).kinds}
+    found = {kind.name: kind for kind in measure_points(known).kinds}
     hip, knee = found["hind hip"], found["fore knee"]
     # a sample may miss the peak
     assert (hip.driving, hip.braking) == pytest.approx((1000.0, 1000.0), rel=1e-3)
@@ -70,25 +53,9 @@ def test_points_are_measured_in_all_quadrants(known):
     assert found["hind knee"].torque == 0.0
 
 
-def test_the_papers_statement_on_envelopes_is_decided_by_the_shares(known):
-    numbers = OperatingNumbers((measure(known),), 1764.0, 180.0)
-    first, *_ = compare(numbers)
-    assert first.verdict == "differs"  # hind hips are never there
-    torque = known.torque.copy()
-    torque[::20, HIND_HIPS] = 120.0
-    first, *_ = compare(
-        dataclasses.replace(
-            numbers, runs=(measure(dataclasses.replace(known, torque=torque)),)
-        )
-    )
-    assert first.verdict == "same"
-
-
-def test_runs_of_one_robot_are_drawn(known, make_run, report):
-    slow, fast = (
-        report("slow", known),
-        report("fast", make_run(duration=6.0, speed=6.0)),
-    )
+def test_runs_of_one_robot_are_drawn(known, make_run, leave_report):
+    slow = leave_report(known, name="slow")
+    fast = leave_report(make_run(duration=6.0, speed=6.0), name="fast")
     drawn = operating(OperatingSettings((slow, fast)))
     assert list(drawn.pictures) == ["operating"]
     assert [run.speed for run in drawn.results.runs] == pytest.approx([5.0, 6.0])
@@ -97,6 +64,6 @@ def test_runs_of_one_robot_are_drawn(known, make_run, report):
     assert all(
         len(line) == len(table.head) for table in drawn.tables for line in table.lines
     )
-    other = report("other", make_run(duration=6.0, hardware=BUILT))
+    other = leave_report(make_run(duration=6.0, hardware=BUILT), name="other")
     with pytest.raises(UserError, match="of different robots"):
         operating(OperatingSettings((slow, other)))

@@ -52,6 +52,3 @@ def test_to_the_letter_tracking_loses_weight_where_the_text_has_it_gain(drawn):
     assert (text.at_rest, text.at_half, text.at_top) == pytest.approx(
         (0.1, 0.1 + 0.5 * half, 0.6), abs=1e-6
     )
-    (said,) = drawn.comparisons
-    assert said.verdict == "differs"
-    assert "0.6 to 0.1" in said.ours

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import save_config
-from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.figures.runs import CYCLES, cycles
 from bp2_rl.paper.figures.settings import StridesSettings
-from bp2_rl.paper.figures.strides import measure, strides
+from bp2_rl.paper.figures.strides import describe_cycles, strides
 
 
 def test_the_cycles_are_whole_and_end_within_the_best_second(make_run):
@@ -23,7 +21,7 @@ def test_the_cycles_are_whole_and_end_within_the_best_second(make_run):
     period = np.diff(landed).mean()
     # contact begins above a few N
     assert len(part) == pytest.approx(CYCLES * period, abs=3)
-    numbers = measure("a run", part)
+    numbers = describe_cycles("a run", part)
     assert numbers.frequency == pytest.approx(1.0 / (period * run.dt), rel=0.02)
     assert numbers.speed == pytest.approx(5.0, abs=0.1)
     assert 0.0 <= numbers.aerial < 1.0
@@ -36,15 +34,12 @@ def test_a_run_without_three_cycles_is_refused(make_run):
         cycles(make_run(duration=6.0).between(3.0, 3.3))
 
 
-def test_one_report_is_drawn_and_no_other_number_of_them(make_run, tmp_path):
-    save_config(
-        tmp_path / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {})
-    )
-    make_run(duration=6.0).save(tmp_path / TRAJECTORY)
-    drawn = strides(StridesSettings((tmp_path,)))
+def test_one_report_is_drawn_and_no_other_number_of_them(make_run, leave_report):
+    report = leave_report(make_run(duration=6.0))
+    drawn = strides(StridesSettings((report,)))
     assert list(drawn.pictures) == ["strides"]
     assert drawn.results.name == "simulated, ideal robot"
-    for runs in ((), (tmp_path, tmp_path)):
+    for runs in ((), (report, report)):
         with pytest.raises(
             UserError,
             match=r"--runs takes one report that python eval\.py --benchmark topspeed leaves",

@@ -9,7 +9,7 @@ from runs import no_action, run_one
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.settings import WearSettings
-from bp2_rl.paper.figures.wear import WEAK, measure, wear, wear_figure, wear_of
+from bp2_rl.paper.figures.wear import WEAK, measure_wear, wear, wear_figure, wear_of
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import EnvConfig
@@ -25,7 +25,7 @@ def trot():
 
 
 def test_what_a_run_wears_is_of_its_steady_part(trot):
-    found = measure("trot", 4.0, trot, weak_fell_at=1.5)
+    found = measure_wear("trot", 4.0, trot, weak_fell_at=1.5)
     assert (found.policy, found.landing_reward, found.fell_at, found.weak_fell_at) == (
         "trot",
         4.0,
@@ -48,7 +48,7 @@ def test_weak_brakes_are_the_drives_line():
 
 def test_circles_are_filled_where_weak_brakes_do_and_missing_where_the_robot_fell(trot):
     stands = dataclasses.replace(
-        measure("a", 4.0, trot, weak_fell_at=None), fell_at=None
+        measure_wear("a", 4.0, trot, weak_fell_at=None), fell_at=None
     )
     falls = dataclasses.replace(stands, policy="b", weak_fell_at=2.0)
     lost = dataclasses.replace(stands, policy="c", landing_reward=0.0, fell_at=1.0)

@@ -8,8 +8,9 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipk
 
-from bp2_rl.paper.pendulum import beam, exact
+from bp2_rl.paper.pendulum import beam
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
+from bp2_rl.paper.pendulum.exchange import exchanges
 
 EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
 
@@ -17,6 +18,12 @@ EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
 def over(periods: float, samples: int) -> np.ndarray:
     """Time over so many natural periods, each with so many samples."""
     return np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * samples) + 1)
+
+
+def in_phase_frequency(mass_ratio: float) -> float:
+    """Of two small swings in phase, over w0; in antiphase it is 1, and the beam
+    rests."""
+    return math.sqrt(1.0 + 2.0 / mass_ratio)
 
 
 def period(motion: SwingMotion) -> np.ndarray:
@@ -35,7 +42,7 @@ def period(motion: SwingMotion) -> np.ndarray:
 
 def small_swing(amplitude: float, time: np.ndarray, mass_ratio: float) -> np.ndarray:
     """The angles after one of two is let go at a small angle, the other hanging."""
-    slow, fast = np.cos(time), np.cos(exact.in_phase_frequency(mass_ratio) * time)
+    slow, fast = np.cos(time), np.cos(in_phase_frequency(mass_ratio) * time)
     return np.stack((fast + slow, fast - slow), axis=-1) * amplitude / 2.0
 
 
@@ -135,16 +142,63 @@ def test_small_swings_are_the_two_modes():
 def test_limits_of_the_closed_forms():
     assert antiphase_period(1e-4) == pytest.approx(NATURAL_PERIOD, rel=1e-9)
     # The amplitude's square is left out.
-    assert in_phase_period(1e-4, 1.0) * exact.in_phase_frequency(1.0) == pytest.approx(
+    assert in_phase_period(1e-4, 1.0) * in_phase_frequency(1.0) == pytest.approx(
         NATURAL_PERIOD, rel=1e-7
     )
     assert in_phase_period(1.2, 1e12) == pytest.approx(antiphase_period(1.2), rel=1e-11)
-    # Huygens' beat: the modes are a whole turn apart.
-    assert (exact.in_phase_frequency(3.0) - 1.0) * exact.beat_period(
-        3.0
-    ) == pytest.approx(1.0, rel=1e-14)
 
 
 def test_a_beam_too_heavy_to_move_leaves_pendulums_alone():
     motion = swing(np.array([1.0, 0.0]), np.array(1e9), over(10.0, 20))
     np.testing.assert_allclose(motion.theta[:, 1], 0.0, atol=1e-6)
+
+
+# --- Who has the energy ---------------------------------------------------------------
+
+
+def test_long_averages_of_small_swings_are_the_closed_form():
+    # The fast mode is twice or three times as fast as the slow one, so that whole
+    # periods average exactly.
+    ratios = (2.0 / 3.0, 0.25)
+    assert [in_phase_frequency(ratio) for ratio in ratios] == pytest.approx([2.0, 3.0])
+    for ratio, run in zip(ratios, exchanges(1e-3, ratios, periods=10.0), strict=True):
+        of_beam = 1.0 / (2.0 * (ratio + 2.0))
+        pendulum = 0.5 * (1.0 - of_beam)
+        shares = (
+            np.array([*run.sharing.mean, run.sharing.mean_beam]) / run.sharing.energy
+        )
+        # What the closed form leaves out is of the order of A^2.
+        np.testing.assert_allclose(shares, [pendulum, pendulum, of_beam], atol=1e-6)
+
+
+def test_from_sixty_degrees_the_means_are_those_of_another_program():
+    printed = {
+        1.0: ((0.225, 0.225), 0.050, 2.8),
+        2.0: ((0.228, 0.232), 0.040, 4.4),
+        5.0: ((0.238, 0.240), 0.022, 9.6),
+        10.0: ((0.232, 0.257), 0.011, 19.0),
+    }
+    for run in exchanges(np.pi / 3.0, list(printed), periods=40.0):
+        sharing = run.sharing
+        means, of_beam, even_after = printed[sharing.mass_ratio]
+        # To the digits that it printed.
+        assert sharing.mean == pytest.approx(means, abs=6e-4)
+        assert sharing.mean_beam == pytest.approx(of_beam, abs=6e-4)
+        assert sharing.even_after == pytest.approx(even_after, abs=0.06)
+        assert sharing.energy_drift < 1e-9
+        assert sharing.momentum_drift < 1e-9
+
+
+def test_means_run_from_the_release_and_add_up():
+    (run,) = exchanges(1.0, [2.0], periods=8.0)
+    total = run.means.pendulums.sum(axis=-1) + run.means.beam
+    # the mean of what is kept
+    np.testing.assert_allclose(total, run.sharing.energy, atol=1e-9)
+    middle = len(run.time) // 2
+    # both ends count whole: off by a sample in 400
+    crude = run.energies.pendulums[: middle + 1].mean(axis=0)
+    np.testing.assert_allclose(run.means.pendulums[middle], crude, atol=2e-3)
+
+
+def test_means_that_never_get_even_say_so():
+    assert exchanges(1.0, [500.0], periods=5.0)[0].sharing.even_after is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.paper.robots import read_robots
+from bp2_rl.paper.published import read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.variants import (
     bp2_variants,

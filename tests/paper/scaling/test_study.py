@@ -7,7 +7,7 @@ import pytest
 from bp2_rl.base.errors import INTERRUPTED, OK, WRONG_INPUT
 from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import scaling
-from bp2_rl.paper.robots import read_robots
+from bp2_rl.paper.published import read_robots
 from bp2_rl.paper.scaling import study
 from bp2_rl.paper.scaling.limits import Rules, SpeedLimit
 from bp2_rl.paper.scaling.study import (

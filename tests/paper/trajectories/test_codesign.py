@@ -1,12 +1,9 @@
 """Co-design on meshes coarse enough to be solved in seconds."""
 
 import dataclasses
-import io
 
 import numpy as np
 import pytest
-from PIL import Image
-from rich.console import Console
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, load_config, save_config, to_json
@@ -15,33 +12,26 @@ from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
-from bp2_rl.paper.trajectories.codesign.chain import (
+from bp2_rl.paper.trajectories.codesign import (
+    PARAMETERS,
     Chain,
+    Codesign,
+    CodesignSettings,
+    DesignBounds,
+    find_designs,
+    optimise_design,
     read_solution,
     solve_chain,
     solve_chains,
-)
-from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
-from bp2_rl.paper.trajectories.codesign.scan import Scan, scan_chains, scan_design
-from bp2_rl.paper.trajectories.codesign.search import (
-    DesignRow,
-    find_designs,
     start_chain,
 )
-from bp2_rl.paper.trajectories.codesign.sensitivity import variations
-from bp2_rl.paper.trajectories.codesign.settings import (
-    PARAMETERS,
-    CodesignSettings,
-    DesignBounds,
-)
-from bp2_rl.paper.trajectories.codesign.study import Codesign, print_study, remarks
 from bp2_rl.robot.actuator import Actuator, torque_limits
 
 # Half the points of Hermite-Simpson.
 PROBLEM = dataclasses.replace(
     CodesignSettings().problem, scheme="trapezoid", intervals=6
 )
-SETTINGS = CodesignSettings(problem=PROBLEM, starts=1, starts_elsewhere=0, grid=3)
+SETTINGS = CodesignSettings(problem=PROBLEM, starts=1)
 
 
 @pytest.fixture(scope="session")
@@ -134,43 +124,26 @@ def test_bounds_without_a_design_are_refused(bounds, says):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("name", ["starts", "starts_elsewhere", "grid"])
-def test_impossible_settings_are_refused(name):
-    with pytest.raises(UserError, match=f"{name} must be from . to 1000, got -1"):
-        dataclasses.replace(SETTINGS, **{name: -1})
+def test_impossible_settings_are_refused():
+    with pytest.raises(UserError, match="starts must be from 1 to 1000, got -1"):
+        dataclasses.replace(SETTINGS, starts=-1)
 
 
 def test_settings_are_the_same_after_json():
     assert from_json(CodesignSettings, to_json(SETTINGS)) == SETTINGS
 
 
-def test_a_scan_keeps_the_cheaper_direction_and_resumed_solves_nothing_again(
-    tmp_path, monkeypatch
-):
-    settings = dataclasses.replace(
-        SETTINGS, scanned=DesignBounds(spring_stiffness=(5000.0, 7000.0))
-    )
-    costs = iter((3.0, 1.0, 2.0, 1.0, 2.0, 1.5))  # upwards, then downwards
-
-    def fake(problem, guess, options):
-        assert not options.free
-        return dataclasses.replace(_made_up(problem), cost=next(costs))
-
-    monkeypatch.setattr(collocation, "solve", fake)
-    scan = scan_design(settings, "spring_stiffness", "BP2", tmp_path)
-    assert scan.values == pytest.approx((5000.0, 6000.0, 7000.0))
-    assert [row.cost for row in scan.rows] == [1.5, 1.0, 1.0]
-    # the dearer direction cost twice as much
-    assert [row.spread for row in scan.rows] == [1.0, 1.0, 1.0]
-    assert all(row.at_bounds == () for row in scan.rows)  # nothing was free
-    monkeypatch.setattr(collocation, "solve", None)  # calling it would fail
-    assert scan_design(settings, "spring_stiffness", "BP2", tmp_path) == scan
+def lengthening() -> Chain:
+    """Three problems, whose legs grow longer."""
+    lengths = (0.3, 0.35, 0.4)
+    problems = tuple(PROBLEM.on(leg_length=length) for length in lengths)
+    return Chain(problems, (), SETTINGS.bounds)
 
 
-def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
+def test_an_interrupted_chain_goes_on_where_it_stood(tmp_path, monkeypatch):
     """Two of three values were solved when it stopped: only the third is solved, from
     the second's trajectory."""
-    chain = scan_chains(SETTINGS, "leg_length", "BP2")[0]
+    chain = lengthening()
     calls = []
 
     def fake(problem, guess, options):
@@ -183,14 +156,14 @@ def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
     TROT = _made_up(chain.problems[0])
     monkeypatch.setattr(collocation, "solve", fake)
     with pytest.raises(KeyboardInterrupt):
-        solve_chains([chain], tmp_path, 1, "")
-    solve_chains([chain], tmp_path, 1, "")
+        solve_chains([chain], tmp_path, 1)
+    solve_chains([chain], tmp_path, 1)
     lengths = [problem.hardware.bp2.leg_length for problem in chain.problems]
     assert calls == [*lengths, lengths[2]]
 
 
 def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
-    up, _ = scan_chains(SETTINGS, "leg_length", "BP2")
+    up = lengthening()
     starts = []
 
     def fake(problem, guess, options):
@@ -209,70 +182,13 @@ def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
     assert len(starts) == 3
 
 
-def test_variations_change_one_setting_each():
-    mine = _flatten(to_json(SETTINGS))
-    cases = variations(SETTINGS)
-    for case, changed in cases.items():
-        assert (
-            sum(mine[key] != value for key, value in _flatten(to_json(changed)).items())
-            == 1
-        ), case
-    assert len(cases) >= 15
-
-
 def test_starts_differ_in_design_and_guess():
     chains = [start_chain(SETTINGS, seed) for seed in range(4)]
     assert chains[0] == Chain((PROBLEM,), PARAMETERS, SETTINGS.bounds)
     assert len({chain.problems[0].hardware.bp2.leg_length for chain in chains}) == 4
     for chain in chains[1:]:
-        assert not SETTINGS.bounds.touched(chain.problems[0].hardware)
-
-
-def test_a_scan_says_where_its_minimum_is():
-    costs = (1.3, 1.0, 1.01, 1.2)
-    rows = tuple(
-        _row(cost, leg_length=length)
-        for cost, length in zip(costs, (0.3, 0.33, 0.36, 0.4), strict=True)
-    )
-    scan = Scan("leg_length", "free", rows)
-    assert (scan.best.leg_length, scan.interior, scan.flat) == (
-        0.33,
-        True,
-        (0.33, 0.36),
-    )
-    assert not dataclasses.replace(scan, rows=rows[1:]).interior
-
-
-def test_remarks_keep_apart_what_a_bound_holds():
-    rows = (
-        _row(1.0, gear_ratio=9.0),
-        _row(1.0, gear_ratio=14.0, at_bounds=("gear_ratio",)),
-        _row(1.0, gear_ratio=8.0),
-    )
-    lines = remarks(Codesign(SETTINGS, rows[:1], rows, ()))
-    assert (
-        lines[0]
-        == "gear_ratio: inside its bounds at 8 to 9 1 in 2 of 3 settings, at a bound in 1"
-    )
-
-
-def test_a_study_is_kept_and_drawn(tmp_path):
-    study = _made_up_study()
-    save_config(tmp_path / "study.json", study)
-    assert load_config(Codesign, tmp_path / "study.json") == study
-    text = io.StringIO()
-    print_study(study, Console(file=text, width=120))
-    assert "14.00*" in text.getvalue()
-    figure = codesign_figure(study)
-    labels = [axes.get_xlabel() or axes.get_ylabel() for axes in figure.axes]
-    assert {label.split(" [")[0] for label in labels if label} >= {
-        "Leg length",
-        "Cost",
-        "Period",
-    }
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).size[0] >= 1200  # pixels: legible on a page
+        for name, (low, high) in SETTINGS.bounds.of(PARAMETERS).items():
+            assert low < chain.problems[0].hardware.parameter(name) < high
 
 
 def _made_up(problem: Problem):
@@ -288,36 +204,19 @@ def _made_up(problem: Problem):
     )
 
 
-def _row(cost: float, **figures) -> DesignRow:
-    return dataclasses.replace(
-        DesignRow(
-            "", 8.5, 0.35, 6e3, cost, 0.32, 0.18, 80.0, 15.0, 0.7, (), 0.01, 2, 2
-        ),
-        **figures,
-    )
+def test_the_optimum_is_told_on_each_mesh_and_resumed_solves_nothing_again(
+    tmp_path, monkeypatch
+):
+    settings = dataclasses.replace(SETTINGS, confirm=(8, 10))
 
+    def fake(problem, guess, options):
+        assert set(options.free) == set(PARAMETERS)
+        return _made_up(problem)
 
-def _made_up_study() -> Codesign:
-    scans = []
-    for others in ("BP2", "free"):
-        for name in PARAMETERS:
-            low, high = getattr(SETTINGS.scanned, name)
-            values = np.linspace(low, high, 5)
-            rows = (
-                _row(1.0 + (x - 0.5) ** 2, **{name: float(v)})
-                for x, v in zip(np.linspace(0, 1, 5), values, strict=True)
-            )
-            scans.append(Scan(name, others, tuple(rows)))
-    held = _row(1.0, gear_ratio=14.0, at_bounds=("gear_ratio",))
-    return Codesign(SETTINGS, (_row(1.0),), (held,), tuple(scans))
-
-
-def _flatten(tree: dict, path: str = "") -> dict:
-    flat = {}
-    for key, value in tree.items():
-        flat |= (
-            _flatten(value, f"{path}.{key}")
-            if isinstance(value, dict)
-            else {f"{path}.{key}": value}
-        )
-    return flat
+    monkeypatch.setattr(collocation, "solve", fake)
+    rows = optimise_design(settings, tmp_path)
+    assert [row.intervals for row in rows] == [6, 8, 10]
+    monkeypatch.setattr(collocation, "solve", None)  # calling it would fail
+    assert optimise_design(settings, tmp_path) == rows
+    save_config(tmp_path / "codesign.json", Codesign(settings, rows))
+    assert load_config(Codesign, tmp_path / "codesign.json").meshes == rows

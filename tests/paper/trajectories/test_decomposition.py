@@ -21,7 +21,6 @@ from bp2_rl.paper.trajectories.decomposition import (
     find_trends,
     force_ratio,
     peak_velocity_force,
-    turning_speeds,
 )
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import IDEAL
@@ -224,14 +223,6 @@ def test_trends_are_by_speed_and_of_the_mean_leg(trot, terms):
     np.testing.assert_allclose(hip, np.mean(average[:, hips], axis=1), rtol=1e-12)
     np.testing.assert_array_equal(trends.average[0, :, KINDS.index("z")], average[:, 1])
     np.testing.assert_allclose(np.sum(trends.share, axis=1), 1.0, rtol=0, atol=1e-12)
-
-
-def test_turning_points_are_where_values_turn():
-    speeds = np.arange(7.0)
-    assert turning_speeds(speeds, (speeds - 4.0) ** 2) == [4.0]
-    assert turning_speeds(speeds, -((speeds - 2.0) ** 2)) == [2.0]
-    assert turning_speeds(speeds, np.exp(speeds)) == []
-    assert turning_speeds(speeds[:1], speeds[:1]) == []
 
 
 def test_solutions_that_cannot_be_compared_are_refused(trot):

@@ -16,17 +16,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import QUIET
-from bp2_rl.optimiser.cycle import cost_of_transport
 from bp2_rl.optimiser.figure import trajectory_figure
 from bp2_rl.optimiser.figure_style import LEFT, RIGHT
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.trajectories.coordinates import decompose_links
-from bp2_rl.paper.trajectories.coupling import split_sources
-from bp2_rl.paper.trajectories.coupling_account import account_family
+from bp2_rl.paper.trajectories.coupling import account_family, split_sources
 from bp2_rl.paper.trajectories.decomposition import (
     TERMS,
     Decomposition,
@@ -34,23 +30,13 @@ from bp2_rl.paper.trajectories.decomposition import (
     decompose,
     find_trends,
 )
-from bp2_rl.paper.trajectories.figures.coupling import (
-    coordinates_figure,
-    coupling_figure,
-)
-from bp2_rl.paper.trajectories.figures.decomposition import (
+from bp2_rl.paper.trajectories.figures import (
     TERM_COLORS,
+    coupling_figure,
     decomposition_figure,
 )
-from bp2_rl.paper.trajectories.figures.family import family_figure
 
-PANELS = {
-    "decomposition": 12,
-    "trajectory": 9,
-    "family": 8,
-    "coupling": 9,
-    "coordinates": 4,
-}
+PANELS = {"decomposition": 12, "trajectory": 9, "coupling": 6}
 
 
 def at_speed(solution: Solution, speed: float) -> Solution:
@@ -80,9 +66,7 @@ def figures(trot, terms, trends, family) -> dict[str, Figure]:
     return {
         "decomposition": decomposition_figure(terms, trends),
         "trajectory": trajectory_figure(trot),
-        "family": family_figure(family),
         "coupling": coupling_figure(split_sources(trot), account_family(family)),
-        "coordinates": coordinates_figure(terms, decompose_links(trot)),
     }
 
 
@@ -152,18 +136,15 @@ def test_no_title_label_or_legend_covers_another(name, figures):
     )
 
 
-def test_drawing_leaves_matplotlib_as_it_was(family):
+def test_drawing_leaves_matplotlib_as_it_was(terms, trends):
     before = dict(mpl.rcParams)
-    family_figure(family)
+    decomposition_figure(terms, trends)
     assert dict(mpl.rcParams) == before
 
 
 @pytest.mark.parametrize(
     ("name", "letter"),
-    [
-        *(("decomposition", letter) for letter in "ABC"),
-        *(("coordinates", letter) for letter in "ABCD"),
-    ],
+    [*(("decomposition", letter) for letter in "ABC"), ("coupling", "A")],
 )
 def test_what_stands_above_the_line_balances_what_hangs_below(name, letter, figures):
     areas = [
@@ -180,17 +161,8 @@ def test_what_stands_above_the_line_balances_what_hangs_below(name, letter, figu
     assert np.max(heights) > 50.0
 
 
-def test_the_coupled_torque_by_source_balances_as_well(figures):
-    axes = panel(figures["coupling"], "A")
-    areas = [area for area in axes.collections if isinstance(area, PolyCollection)]
-    heights = np.concatenate(
-        [np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()]
-    )
-    assert np.max(heights) == pytest.approx(-np.min(heights), abs=1e-5)  # as above
-
-
 def test_bars_by_source_end_where_all_that_is_coupled_stands(figures, family):
-    axes = panel(figures["coupling"], "E")
+    axes = panel(figures["coupling"], "D")
     (dots,) = (
         np.asarray(line.get_ydata()) for line in axes.lines if line.get_marker() == "o"
     )
@@ -216,14 +188,6 @@ def test_trends_are_drawn_in_the_terms_colours(figures, trends):
         np.testing.assert_array_equal(curve, trends.average[:, TERMS.index(term), 1])
     assert not curves(axes, TERM_COLORS["active"])  # no motor pushes the trunk
     assert len(set(TERM_COLORS.values())) == len(TERMS)
-
-
-def test_a_chosen_legs_joints_are_shown(terms, trends):
-    figure = decomposition_figure(terms, trends, leg="FL")
-    assert "FL" in panel(figure, "B").get_title(loc="left")
-    assert "FL" in panel(figure, "C").get_title(loc="left")
-    with pytest.raises(UserError, match="leg must be one of FR, FL, RR, RL, got 'LF'"):
-        decomposition_figure(terms, trends, leg="LF")
 
 
 def test_the_centre_of_mass_runs_at_the_commanded_speed(figures, trot):
@@ -261,17 +225,6 @@ def test_torque_stays_between_its_dashed_limits(letter, joint, figures, trot):
     assert np.max(high) == pytest.approx(120.0)
 
 
-def test_a_family_shows_its_members_by_speed(figures, trot):
-    for letter, value in (
-        ("A", 1e3 * trot.period),
-        ("B", trot.duty),
-        ("F", cost_of_transport(at_speed(trot, 8.0))),
-    ):
-        line = panel(figures["family"], letter).lines[0]
-        np.testing.assert_array_equal(np.asarray(line.get_xdata()), [8.0, 10.0, 12.0])
-        assert np.asarray(line.get_ydata())[0] == pytest.approx(value, rel=1e-12)
-
-
 def test_half_a_robot_on_two_legs_is_drawn_too():
     problem = Problem(gait="two-leg", intervals=4)
     guess = Solution(
@@ -288,13 +241,3 @@ def test_half_a_robot_on_two_legs_is_drawn_too():
     )
     assert "H" in panel(figure, "B").get_title(loc="left")
     assert pixels(figure).size > 0
-
-
-def test_a_family_that_is_none_is_refused(trot):
-    with pytest.raises(UserError, match="no solutions"):
-        family_figure([])
-    other = at_speed(trot, 12.0)
-    with pytest.raises(UserError, match="differ in hardware"):
-        family_figure(
-            [trot, dataclasses.replace(other, problem=other.problem.on(mass_scale=1.1))]
-        )

@@ -9,7 +9,7 @@ from bp2_rl.optimiser.problem import STRIDES, Problem
 from bp2_rl.optimiser.solution import load_solution, speed_name
 from bp2_rl.optimiser.verify import verify
 from bp2_rl.paper.trajectories import variants
-from bp2_rl.paper.trajectories.comparison import compare
+from bp2_rl.paper.trajectories.comparison import compare_variants
 from bp2_rl.paper.trajectories.variants import gait_variants
 
 
@@ -58,7 +58,8 @@ def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     problem = Problem(intervals=4, pitch_limit=0.6)
 
     def compared(problem):
-        found = compare(problem, gait_variants(problem), (6.0,), tmp_path, what="gaits")
+        variants = gait_variants(problem)
+        found = compare_variants(problem, variants, (6.0,), tmp_path, what="gaits")
         return [row for rows in found for row in rows]
 
     rows = compared(problem)

@@ -9,7 +9,7 @@ from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.paper.cli import trajectories
 from bp2_rl.paper.trajectories import variants
-from bp2_rl.paper.trajectories.comparison import compare
+from bp2_rl.paper.trajectories.comparison import compare_variants
 from bp2_rl.paper.trajectories.variants import limb_variants
 from bp2_rl.robot import bp2, conventions
 
@@ -41,7 +41,8 @@ def test_all_weigh_the_same_and_differ_as_they_are_called():
 def test_several_are_solved_side_by_side_and_come_in_their_order(tmp_path):
     problem = Problem(intervals=4)
     two = dict(itertools.islice(limb_variants(problem).items(), 2))
-    found = list(compare(problem, two, (6.0,), tmp_path, what="limbs", workers=2))
+    where = {"what": "limbs", "workers": 2}
+    found = list(compare_variants(problem, two, (6.0,), tmp_path, **where))
     assert [[row.name for row in rows] for rows in found] == [
         ["as it is"] * 2,
         ["thigh x 0.5"] * 2,

@@ -1,0 +1,420 @@
+"""`bp2 paper trajectories COMMAND`: study the trajectories that the optimiser finds.
+
+A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake
+is answered at once.
+"""
+
+import dataclasses
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from bp2_rl.base.bounds import Bounded, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import make_folder, own_folder
+from bp2_rl.base.metric import Table, show, table_of
+from bp2_rl.base.serialization import save_config
+from bp2_rl.cli.dispatch import Command, choose, entries
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import (
+    OUT,
+    Flat,
+    Folder,
+    Robot,
+    Workers,
+    parse_on_robot,
+)
+from bp2_rl.optimiser.problem import (
+    MOST_SPEEDS,
+    Intervals,
+    Problem,
+    Speed,
+    SpeedStep,
+    Starts,
+)
+from bp2_rl.paper.cli.report import print_table
+from bp2_rl.paper.trajectories.codesign import CodesignSettings
+from bp2_rl.paper.trajectories.objective import ObjectiveSettings
+
+# --- sweep ----------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepArguments:
+    """Solve at many speeds, each from several cold starts: how many converge, and how
+    fast."""
+
+    problem: Annotated[Problem, Flat] = Problem()
+    robot: Robot = "ideal"
+    slowest: Speed = 1.0
+    """m/s"""
+    fastest: Speed = 13.2
+    """m/s"""
+    step: SpeedStep = 1.0
+    """m/s"""
+    starts: Starts = 3
+    """cold starts at each speed"""
+    workers: Workers = 2
+    """processes"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if self.slowest > self.fastest:
+            raise UserError(
+                f"a sweep goes from --slowest ({self.slowest}) up to --fastest ({self.fastest})"
+            )
+        if (self.fastest - self.slowest) / self.step > MOST_SPEEDS:
+            raise UserError(
+                f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one"
+            )
+
+    @property
+    def speeds(self) -> list[float]:
+        """All speeds, ascending, m/s; the last step may be shorter."""
+        speeds = (
+            np.arange(self.slowest, self.fastest + 1e-9, self.step).round(9).tolist()
+        )
+        return speeds + ([self.fastest] if self.fastest > speeds[-1] + 1e-9 else [])
+
+
+def run_sweep(arguments: SweepArguments) -> None:
+    """Print how many cold starts converged, and why others did not."""
+    from bp2_rl.paper.trajectories.robustness import sweep_speeds
+
+    speeds, starts = arguments.speeds, arguments.starts
+    with output.progress() as progress:
+        tried = sweep_speeds(arguments.problem, speeds, starts, arguments.workers)
+        total = len(speeds) * starts
+        attempts = list(progress.track(tried, total, description="cold starts"))
+    solved = [attempt for attempt in attempts if not attempt.why]
+    for attempt in attempts:
+        if attempt.why:
+            print(f"start {attempt.start}: {attempt.why}")
+    if solved:
+        seconds = [attempt.seconds for attempt in solved]
+        print(
+            f"seconds a solve: median {statistics.median(seconds):.1f}, longest {max(seconds):.1f}"
+        )
+    print(f"converged: {len(solved)} of {len(attempts)} cold starts")
+
+
+# --- limits ---------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class LimitsArguments(Bounded):
+    """Find the greatest speed that has a trajectory at all, for BP2 and with one thing
+    about it changed at a time."""
+
+    problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
+    robot: Robot = "ideal"
+    losses: bool = False
+    """instead, for the robot without its losses, with each alone, with all, and with
+    all but each; needs a robot that loses something, such as --robot built"""
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "limits"
+    """folder of the file of speeds"""
+
+
+def find_limits(arguments: LimitsArguments) -> None:
+    """Print the greatest speeds, and leave them in a file."""
+    from bp2_rl.paper.trajectories import limits
+    from bp2_rl.paper.trajectories.variants import hardware_variants, loss_variants
+
+    problem, workers = arguments.problem, arguments.workers
+    if arguments.losses:
+        variants = loss_variants(problem)
+        search = limits.greatest_speeds_by_loss(variants, workers)
+    else:
+        variants = hardware_variants(problem)
+        search = limits.greatest_speeds(variants, workers)
+    numbers = arguments.out / "speeds.json"
+    with own_folder(arguments.out):
+        with output.progress() as progress:
+            searched = progress.track(search, len(variants), description="variants")
+            found = {one.variant: one for one in searched}
+        speeds = {name: found[name].speed for name in variants}
+        save_config(numbers, limits.GreatestSpeeds(problem, speeds))
+    lines: list[Sequence[str]] = []
+    for name, speed in speeds.items():
+        base = speeds[found[name].base]
+        change = None if speed is None or base is None else speed - base
+        lines.append((name, show(speed, ".2f"), show(change, "+.2f")))
+    print_table(Table("", ("Variant", "Greatest speed [m/s]", "Change"), lines))
+    print(f"speeds: {numbers}")
+
+
+# --- gaits and limbs ------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ComparisonArguments:
+    """The flags of both commands."""
+
+    problem: Annotated[Problem, Flat]
+    robot: Robot = "ideal"
+    speeds: tuple[Speed, ...]
+    """m/s, the slowest first"""
+    workers: Workers = 2
+    """processes"""
+    out: Folder
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if not self.speeds or sorted(set(self.speeds)) != list(self.speeds):
+            raise UserError(
+                "--speeds: name the slowest first and each once, as each solve starts from the one before"
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaitsArguments(ComparisonArguments):
+    """Set five gaits beside each other in the plane: what each costs over speed, and
+    how fast each gets.
+
+    Interrupted, it goes on where it stopped when run again. The problem's own speed and
+    gait do not count.
+    """
+
+    problem: Annotated[Problem, Flat] = Problem(intervals=8, pitch_limit=0.6)
+    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0, 16.0)
+    """m/s, the slowest first"""
+    out: Folder = OUT / "gaits"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LimbsArguments(ComparisonArguments):
+    """Move mass between trunk and legs, and change the trunk's inertia: what each
+    costs, and how fast each gets.
+
+    Interrupted, it goes on where it stopped when run again. The problem's own speed
+    does not count.
+    """
+
+    problem: Annotated[Problem, Flat] = Problem(intervals=8)
+    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0)
+    """m/s, the slowest first"""
+    out: Folder = OUT / "limbs"
+
+
+def compare_gaits(arguments: GaitsArguments) -> None:
+    """Print what each gait costs and how fast it gets, and leave the numbers."""
+    from bp2_rl.paper.trajectories.variants import gait_variants
+
+    _set_beside(arguments, gait_variants(arguments.problem), "gaits")
+
+
+def compare_limbs(arguments: LimbsArguments) -> None:
+    """Print what robots with other legs cost and how fast each gets, and leave the
+    numbers."""
+    from bp2_rl.paper.trajectories.variants import limb_variants
+
+    _set_beside(arguments, limb_variants(arguments.problem), "limbs")
+
+
+def _set_beside(
+    arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str
+) -> None:
+    """Print a table of variants, and leave its numbers anew with every variant."""
+    from bp2_rl.paper.trajectories.comparison import (
+        VariantComparison,
+        compare_variants,
+        tabulate_variants,
+    )
+
+    problem, speeds, rows = arguments.problem, arguments.speeds, []
+    numbers = arguments.out / f"{what}.json"  # beside the solutions
+    with own_folder(arguments.out), output.progress() as progress:
+        compared = compare_variants(
+            problem,
+            variants,
+            speeds,
+            arguments.out,
+            what=what,
+            workers=arguments.workers,
+        )
+        for some in progress.track(compared, len(variants), description=what):
+            rows += some
+            save_config(numbers, VariantComparison(problem, speeds, tuple(rows)))
+    print_table(tabulate_variants(rows))
+    print(f"numbers: {numbers}")
+
+
+# --- schemes --------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class SchemesArguments:
+    """Compare discretisation schemes over meshes: what each leaves of energy, how far
+    off a re-simulation is."""
+
+    speed: Speed = 10.0
+    """m/s"""
+    meshes: tuple[Intervals, ...] = (8, 16, 32)
+    """intervals a segment"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if not self.meshes or sorted(set(self.meshes)) != list(self.meshes):
+            raise UserError(
+                "--meshes: give the coarsest first, as each solve starts from the one before"
+            )
+
+
+def run_schemes(arguments: SchemesArguments) -> None:
+    """Print the table of schemes."""
+    from bp2_rl.optimiser.collocation import solve
+    from bp2_rl.paper.trajectories.robustness import SCHEMES, SchemeRow, compare_schemes
+
+    problem, meshes = Problem(speed=arguments.speed), arguments.meshes
+    rows: list[SchemeRow] = []
+    try:
+        with output.progress() as progress:
+            solved = compare_schemes(solve, problem, meshes)
+            total = len(SCHEMES) * len(meshes)
+            for row in progress.track(solved, total, description="solves"):
+                rows.append(row)
+    finally:  # also what there is when a scheme fails on one of the meshes
+        if rows:
+            print_table(table_of("", rows))
+
+
+# --- objective and co-design ----------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class ObjectiveArguments(Bounded):
+    """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and
+    of co-design under one, two and three body weights of F bar, what forces are divided
+    by in the cost."""
+
+    settings: Annotated[ObjectiveSettings, Flat] = ObjectiveSettings()
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "objective"
+
+
+def compare_objective_weights(arguments: ObjectiveArguments) -> None:
+    """Print the table and leave its numbers; what was solved before is not solved
+    again."""
+    from bp2_rl.paper.trajectories import objective
+
+    settings, numbers = arguments.settings, arguments.out / "objective.json"
+    with own_folder(arguments.out):
+        rows = objective.compare_objectives(settings, arguments.out, arguments.workers)
+        save_config(numbers, objective.Objective(settings, tuple(rows)))
+    if rows:
+        print_table(table_of("", rows))
+    print(f"numbers: {numbers}")
+
+
+@dataclasses.dataclass(frozen=True)
+class CodesignArguments(Bounded):
+    """Find gear ratio, leg length and spring stiffness along with the trajectory, from
+    several starts and on finer and finer meshes."""
+
+    settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "codesign"
+
+
+def run_codesign(arguments: CodesignArguments) -> None:
+    """Print the optimum on each mesh and leave it; what was solved before is not solved
+    again."""
+    from bp2_rl.paper.trajectories import codesign
+
+    settings, numbers = arguments.settings, arguments.out / "codesign.json"
+    with own_folder(arguments.out):
+        rows = codesign.optimise_design(settings, arguments.out, arguments.workers)
+        save_config(numbers, codesign.Codesign(settings, rows))
+    print_table(table_of("", rows))
+    print(f"numbers: {numbers}")
+
+
+# --- figures --------------------------------------------------------------------------
+
+NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
+
+
+@dataclasses.dataclass(frozen=True)
+class FiguresArguments(Bounded):
+    """Draw the paper's figures of a family of trajectories: force decomposition, one
+    stride, and where its coupled inertial torques come from."""
+
+    path: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTIONS_OR_LIBRARY")
+    ] = None
+    """a folder of solutions or a library; by default the library that ships"""
+    speed: Speed = 10.0
+    """of the stride that is drawn, m/s"""
+    out: Folder = OUT / "figures"
+
+
+def draw_figures(arguments: FiguresArguments) -> None:
+    """Draw the figures, and print what coupling does."""
+    from bp2_rl.cli.trajopt.solutions import load_solutions
+
+    solutions = load_solutions(arguments.path)
+    shown = min(solutions, key=lambda one: abs(one.problem.speed - arguments.speed))
+    if abs(shown.problem.speed - arguments.speed) > 0.01:
+        speeds = ", ".join(f"{solution.problem.speed:g}" for solution in solutions)
+        raise UserError(f"--speed {arguments.speed:g}: there are only {speeds} m/s")
+    make_folder(arguments.out)
+
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.optimiser.figure import trajectory_figure
+    from bp2_rl.paper.trajectories import coupling, decomposition, figures
+
+    terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
+    sources = coupling.split_sources(shown)
+    accounts = coupling.account_family(solutions)
+    for name, figure in (
+        ("decomposition", figures.decomposition_figure(terms, trends)),
+        ("trajectory", trajectory_figure(shown)),
+        ("coupling", figures.coupling_figure(sources, accounts)),
+    ):
+        save_figure(figure, arguments.out / f"{name}.png")
+    numbers = coupling.FigureNumbers(
+        shown=coupling.number_shown(shown, terms, trends),
+        means=decomposition.means_by_speed(trends),
+        by_speed=tuple(accounts),
+    )
+    save_config(arguments.out / NUMBERS, numbers)
+    print_table(table_of("Shares of the hips' main torque at its peaks", accounts))
+    account = next(one for one in accounts if one.speed == shown.problem.speed)
+    for cut in account.cutoffs:
+        ends = ", ".join(f"{peak:.0f} Nm ({end})" for end, peak in cut.largest.items())
+        print(f"main torque of harmonics 1 to {cut.harmonics}: {ends}")
+    title = f"Motors at {account.speed:g} m/s; ũ: on a trunk that is not accelerated"
+    print_table(table_of(title, list(account.torques.values())))
+    print(f"figures, and all their numbers in {NUMBERS}: {arguments.out}")
+
+
+PROG = "bp2 paper trajectories"
+COMMANDS = {
+    "sweep": Command(f"{PROG} sweep", SweepArguments, run_sweep, parse_on_robot),
+    "limits": Command(f"{PROG} limits", LimitsArguments, find_limits, parse_on_robot),
+    "gaits": Command(f"{PROG} gaits", GaitsArguments, compare_gaits, parse_on_robot),
+    "limbs": Command(f"{PROG} limbs", LimbsArguments, compare_limbs, parse_on_robot),
+    "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
+    "objective": Command(
+        f"{PROG} objective", ObjectiveArguments, compare_objective_weights
+    ),
+    "codesign": Command(f"{PROG} codesign", CodesignArguments, run_codesign),
+    "figures": Command(f"{PROG} figures", FiguresArguments, draw_figures),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` (the process's arguments by default) names; return
+    its exit status."""
+    return choose(PROG, entries(COMMANDS), argv)

@@ -1,2 +1,0 @@
-"""Pictures of trajectories: the paper's Figs. robot_model_analysis and hardware_opt,
-and a family over speed."""
