@@ -1,6 +1,7 @@
-"""Imports that leave out modules of no use here."""
+"""Imports that leave out modules, and a GL library, of no use here."""
 
 import contextlib
+import os
 import sys
 from collections.abc import Generator
 from typing import Any
@@ -19,3 +20,19 @@ def left_out(*names: str) -> Generator[None]:
     finally:
         for name in unwanted:
             del sys.modules[name]
+
+
+@contextlib.contextmanager
+def without_gl_library() -> Generator[None]:
+    """Hide the GL library that MUJOCO_GL names while MuJoCo is imported, here or in a
+    process that begins meanwhile.
+
+    MuJoCo binds it when imported, and fails if it is not there; only films need one, in
+    a process of their own.
+    """
+    library = os.environ.pop("MUJOCO_GL", None)
+    try:
+        yield
+    finally:
+        if library is not None:
+            os.environ["MUJOCO_GL"] = library

@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator
 from multiprocessing.context import SpawnContext, SpawnProcess
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.imports import without_gl_library
 from bp2_rl.base.listening import STOPPING
 
 PARENT = "BP2_PARENT"
@@ -89,12 +90,12 @@ class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
     def start(self) -> None:
-        """Start the process as if the caller had no main module, deaf to signals before
-        `_begin`, too."""
+        """Start the process as if the caller had no main module, without a GL library,
+        and deaf to signals before `_begin`, too."""
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            with _deaf():
+            with _deaf(), without_gl_library():
                 super().start()
         finally:
             sys.modules["__main__"] = main
@@ -127,12 +128,16 @@ def use_one_xla_thread() -> None:
     thread cannot. XLA reads NPROC when JAX starts its backend. Trainings in the fused
     kernel take all processors (`use_all_processors`).
     """
-    on_cpu = (
+    if jax_is_on_cpu():
+        os.environ.setdefault("NPROC", "1")
+
+
+def jax_is_on_cpu() -> bool:
+    """Return whether JAX, which need not be imported, can find no accelerator."""
+    return (
         os.environ.get("JAX_PLATFORMS") == "cpu"
         or importlib.util.find_spec("jax_plugins") is None
     )
-    if on_cpu:
-        os.environ.setdefault("NPROC", "1")
 
 
 def use_all_processors() -> None:
@@ -145,6 +150,15 @@ def use_all_processors() -> None:
         os.environ["XLA_FLAGS"] = (
             f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
         )
+
+
+def command_environment() -> dict[str, str]:
+    """Return the environment of a command that ends with this process
+    (`end_with_caller`), and that sets its own number of XLA's threads."""
+    environment = os.environ | {PARENT: str(os.getpid())}
+    if NPROC_IS_OURS:
+        environment.pop("NPROC", None)
+    return environment
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bp2_rl.base.errors import UserError
-from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
@@ -285,49 +283,3 @@ def test_a_failure_names_its_log_and_shows_no_traceback(
     log = Path(err.split("log: ")[1].strip()).read_text()
     assert "Traceback" in log
     assert "the solver\nexploded" in log
-
-
-def test_exit_statuses(capsys):
-    def wrong():
-        raise UserError("two\nlines")
-
-    def interrupted():
-        raise KeyboardInterrupt
-
-    assert app.run(lambda: None) == 0
-    assert app.run(wrong) == 2
-    assert capsys.readouterr().err == "error: two lines\n"
-    assert app.run(interrupted) == 130
-
-
-@dataclasses.dataclass(frozen=True)
-class _Nested:
-    depth: int = 1
-
-    def __post_init__(self):
-        if self.depth < 0:
-            raise UserError(
-                f"nested.depth must not be negative, got {self.depth}; "
-                + "and so on, " * 20
-                + "to the end"
-            )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Config:
-    count: int = 3
-    nested: _Nested = _Nested()
-
-
-def test_parse_gives_defaults_and_flags():
-    assert app.parse(_Config, [], "test.py") == _Config()
-    assert app.parse(
-        _Config, ["--count", "4"], "test.py", _Config(nested=_Nested(7))
-    ) == _Config(4, _Nested(7))
-
-
-def test_parse_tells_a_configs_own_complaint_to_its_end():
-    with pytest.raises(
-        UserError, match=r"nested\.depth must not be negative, got -1; .* to the end"
-    ):
-        app.parse(_Config, ["--nested.depth", "-1"], "test.py")

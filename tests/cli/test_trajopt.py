@@ -8,7 +8,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.__main__ import main
-from bp2_rl.cli.trajopt.solutions import load_family
+from bp2_rl.cli.trajopt import load_family
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import speed_name
 

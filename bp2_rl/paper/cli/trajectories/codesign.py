@@ -5,7 +5,7 @@ from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.folders import own_folder
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.cli.trajopt import OUT, Flat, Folder, Workers
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 
 

@@ -9,8 +9,8 @@ from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
+from bp2_rl.cli import trajopt
+from bp2_rl.cli.trajopt import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
 from bp2_rl.paper.cli.report import print_table
 
@@ -93,7 +93,7 @@ def _set_beside(
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
-    with own_folder(arguments.out), output.progress() as progress:
+    with own_folder(arguments.out), trajopt.progress_bar() as progress:
         compared = compare(
             problem,
             variants,

@@ -11,8 +11,7 @@ from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt.arguments import OUT, Folder
-from bp2_rl.cli.trajopt.solutions import load_solutions
+from bp2_rl.cli.trajopt import OUT, Folder, load_solutions
 from bp2_rl.optimiser.problem import Speed
 from bp2_rl.paper.cli.report import print_table
 

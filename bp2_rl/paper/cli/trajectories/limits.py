@@ -6,8 +6,8 @@ from typing import Annotated
 from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
+from bp2_rl.cli import trajopt
+from bp2_rl.cli.trajopt import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem
 
 SPEEDS = "speeds.json"  # what is left in the folder
@@ -44,7 +44,7 @@ def find_limits(arguments: LimitsArguments) -> None:
         variants = hardware_variants(arguments.problem)
         search = limits.greatest_speeds(variants, arguments.workers)
     with own_folder(arguments.out):
-        with output.progress() as progress:
+        with trajopt.progress_bar() as progress:
             searched = progress.track(search, len(variants), description="variants")
             found = {one.variant: one for one in searched}
         solutions = {name: found[name].solution for name in variants}

@@ -7,7 +7,7 @@ from typing import Annotated
 from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.cli.trajopt import OUT, Flat, Folder, Workers
 from bp2_rl.paper.cli.report import print_table
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
 

@@ -4,7 +4,7 @@ import dataclasses
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli.trajopt import output
+from bp2_rl.cli import trajopt
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed
 from bp2_rl.paper.cli.report import print_table
 
@@ -39,7 +39,7 @@ def run_schemes(arguments: SchemesArguments) -> None:
 
     rows = []
     try:
-        with output.progress() as progress:
+        with trajopt.progress_bar() as progress:
             solved = compare_schemes(
                 solve, Problem(speed=arguments.speed), arguments.meshes
             )

@@ -8,8 +8,8 @@ import numpy as np
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import own_folder
-from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
+from bp2_rl.cli import trajopt
+from bp2_rl.cli.trajopt import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
 
 
@@ -60,7 +60,7 @@ def run_sweep(arguments: SweepArguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.paper.trajectories.sweep import best_of, sweep
 
-    with own_folder(arguments.out), output.progress() as progress:
+    with own_folder(arguments.out), trajopt.progress_bar() as progress:
         tried = sweep(
             arguments.problem,
             arguments.speeds,
@@ -72,7 +72,7 @@ def run_sweep(arguments: SweepArguments) -> None:
         attempts = list(progress.track(tried, total, description="cold starts"))
     solved = [attempt for attempt in attempts if attempt.solved]
     if solved:
-        output.describe(best_of(arguments.out))
+        trajopt.print_solutions(best_of(arguments.out))
         seconds = [attempt.seconds for attempt in solved]
         print(
             f"seconds a solve: median {np.median(seconds):.1f}, longest {max(seconds):.1f}"

@@ -17,7 +17,7 @@ from brax.training.agents.ppo import networks
 from brax.training.agents.ppo import train as ppo_train
 
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.tools.throughput.measure import MOST, WARM_UP
+from bp2_rl.tools.throughput import MOST, WARM_UP
 
 TASK = "Go1JoystickFlatTerrain"
 TRAIN_STEPS = 5  # between two looks at the clock

@@ -15,7 +15,6 @@ import statistics
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax
@@ -98,7 +97,7 @@ class PartTiming:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """All that was measured with so many robots on so many devices."""
+    """What was measured with so many robots on so many devices."""
 
     robots: int
     devices: int
@@ -137,23 +136,14 @@ def compilations() -> Generator[collections.Counter[str]]:
         monitoring.unregister_event_listener(count)
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchOptions:
-    """What is measured, for how long, and where it is reported."""
-
-    parts: Sequence[PartName] = PARTS  # physics only of BP2Env, brax only on one device
-    seconds: float = 2.0  # of timed calls for each part; at least three calls are timed
-    profile: Path | None = None  # folder for jax.profiler's trace of two train steps
-    # receives each timing as soon as it is measured
-    tell: Callable[[PartTiming], None] = lambda timing: None
-
-
 def measure_case(
     make_env: Callable[[int], envs.Env],
     config: PPOConfig,
     robots: int,
     devices: Sequence[Any],
-    options: BenchOptions,
+    parts: Sequence[PartName] = PARTS,
+    seconds: float = 2.0,
+    tell: Callable[[PartTiming], None] = lambda timing: None,
 ) -> Case:
     """Measure the parts of training with `robots` robots on `devices`.
 
@@ -162,7 +152,9 @@ def measure_case(
         config: hyperparameters; `robots` stands in for their `num_envs`.
         robots: all devices together.
         devices: JAX's devices to use.
-        options: what to measure and where to report it.
+        parts: what to measure; physics only of BP2Env, brax only on one device.
+        seconds: of timed calls for each part; at least three calls are timed.
+        tell: receives each timing as soon as it is measured.
 
     Returns:
         The timings. Where the robots don't fit the devices or their memory, the case
@@ -175,10 +167,9 @@ def measure_case(
         learner = PPO(env, dataclasses.replace(config, num_envs=robots), devices)
         state = learner.init(0)
         state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
-        for part in make_parts(learner, state, options.parts):
-            trace = options.profile if part.name == "training" else None
-            measurements.append(measure(part, learner, options.seconds, trace))
-            options.tell(measurements[-1])
+        for part in make_parts(learner, state, parts):
+            measurements.append(time_part(part, learner, seconds))
+            tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
     peaks = [
@@ -192,8 +183,8 @@ def measure_case(
 
 
 def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
-    """What a train step spends its time on, as shares that add up to 1; empty where a
-    part was not measured.
+    """Return what a train step spends its time on, as shares that add up to 1; nothing
+    where a part was not measured.
 
     By the best call of each, which other programs disturbed least. The parts ran by
     themselves, where XLA cannot fuse them with their neighbours: good to a few per cent
@@ -209,9 +200,7 @@ def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
     return {name: value / seconds["training"] for name, value in parts.items()}
 
 
-def measure(
-    part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None
-) -> PartTiming:
+def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
     """Compile a part of `learner`, warm it up, and time its calls for so many
     seconds."""
     name, program, carry, fixed = part
@@ -231,10 +220,6 @@ def measure(
             start = time.perf_counter()
             carry, _ = jax.block_until_ready(program(carry, *fixed))
             times.append(time.perf_counter() - start)
-    if profile is not None:
-        with jax.profiler.trace(str(profile)):
-            for _ in range(2):
-                carry, _ = jax.block_until_ready(program(carry, *fixed))
     low, median, high = statistics.quantiles(times, n=4, method="inclusive")
     rate = learner.config.steps_per_train_step / median
     return PartTiming(
