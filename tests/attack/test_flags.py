@@ -83,6 +83,7 @@ def nothing_is_computed(monkeypatch, tmp_path):
     for place in WORK:
         monkeypatch.setattr(place, begin)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")  # for tyro's help: a flag a line
 
 
 WORK = (
@@ -204,7 +205,7 @@ def test_no_value_of_any_flag_ends_in_a_traceback(command, capsys):
             if not accepted and set(Path.cwd().iterdir()) != before:
                 wrong.append(f"{shown(case)}: leaves something behind")
             one_line = error.startswith("error: ") and error.count("\n") == 1
-            tyros = "--help" in error.splitlines()[-2] or "choice" in error
+            tyros = "error: " not in error and "Traceback" not in error
             if not accepted and (status != 2 or not (one_line or tyros)):
                 wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
     assert not wrong, "\n".join(wrong)
