@@ -9,7 +9,6 @@ import json
 import os
 import platform
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -91,7 +90,6 @@ class Bench:
     playground: PlaygroundRate | None = None
     cold_start: Startup | None = None  # nothing compiled before
     warm_start: Startup | None = None  # everything in the cache on disk
-    host_peak_bytes: int | None = None  # of this process since it began
 
 
 def run_bench(request: BenchRequest) -> None:
@@ -117,13 +115,11 @@ def run_bench(request: BenchRequest) -> None:
             report, playground=measure_playground(theirs, request.seconds)
         )
     for case in measure_sizes(request, console):
-        report = dataclasses.replace(
-            report, cases=(*report.cases, case), host_peak_bytes=_host_peak()
-        )
+        report = dataclasses.replace(report, cases=(*report.cases, case))
         save_config(request.folder / NUMBERS, report)
     if request.peer is not None:
         case = _measure_peer(request, report.cases, console)
-        report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
+        report = dataclasses.replace(report, peer=case)
     save_config(request.folder / NUMBERS, report)
     print_table(report, console)
     if not any(case.measurements for case in report.cases):
@@ -335,7 +331,6 @@ def remarks(bench: Bench) -> list[str]:
             f"{describe_size(case)}, {part}: compiled {n} programs while it was timed"
             for part, n in late.items()
         ]
-    lines += _memory(bench)
     for name, start in (("cold", bench.cold_start), ("warm", bench.warm_start)):
         if start is not None:
             moments = (
@@ -359,8 +354,8 @@ def remarks(bench: Bench) -> list[str]:
 
 
 def peer_ratio(bench: Bench) -> float | None:
-    """How many times as fast as stock Brax we act, or as Playground we train; None
-    where that was not measured."""
+    """Return how many times as fast as stock Brax we act, or as Playground we train;
+    None where that was not measured."""
     if bench.peer is None:
         return None
     if bench.playground is None:
@@ -371,35 +366,6 @@ def peer_ratio(bench: Bench) -> float | None:
             bench.playground.control_steps_per_second,
         )
     return ours / theirs if ours and theirs else None
-
-
-def _memory(bench: Bench) -> list[str]:
-    """Return lines on the memory for each robot, in the largest case that was trained,
-    and on the peaks."""
-    lines = []
-    trained = [
-        m for case in bench.cases for m in case.measurements if m.part == "training"
-    ]
-    kept = {
-        (case.robots, case.devices): case.state_bytes_per_robot for case in bench.cases
-    }
-    if trained:
-        most = max(trained, key=lambda m: m.robots)
-        within, between = most.bytes_per_robot, kept[most.robots, most.devices]
-        if within is not None and between is not None:
-            lines.append(
-                f"memory a robot: {count(between)}B kept, {count(within)}B within a train step"
-            )
-    peak = max(
-        (case.device_peak_bytes for case in _cases(bench) if case.device_peak_bytes),
-        default=None,
-    )
-    device = "" if peak is None else f"{count(peak)}B on a device, "
-    if bench.host_peak_bytes is not None:
-        lines.append(
-            f"peak memory: {device}{count(bench.host_peak_bytes)}B on the host"
-        )
-    return lines
 
 
 def _cases(bench: Bench) -> tuple[Case, ...]:
@@ -413,17 +379,6 @@ def _cases(bench: Bench) -> tuple[Case, ...]:
 def describe_size(case: Case) -> str:
     """Return how many robots a case has on how many devices."""
     return f"{case.robots} robots on {case.devices} device{'s' if case.devices > 1 else ''}"
-
-
-def _host_peak() -> int | None:
-    """Return the most memory that this process has held, bytes; None where the system
-    does not tell it, as Windows."""
-    try:
-        import resource
-    except ImportError:
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _tell(console: Console, line: str) -> None:

@@ -92,7 +92,6 @@ class PartTiming:
     compile_seconds: float  # StableHLO to machine code
     from_cache: bool  # the machine code was read from disk
     program_bytes: int | None  # arguments, results and temporaries on each device
-    bytes_per_robot: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,16 +101,13 @@ class Case:
     robots: int
     devices: int
     measurements: tuple[PartTiming, ...] = ()
-    # what is kept of a robot between train steps
-    state_bytes_per_robot: float | None = None
-    # of the fullest device since the process began; None where not known
-    device_peak_bytes: int | None = None
     # see `share_out`
     shares: dict[str, float] = dataclasses.field(default_factory=dict)
     error: str | None = None  # why measuring ended early
 
     def rate(self, part: PartName) -> float | None:
-        """Control steps per second of a part, None where it was not measured."""
+        """Return the control steps per second of a part, None where it was not
+        measured."""
         return next(
             (m.control_steps_per_second for m in self.measurements if m.part == part),
             None,
@@ -161,25 +157,18 @@ def measure_case(
         has an `error` and the timings that came before it.
     """
     measurements: list[PartTiming] = []
-    state_bytes = error = None
+    error = None
     try:
         env = make_env(-(-robots // len(devices)))
         learner = PPO(env, dataclasses.replace(config, num_envs=robots), devices)
         state = learner.init(0)
-        state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
         for part in make_parts(learner, state, parts):
             measurements.append(time_part(part, learner, seconds))
             tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
-    peaks = [
-        (device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices
-    ]
-    peak = max((peak for peak in peaks if peak is not None), default=None)
     shares = share_out(measurements)
-    return Case(
-        robots, len(devices), tuple(measurements), state_bytes, peak, shares, error
-    )
+    return Case(robots, len(devices), tuple(measurements), shares, error)
 
 
 def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
@@ -237,7 +226,6 @@ def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
         compile_seconds=compiled - traced,
         from_cache=before[FROM_CACHE] > 0,
         program_bytes=size,
-        bytes_per_robot=None if size is None else size * devices / robots,
     )
 
 

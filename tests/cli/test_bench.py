@@ -115,9 +115,6 @@ def test_the_report_holds_every_number(whole):
     assert report.versions["jax"] == jax.__version__
     assert (report.platform, report.device_count) == ("cpu", jax.device_count())
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", report.created)
-    # Python with JAX in it is never smaller, nor a test machine larger.
-    assert report.host_peak_bytes is not None
-    assert 50e6 < report.host_peak_bytes < 1e12
 
 
 def test_the_peer_runs_beside_the_learner(whole):
@@ -166,7 +163,6 @@ def test_playground_is_compared_with_a_training_of_as_many_robots_on_one_device(
             1.0,
             1.0,
             False,
-            None,
             None,
         )
         return Case(robots, devices, (timed,))

@@ -33,7 +33,6 @@ def measurement(
         "compile_seconds": 41.2,
         "from_cache": False,
         "program_bytes": 1_250_000_000,
-        "bytes_per_robot": 1.25e9 / robots,
     } | others
     return PartTiming(part, robots, devices, rate, 5 * rate, **values)
 
@@ -43,7 +42,7 @@ def case(robots: int, devices: int, **rates: float) -> Case:
         measurement(part, robots, devices, rate)  # pyright: ignore[reportArgumentType]
         for part, rate in rates.items()
     )
-    return Case(robots, devices, rows, state_bytes_per_robot=1572.0)
+    return Case(robots, devices, rows)
 
 
 def bench(*cases: Case, **others) -> Bench:
@@ -102,7 +101,6 @@ def test_a_program_from_the_cache_is_marked():
                 1e3,
                 from_cache=True,
                 program_bytes=None,
-                bytes_per_robot=None,
             ),
         ),
     )
@@ -114,20 +112,16 @@ def test_the_remarks_say_what_the_table_does_not():
         64,
         2,
         (measurement("training", 64, 2, 1e3, compilations=3),),
-        state_bytes_per_robot=1572.0,
-        device_peak_bytes=2_000_000_000,
         shares={"physics": 0.75, "bookkeeping": 0.25},
     )
     starts = {
         "cold_start": Startup(5, 15, 85, 90, 91),
         "warm_start": Startup(5, 6, 9, 18, 18.2),
     }
-    said = remarks(bench(odd, host_peak_bytes=3_000_000_000, **starts))
+    said = remarks(bench(odd, **starts))
     assert said == [
         "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
         "64 robots on 2 devices, training: compiled 3 programs while it was timed",
-        "memory a robot: 1.57kB kept, 19.5MB within a train step",
-        "peak memory: 2.00GB on a device, 3.00GB on the host",
         "cold start: imported 5.0 s, traced 15.0 s, compiled 85.0 s, first step 90.0 s, first policy 91.0 s "
         "after the process began",
         "warm start: imported 5.0 s, traced 6.0 s, compiled 9.0 s, first step 18.0 s, first policy 18.2 s "

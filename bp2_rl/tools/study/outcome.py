@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +31,7 @@ RESAMPLES = 10_000
 BASELINE = "ours"
 """The variant that the others are compared with."""
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
+GOAL_LINE: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": (0, (4, 2))}
 LINES = ("-", (0, (4, 1.5)), (0, (1, 1)))
 STYLES = dict(
     zip(
@@ -271,24 +273,14 @@ def draw_learning_curves(
         )
         low, high = speeds.min(axis=0), speeds.max(axis=0)
         axes.fill_between(steps / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
-    axes.axhline(GOAL, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
-    axes.annotate(
-        f"BP2: {GOAL}",
-        (0.0, GOAL),
-        xytext=(4, 4),
-        textcoords="offset points",
-        color=INK,
-    )
+    axes.axhline(GOAL, label=f"BP2: {GOAL} m/s", **GOAL_LINE)
     axes.set(
         xlabel="Control steps [M]; dotted: where the relaxed stage begins",
         ylabel="Top speed [m/s]",
-    )
-    axes.set(
         title="Top speed of the saved policies in C MuJoCo, 0 where they fall",
         xlim=(0, None),
         ylim=(0, None),
     )
-    axes.margins(x=0.01)
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 
@@ -299,48 +291,34 @@ def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
     and after the imitation stage."""
     figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
     axes = figure.subplots()
-    before = [
-        (speed, row)
-        for row, one in enumerate(outcomes)
-        for speed in one.imitation_top_speeds
-    ]
-    after = [
-        (speed, row) for row, one in enumerate(outcomes) for speed in one.top_speeds
-    ]
-    axes.plot(
-        *zip(*before, strict=True),
-        "o",
-        mfc="none",
-        color=QUIET,
-        ms=6,
-        label="imitation",
-    )
-    axes.plot(*zip(*after, strict=True), "o", color=COLORS[0], ms=6, label="relaxed")
-    axes.axvline(GOAL, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
-    axes.annotate(
-        f"BP2: {GOAL}",
-        (GOAL, 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(4, 4),
-        textcoords="offset points",
-    )
-    axes.set_yticks(
-        range(len(outcomes)), [VARIANTS[one.variant].meaning for one in outcomes]
-    )
+    rows = range(len(outcomes))
+    for row, one in enumerate(outcomes):
+        at = [row] * len(one.seeds)
+        axes.plot(one.imitation_top_speeds, at, "o", mfc="none", color=QUIET, ms=6)
+        axes.plot(one.top_speeds, at, "o", color=COLORS[0], ms=6)
+    axes.axvline(GOAL, **GOAL_LINE)
+    axes.set_yticks(rows, [VARIANTS[one.variant].meaning for one in outcomes])
     axes.set(
         xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed",
         xlim=(0, None),
     )
     axes.invert_yaxis()
-    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    labels = ["imitation", "relaxed", f"BP2: {GOAL} m/s"]
+    figure.legend(
+        [*axes.lines[:2], axes.lines[-1]],
+        labels,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+    )
     return figure
 
 
 def _curve(
     runs: Sequence[Sequence[PolicyMeasurement]],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(control steps, top speeds "seed step") of a stage, where all seeds have a
-    policy: a stopped run saves more."""
+    """Return the control steps of a stage at which all seeds have a policy, and the top
+    speeds there, "seed step": a stopped run saves more."""
     by_step = [{j.control_steps: j.top_speed for j in run} for run in runs]
     steps = sorted(set.intersection(*map(set, by_step)))
     return np.array(steps), np.array([[run[step] for step in steps] for run in by_step])
