@@ -261,7 +261,7 @@ class Command(Generic[Config]):
 
     @property
     def what(self) -> str:
-        """What the command does: the first paragraph about its flags."""
+        """Return what the command does: the first paragraph about its flags."""
         said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
         return said[:1].lower() + said[1:].rstrip(".")
 

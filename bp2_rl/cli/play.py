@@ -122,8 +122,10 @@ def play(config: PlayConfig) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened; on macOS MuJoCo has one only for its own
-    Python."""
+    """Return whether a window can be opened.
+
+    On macOS MuJoCo has one only for its own Python.
+    """
     if sys.platform == "darwin":
         return False
     return sys.platform == "win32" or bool(

@@ -140,7 +140,7 @@ class EarlyFlags:
 
     @property
     def known_without_jax(self) -> bool:
-        """Whether these flags tell the defaults of all others before JAX is imported.
+        """Return whether these flags tell all defaults before JAX is imported.
 
         A parent's settings and the machine's accelerator are looked at with JAX. In a
         cluster all processes must hear of a mistake, once they have met.

@@ -1,4 +1,4 @@
-"""What `bp2 bench` does: time the parts of training, a start and a peer; a report.
+"""Time the parts of training, its start and a peer, and report it for `bp2 bench`.
 
 Every number is in bench.json, which grows with every size that is measured; a table
 and remarks go to the terminal.
@@ -48,7 +48,7 @@ NUMBERS = "bench.json"
 
 @dataclasses.dataclass(frozen=True)
 class BenchRequest:
-    """What is measured, and where its report goes."""
+    """A request to measure a training, with the folder of the report."""
 
     config: TrainConfig  # the training
     sizes: tuple[tuple[int, int], ...]  # (robots, devices)
@@ -74,7 +74,7 @@ class Startup:
 
 @dataclasses.dataclass(frozen=True)
 class Bench:
-    """What bench.json holds. Memory in bytes, times in seconds."""
+    """The report of a bench, as bench.json holds it: bytes and seconds."""
 
     created: str  # UTC
     versions: dict[str, str]
@@ -199,7 +199,7 @@ def _measure_peer(
 
 
 def make_env(config: TrainConfig, robots: int) -> BP2Env:
-    """Return the environment that is measured, for at most so many robots a device."""
+    """Return the environment of a training, for at most so many robots a device."""
     return BP2Env(config.env, impl=config.impl, num_robots=robots)
 
 

@@ -13,15 +13,18 @@ import dataclasses
 import re
 import statistics
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
+import optax
 from brax import envs
 from brax.envs.wrappers import training as brax_training
 from brax.training import acting
+from brax.training.acme.running_statistics import RunningStatisticsState
+from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.types import Transition
 from jax import monitoring
 from jax.sharding import NamedSharding, PartitionSpec
@@ -45,6 +48,9 @@ environment and policy, as the learner runs them. brax: the same by stock Brax, 
 wrappers and its `generate_unroll`. training: the whole train step.
 """
 
+Networks = tuple[PPONetworkParams, RunningStatisticsState]
+Observation = jax.Array | Mapping[str, jax.Array]
+Specs = PartitionSpec | tuple[PartitionSpec, ...]
 OUT_OF_MEMORY = "out of memory"
 COMPILED, FROM_CACHE = (
     "/jax/core/compile/backend_compile_duration",
@@ -68,9 +74,9 @@ class BenchPart(NamedTuple):
     and again."""
 
     name: PartName
-    program: Any  # jitted
-    carry: Any
-    fixed: tuple[Any, ...]
+    program: jax.stages.Wrapped
+    carry: object
+    fixed: tuple[object, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +102,7 @@ class PartTiming:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """What was measured with so many robots on so many devices."""
+    """The timings of all parts with one number of robots and of devices."""
 
     robots: int
     devices: int
@@ -120,7 +126,7 @@ def compilations() -> Generator[collections.Counter[str]]:
     them."""
     counts: collections.Counter[str] = collections.Counter()
 
-    def count(event: str, *_: Any, **__: Any) -> None:
+    def count(event: str, *_: object, **__: object) -> None:
         counts[event] += 1
 
     monitoring.register_event_duration_secs_listener(count)
@@ -190,8 +196,7 @@ def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
 
 
 def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
-    """Compile a part of `learner`, warm it up, and time its calls for so many
-    seconds."""
+    """Compile a part of a learner, warm it up, and time its calls for some seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
     with compilations() as before:
@@ -286,9 +291,9 @@ def _networks(
 
 def _on_each_device(
     learner: PPO,
-    function: Callable[..., Any],
-    in_specs: Any = ROBOTS,
-    out_specs: Any = ROBOTS,
+    function: Callable[..., object],
+    in_specs: Specs = ROBOTS,
+    out_specs: Specs = ROBOTS,
 ) -> jax.stages.Wrapped:
     """Robots never talk to each other: each device runs its own, as in the learner."""
     local = jax.shard_map(
@@ -313,7 +318,7 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
 
     def simulate(
         carry: tuple[()], physics: Any, targets: Any, robots: Any
-    ) -> tuple[tuple[()], Any]:
+    ) -> tuple[tuple[()], object]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
                 return jax.vmap(env.engine)(physics, targets, robots)[0], None
@@ -344,13 +349,17 @@ def _reset(
 
 
 def _unroll(
-    learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array
-) -> tuple[envs.State, Any]:
+    learner: PPO,
+    fleet: envs.State,
+    params: PPONetworkParams,
+    normalizer: RunningStatisticsState,
+    keys: jax.Array,
+) -> tuple[envs.State, object]:
     fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
     return fleet, rest
 
 
-def _repeat(learner: PPO, observations: Any) -> Any:
+def _repeat(learner: PPO, observations: Observation) -> Observation:
     """Repeat observations over an unroll, to be passed as an argument: XLA must not see
     that they are equal."""
     length = learner.config.unroll_length
@@ -361,14 +370,20 @@ def _repeat(learner: PPO, observations: Any) -> Any:
 
 
 def _policy(
-    learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array
+    learner: PPO, networks: Networks, observations: Observation, keys: jax.Array
 ) -> BenchPart:
     def act(
-        carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any
-    ) -> tuple[tuple[()], Any]:
+        carry: tuple[()],
+        params: PPONetworkParams,
+        normalizer: RunningStatisticsState,
+        observations: Observation,
+        keys: jax.Array,
+    ) -> tuple[tuple[()], object]:
         infer = jax.vmap(learner.infer((normalizer, params.policy)))
 
-        def control_step(time: jax.Array, observation: Any) -> tuple[jax.Array, Any]:
+        def control_step(
+            time: jax.Array, observation: Observation
+        ) -> tuple[jax.Array, object]:
             return time + 1, infer(
                 observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys)
             )
@@ -384,8 +399,11 @@ def _policy(
 
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
     def improve(
-        carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array
-    ) -> tuple[Any, Any]:
+        carry: tuple[PPONetworkParams, optax.OptState],
+        normalizer: RunningStatisticsState,
+        data: Transition,
+        key: jax.Array,
+    ) -> tuple[tuple[PPONetworkParams, optax.OptState], object]:
         params, optimizer = carry
         before = state.replace(
             params=params, optimizer=optimizer, normalizer=normalizer
@@ -399,12 +417,17 @@ def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
 
 
 def batch(
-    learner: PPO, observations: Any, actions: jax.Array, extras: Any
+    learner: PPO,
+    observations: Observation,
+    actions: jax.Array,
+    extras: Mapping[str, object],
 ) -> Transition:
     """The data of an unroll in which nothing happened, from arrays with axes (time,
     robot): the learner's shapes."""
 
-    def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
+    def build(
+        observations: Observation, actions: jax.Array, extras: Mapping[str, object]
+    ) -> Transition:
         observations, actions, extras = jax.tree.map(
             lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras)
         )
@@ -418,13 +441,15 @@ def batch(
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
 
-def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart:
+def _brax(learner: PPO, networks: Networks, keys: jax.Array) -> BenchPart:
     config = learner.config
     env = brax_training.wrap(learner.fleet.env, config.episode_length)
 
     def act(
-        carry: tuple[Any, jax.Array], params: Any, normalizer: Any
-    ) -> tuple[tuple[Any, jax.Array], Any]:
+        carry: tuple[envs.State, jax.Array],
+        params: PPONetworkParams,
+        normalizer: RunningStatisticsState,
+    ) -> tuple[tuple[envs.State, jax.Array], object]:
         fleet, key = carry
         key, now = jax.random.split(key)
         policy = learner.infer((normalizer, params.policy))
@@ -442,8 +467,10 @@ def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart
 
 
 def _program_bytes(program: jax.stages.Compiled) -> int | None:
-    """What a program needs on each device at most, its arguments and results included;
-    None where not known."""
+    """Return the bytes that a program needs on each device, or None if not known.
+
+    Its arguments and results are included.
+    """
     memory = program.memory_analysis()
     if memory is None:
         return None

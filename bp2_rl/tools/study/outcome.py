@@ -1,5 +1,7 @@
-"""What comes of a study: what its saved policies do in C MuJoCo, each variant over its
-seeds, a table, and figures."""
+"""Measure a study's policies in C MuJoCo, and compare its variants over their seeds.
+
+The comparison is a table and two figures.
+"""
 
 import dataclasses
 import itertools
@@ -45,7 +47,7 @@ STYLES = dict(
 
 @dataclasses.dataclass(frozen=True)
 class PolicyMeasurement:
-    """What one saved policy does in C MuJoCo, from a standing start."""
+    """The speed of one saved policy in C MuJoCo, from a standing start."""
 
     control_steps: int  # of all its training, the stages before included
     weights_sha256: str  # of the policy
@@ -287,8 +289,7 @@ def draw_learning_curves(
 
 @styled
 def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
-    """Draw the top speed in C MuJoCo of each seed of each variant, after both stages,
-    and after the imitation stage."""
+    """Draw the top speed in C MuJoCo of each seed of each variant after each stage."""
     figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
     axes = figure.subplots()
     rows = range(len(outcomes))

@@ -118,7 +118,7 @@ def begin(
 
 @dataclasses.dataclass(frozen=True)
 class Resources:
-    """What the trainings of a study run on."""
+    """The GPUs, processes and jobs that a study's trainings may use."""
 
     # of this machine, as CUDA_VISIBLE_DEVICES names them; none: one training on what
     # JAX finds
@@ -329,7 +329,7 @@ RECIPE = "recipe.json"
 
 @dataclasses.dataclass(frozen=True)
 class _Recipe:
-    """What all runs of a study have in common."""
+    """The settings that all runs of a study share."""
 
     preset: Preset
     steps: tuple[int, int]
