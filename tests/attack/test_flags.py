@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from refusals import is_told
 
 pytestmark = pytest.mark.attack
 
@@ -204,8 +205,6 @@ def test_no_value_of_any_flag_ends_in_a_traceback(command, capsys):
                 wrong.append(f"{shown(case)}: accepted")
             if not accepted and set(Path.cwd().iterdir()) != before:
                 wrong.append(f"{shown(case)}: leaves something behind")
-            one_line = error.startswith("error: ") and error.count("\n") == 1
-            tyros = "error: " not in error and "Traceback" not in error
-            if not accepted and (status != 2 or not (one_line or tyros)):
+            if not accepted and (status != 2 or not is_told(error)):
                 wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
     assert not wrong, "\n".join(wrong)
