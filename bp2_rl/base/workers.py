@@ -134,10 +134,8 @@ def use_one_xla_thread() -> None:
 
 def jax_is_on_cpu() -> bool:
     """Return whether JAX, which need not be imported, can find no accelerator."""
-    return (
-        os.environ.get("JAX_PLATFORMS") == "cpu"
-        or importlib.util.find_spec("jax_plugins") is None
-    )
+    drivers = map(importlib.util.find_spec, ("jax_plugins", "libtpu"))
+    return os.environ.get("JAX_PLATFORMS") == "cpu" or not any(drivers)
 
 
 def use_all_processors() -> None:

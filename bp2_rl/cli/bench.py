@@ -14,7 +14,13 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
-from bp2_rl.cli.train import EarlyFlags, find_preset, unused_left_out, use_processors
+from bp2_rl.cli.train import (
+    EarlyFlags,
+    find_preset,
+    read_early_flags,
+    unused_left_out,
+    use_processors,
+)
 from bp2_rl.settings import presets
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
@@ -113,8 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(words: list[str]) -> None:
-    app.show_screen(words, PROG, SCREEN)
-    flags = app.parse_known(EarlyFlags, words, PROG)
+    flags = read_early_flags(words, PROG, SCREEN)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
     _import_jax(flags, words)

@@ -191,11 +191,21 @@ def _read_early(
 ) -> tuple[EarlyFlags, TrainArguments | None]:
     """Refuse mistakes before JAX is imported, which takes seconds; return all arguments
     where they can be told already."""
-    app.show_screen(words, prog, SCREEN)
+    flags = read_early_flags(words, prog, SCREEN)
+    known = app.HELP_ALL in words or flags.known_without_jax
+    return flags, read_arguments(words, prog, flags) if known else None
+
+
+def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
+    """Return the early flags of a command line, or print the first screen and end.
+
+    The whole help shows the defaults of the preset `cpu` where none is named.
+    """
+    app.show_screen(words, prog, screen)
     flags = app.parse_known(EarlyFlags, words, prog)
-    if app.HELP_ALL in words or flags.known_without_jax:
-        return flags, read_arguments(words, prog, flags)
-    return flags, None
+    if app.HELP_ALL in words and flags.preset == "auto":
+        return dataclasses.replace(flags, preset="cpu")
+    return flags
 
 
 def _train(
