@@ -192,8 +192,11 @@ def _read_early(
     """Refuse mistakes before JAX is imported, which takes seconds; return all arguments
     where they can be told already."""
     flags = read_early_flags(words, prog, SCREEN)
-    known = app.HELP_ALL in words or flags.known_without_jax
-    return flags, read_arguments(words, prog, flags) if known else None
+    if app.HELP_ALL not in words and not flags.known_without_jax:
+        return flags, None
+    arguments = read_arguments(words, prog, flags)
+    choose_tracker(flags.track, flags.resume)
+    return flags, arguments
 
 
 def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
