@@ -23,7 +23,7 @@ from concurrent.futures import (
     wait,
 )
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place
@@ -50,25 +50,6 @@ GRACE = 120
 OFTEN = 1000
 """Times that a job may be queued again because its time was over."""
 POLL = 0.5  # s
-
-
-@runtime_checkable
-class Place(Protocol):
-    """Where trainings run, several at a time."""
-
-    slots: int
-
-    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """Train a run, anew by train.py's `arguments` or from where it was stopped;
-        whether it came to its end.
-
-        Waits for it; called from as many threads as there are slots.
-        """
-        ...
-
-    def stop(self) -> None:
-        """Ask all trainings to save and end, and begin no other."""
-        ...
 
 
 def begin(
@@ -131,7 +112,7 @@ class Resources:
     @contextlib.contextmanager
     def open(
         self, folder: Path, lock: int
-    ) -> Generator[tuple["Place", Executor, ThreadPoolExecutor]]:
+    ) -> Generator[tuple["Here | Jobs", Executor, ThreadPoolExecutor]]:
         """Open the place of the trainings, the processes that measure policies, and a
         thread for each slot.
 
@@ -145,7 +126,7 @@ class Resources:
                 hold as well.
         """
         here = self.jobs.executor == "here"
-        place: Place = (
+        place = (
             Here(self.gpus, lock, self.say)
             if here
             else Jobs(self.jobs, folder, self.say)
@@ -194,7 +175,11 @@ class Here:
         self._stopped = threading.Event()
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """See `Place`."""
+        """Train a run, anew by train.py's `arguments` or from where it was stopped;
+        return whether it came to its end.
+
+        Waits for it; called from as many threads as there are slots.
+        """
         if self._stopped.is_set():
             return False
         gpu = self._gpus.get()
@@ -217,7 +202,7 @@ class Here:
             self._gpus.put(gpu)
 
     def stop(self) -> None:
-        """See `Place`."""
+        """Ask all trainings to save and end, and begin no other."""
         self._stopped.set()
         for process in list(self._processes):
             process.terminate()
@@ -257,7 +242,7 @@ class Jobs:
         )
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """See `Place`."""
+        """See `Here`."""
         with self._lock:
             if self._stopped.is_set():
                 return False
@@ -279,7 +264,7 @@ class Jobs:
         return False
 
     def stop(self) -> None:
-        """See `Place`; Slurm tells the trainings to save."""
+        """See `Here`; Slurm tells the trainings to save."""
         self._stopped.set()
         with self._lock:
             for job in self._jobs:
@@ -410,7 +395,7 @@ def run_study(
     return failed
 
 
-def _train(plan: Plan, folder: Path, place: Place, training: Training) -> bool:
+def _train(plan: Plan, folder: Path, place: Here | Jobs, training: Training) -> bool:
     """Train a run, unless it is finished already; return whether it came to its end."""
     run_dir = folder / training.name
     return is_finished(run_dir) or place.train(plan.command(training, folder), run_dir)
