@@ -247,46 +247,35 @@ def make_parts(
     keys, zeros = jax.device_put(
         (keys, jnp.zeros((len(keys), env.action_size))), learner.robots
     )
-    if "physics" in names and isinstance(env, BP2Env):
-        yield _physics(learner, env, state)
-    if "environment" in names:
-        yield BenchPart(
+    makers: dict[PartName, Callable[[], BenchPart]] = {
+        "environment": lambda: BenchPart(
             "environment",
             _on_each_device(learner, partial(_live, learner)),
             state.fleet,
             (zeros, keys),
-        )
-    if "resets" in names:
-        yield BenchPart(
+        ),
+        "resets": lambda: BenchPart(
             "resets",
             _on_each_device(learner, partial(_reset, learner)),
             (),
             (state.fleet, keys),
-        )
-    yield from _networks(learner, state, keys, names)
-    if "acting" in names:
-        yield BenchPart(
+        ),
+        "policy": lambda: _policy(learner, state, keys),
+        "sgd": lambda: _sgd(learner, state, keys),
+        "acting": lambda: BenchPart(
             "acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys)
-        )
-    if "brax" in names and learner.mesh.size == 1:
-        yield _brax(learner, networks, keys)
-    if "training" in names:
-        yield BenchPart("training", learner.programs.train_step, state, ())
-
-
-def _networks(
-    learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]
-) -> Iterator[BenchPart]:
-    """Policy and gradient steps; their data are gone when the next part begins."""
-    if not {"policy", "sgd"} & set(names):
-        return
-    observations = _repeat(learner, state.fleet.obs)
-    policy = _policy(learner, (state.params, state.normalizer), observations, keys)
-    if "policy" in names:
-        yield policy
-    if "sgd" in names:
-        _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
-        yield _sgd(learner, state, batch(learner, observations, actions, extras))
+        ),
+        "training": lambda: BenchPart(
+            "training", learner.programs.train_step, state, ()
+        ),
+    }
+    if isinstance(env, BP2Env):
+        makers["physics"] = lambda: _physics(learner, env, state)
+    if learner.mesh.size == 1:
+        makers["brax"] = lambda: _brax(learner, networks, keys)
+    for name in PARTS:
+        if name in makers and name in names:
+            yield makers[name]()
 
 
 def _on_each_device(
@@ -369,9 +358,7 @@ def _repeat(learner: PPO, observations: Observation) -> Observation:
     return jax.device_put(repeated, NamedSharding(learner.mesh, TIMES_ROBOTS))
 
 
-def _policy(
-    learner: PPO, networks: Networks, observations: Observation, keys: jax.Array
-) -> BenchPart:
+def _policy(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
     def act(
         carry: tuple[()],
         params: PPONetworkParams,
@@ -394,10 +381,17 @@ def _policy(
 
     in_specs = (EVERYWHERE, EVERYWHERE, EVERYWHERE, TIMES_ROBOTS, ROBOTS)
     program = _on_each_device(learner, act, in_specs, (EVERYWHERE, TIMES_ROBOTS))
-    return BenchPart("policy", program, (), (*networks, observations, keys))
+    observations = _repeat(learner, state.fleet.obs)
+    fixed = (state.params, state.normalizer, observations, keys)
+    return BenchPart("policy", program, (), fixed)
 
 
-def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
+def _sgd(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
+    """Return the gradient steps, on what the policy does in an unroll."""
+    policy = _policy(learner, state, keys)
+    _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
+    observations = _repeat(learner, state.fleet.obs)
+
     def improve(
         carry: tuple[PPONetworkParams, optax.OptState],
         normalizer: RunningStatisticsState,
@@ -411,6 +405,7 @@ def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
         params, optimizer, metrics = learner.improve(before, data, key)
         return (params, optimizer), metrics
 
+    data = batch(learner, observations, actions, extras)
     fixed = (state.normalizer, data, state.key)
     program = jax.jit(improve, out_shardings=learner.everywhere)
     return BenchPart("sgd", program, (state.params, state.optimizer), fixed)
