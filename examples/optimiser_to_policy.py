@@ -17,7 +17,6 @@ from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.verify import verify
 from bp2_rl.reference.library.trot import CollocationGait
-from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
@@ -48,7 +47,7 @@ def run(speed: float, hold: float) -> Stride:
     """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
     policy = load_policy(asset_path("policies/built"))
     [found] = simulate(policy, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold))])
-    leg = measure(found).legs[0]
+    leg = found.metrics.legs[0]
     return Stride(1.0 / (leg.stride_frequency or math.inf), leg.duty_factor)
 
 

@@ -47,19 +47,20 @@ class Metric:
         label: its name for a reader.
         unit: the unit that is shown; values are in SI units (see `SCALES`).
         form: a format such as ".2f", or a function from the value to its text.
-        meaning: its definition in a few words; `{m.name}` stands for another field of
-            the same dataclass.
+        meaning: its definition in a few words, where `{m.name}` stands for another
+            field of the same dataclass; or a function from that dataclass to the words.
         card: whether a policy's card keeps the value, under the field's name; or the
             name under which the card keeps it.
-        shown: whether it is shown, given the dataclass that holds it.
+        shown: whether reports and tables show it; or a function that says so of the
+            dataclass that holds it.
     """
 
     label: str
     unit: str = ""
     form: str | Callable[[Any], str] = ".2f"
-    meaning: str = ""
+    meaning: str | Callable[[Any], str] = ""
     card: bool | str = False
-    shown: Callable[[Any], bool] = lambda _: True
+    shown: bool | Callable[[Any], bool] = True
 
     @property
     def head(self) -> str:
@@ -70,9 +71,21 @@ class Metric:
         """Format a value, with its unit unless that stands in the head of its column."""
         if callable(self.form):
             return self.form(value)
+        if isinstance(value, bool):
+            return "yes" if value else "no"
         if isinstance(value, int | float) and self.unit in SCALES:
             value = value * SCALES[self.unit]
         return show(value, self.form, self.unit if unit else "")
+
+    def is_shown(self, holder: Any) -> bool:
+        """Return whether reports and tables show this metric of `holder`."""
+        return self.shown(holder) if callable(self.shown) else self.shown
+
+    def explain(self, holder: Any) -> str:
+        """Return the definition of this metric of `holder` in words."""
+        if callable(self.meaning):
+            return self.meaning(holder)
+        return self.meaning.format(m=holder)
 
 
 def metric(*declared: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
@@ -88,20 +101,26 @@ def metrics_of(holder: Any) -> dict[str, Metric]:
     return {f.name: f.metadata["metric"] for f in fields if "metric" in f.metadata}
 
 
-def rows_of(holder: Any) -> tuple[Row, ...]:
-    """Return a row for each metric of a dataclass, and of dataclasses in its fields."""
+def rows_of(holder: Any, *names: str) -> tuple[Row, ...]:
+    """Return a row for each metric of a dataclass, and of dataclasses in its fields.
+
+    `names` are the fields to show, in this order; by default all.
+    """
     return tuple(
-        Row(one.label, one.show(value), one.meaning.format(m=held))
-        for held, _, one, value in _walk(holder)
-        if one.shown(held)
+        Row(one.label, one.show(value), one.explain(held))
+        for held, _, one, value in _walk(holder, names)
+        if one.is_shown(held)
     )
 
 
-def card_of(holder: Any) -> dict[str, Any]:
-    """Return the values that a policy's card keeps, rounded to four digits."""
+def card_of(holder: Any, *names: str) -> dict[str, Any]:
+    """Return the values that a policy's card keeps, rounded to four digits.
+
+    `names` are the fields to look at; by default all.
+    """
     kept = (
         (name if one.card is True else one.card, value)
-        for _, name, one, value in _walk(holder)
+        for _, name, one, value in _walk(holder, names)
         if one.card
     )
     return rounded({str(name): value for name, value in kept})
@@ -122,13 +141,18 @@ def table_of(
     chosen = {
         name: declared[name]
         for name in names or declared
-        if declared[name].shown(subjects[0])
+        if declared[name].is_shown(subjects[0])
     }
     lines = [
         [one.show(getattr(s, name), unit=False) for name, one in chosen.items()]
         for s in subjects
     ]
     return Table(title, [one.head for one in chosen.values()], lines, words)
+
+
+def table_of_rows(title: str, rows: Sequence[Row]) -> Table:
+    """Return a table with a line for each row."""
+    return Table(title, ("Measure", "Value", "Definition"), rows, words=True)
 
 
 def show(value: Any, form: str, unit: str = "") -> str:
@@ -154,10 +178,13 @@ def rounded(value: Any) -> Any:
     )
 
 
-def _walk(holder: Any) -> Iterator[tuple[Any, str, Metric, Any]]:
-    for field in dataclasses.fields(holder):
-        value = getattr(holder, field.name)
-        if declared := field.metadata.get("metric"):
-            yield holder, field.name, declared, value
+def _walk(
+    holder: Any, names: Sequence[str] = ()
+) -> Iterator[tuple[Any, str, Metric, Any]]:
+    declared = metrics_of(holder)
+    for name in names or (field.name for field in dataclasses.fields(holder)):
+        value = getattr(holder, name)
+        if name in declared:
+            yield holder, name, declared[name], value
         elif dataclasses.is_dataclass(value):
             yield from _walk(value)

@@ -19,9 +19,6 @@ from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
-from bp2_rl.settings.training import RobotWish
-from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.operator import HeadingHold
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
@@ -81,12 +78,8 @@ BenchmarkName = Literal[
 
 
 @dataclasses.dataclass(frozen=True)
-class EvalConfig:
-    """Run a policy from a standing start, measure it, and leave a report with table,
-    plots and film.
-
-    Without a policy: built, which ships with bp2_rl, as gentle, fastest and ideal do.
-    """
+class Target:
+    """The policy, and the benchmark that it is put to: the first flags of the help."""
 
     run: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")
@@ -101,30 +94,16 @@ class EvalConfig:
     together. sensitivity: topspeed and sprint on robots other than the one assumed.
     all: one after the other. `bp2 paper eval` has the deep ones: endurance, mechanism,
     efficiency, stability."""
-    robot: RobotWish = None
-    """built: BP2 with losses and solid legs; ideal: without; by default built, or the
-    policy's own robot where that is neither"""
-    backend: Backend = "mujoco"
-    """mujoco: C MuJoCo. mjx: MJX, the reference engine of training. drake: Drake's
-    dynamics and contact, a second opinion."""
-    speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
-    """Speed to command; by default the one at which the card's result was measured
-    (robustness: 10.74)."""
-    acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
-    """How fast the command rises; by default 2.4, in a sprint what the card says, else
-    3."""
-    hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold the speed; by default 20 (robustness: 15, sensitivity: 5). Not
-    of sprint."""
-    robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn; by default 200. Of robustness."""
-    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn
-    from; by default 0."""
-    sensor_noise: bool = False
-    """Let the sensors be as noisy as in training. Of topspeed and sprint."""
-    operator: HeadingHold = HeadingHold()
-    drake: DrakeContact = DrakeContact()
+
+
+@dataclasses.dataclass(frozen=True)
+class EvalConfig(Setup, Target):
+    """Run a policy from a standing start, measure it, and leave a report with table,
+    plots and film.
+
+    Without a policy: built, which ships with bp2_rl, as gentle, fastest and ideal do.
+    """
+
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True

@@ -1,5 +1,4 @@
-"""A film of each policy that is judged beside a training, and a page that shows them as
-they come.
+"""Films of the policies that are judged beside a training, and the page of the films.
 
 The judge keeps the last seconds of a policy's first launch. A process of its own films
 them, one policy after the other, with the time that everybody else leaves: results

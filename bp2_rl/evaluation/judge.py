@@ -27,9 +27,9 @@ from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
+from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window
 
 AT_A_TIME = 8  # most policies that are judged side by side
 # the training gets three times the share; at 19 a training on all processors would
@@ -182,8 +182,7 @@ def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that judges so many policies at a time, each in a
-    process.
+    """A `learning.exports.Judge` that judges `places` policies at a time, in processes.
 
     A process makes a policy's launches side by side: three take a quarter longer than
     one.

@@ -11,7 +11,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot.conventions import GRAVITY
-from bp2_rl.simulation.metrics import power_demand
+from bp2_rl.simulation.measuring import power_demand
 
 TABLE_S1 = "published/robots.csv"
 # m/s2, DERIVED: the paper's 1.475 is 36 g 10.74 / (120 x 21.4) with this g; 9.81 gives

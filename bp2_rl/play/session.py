@@ -20,6 +20,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import foot_forces, foot_geom_ids
 from bp2_rl.settings.env import CommandConfig
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.policy_runner import PolicyRunner
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
@@ -29,7 +30,6 @@ from bp2_rl.simulation.world import shove
 # m/s2, at which a slower speed is commanded where the controller does not ease stops
 # itself
 BRAKING = 1.5
-RIPPLE = 0.25  # s: over a stride speeds are averaged
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
 REMEMBERED = 250  # ms of torques and joint speeds
 Friction = Annotated[float, Within(0.05, 2.0)]

@@ -26,10 +26,16 @@ from bp2_rl.robot.coordinates import compression_rates, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.gait import contacts, touchdowns
-from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics
+from bp2_rl.simulation.metrics import (
+    BURST,
+    HARD,
+    PLATE,
+    Account,
+    GroundMetrics,
+    PowerMetrics,
+)
+from bp2_rl.simulation.samples import Samples, window_means
 from bp2_rl.simulation.simulator import CONVERGED
-from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import window_means
 
 CAUSES = (
     "copper",
@@ -42,9 +48,6 @@ CAUSES = (
     "stops",
     "legs",
 )
-PLATE = 0.005  # s, over which a force plate averages: it follows some 100 Hz
-HARD = 5.0  # m/s, above which a spring that tops out does so hard
-BURST = 0.05  # s, over which a battery's burst is averaged
 
 
 class Ledger(NamedTuple):
@@ -63,7 +66,7 @@ class Ledger(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
-        """What the balance lacks."""
+        """The error of the balance of powers, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
 
@@ -74,13 +77,13 @@ class SoleAccount(NamedTuple):
     velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
 
 
-def account(run: Trajectory) -> Account:
-    """Look at a run, or a part of it."""
+def account(run: Samples) -> Account:
+    """Compute the account of a run, or of a part of a run."""
     ledger, soles = replay(run)
     return Account(_power(run, ledger), _ground(run, soles))
 
 
-def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
+def replay(run: Samples) -> tuple[Ledger, SoleAccount]:
     """Take every sample but the last through MuJoCo's forward dynamics."""
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
@@ -169,7 +172,7 @@ def split_constraints(
     legs: Float[np.ndarray, " nv"],
     stops: Float[np.ndarray, " nv"],
 ) -> None:
-    """The constraints' forces on the coordinates by what exerts them."""
+    """Split the constraints' forces on the coordinates by ground, legs and stops."""
     if data.nefc == 0:
         return
     limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
@@ -187,7 +190,7 @@ def split_constraints(
             )
 
 
-def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
+def _power(run: Samples, ledger: Ledger) -> PowerMetrics:
     terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     beyond = beyond_envelope(run)
     seconds = (len(run) - 2) * run.dt
@@ -218,9 +221,10 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
     )
 
 
-def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
-    """How far outside the envelope each torque is at the start or the end of its
-    millisecond, Nm, whichever is more.
+def beyond_envelope(run: Samples) -> Float[np.ndarray, "M 12"]:
+    """Return how far each torque is outside the envelope within its millisecond, Nm.
+
+    The start or the end of the millisecond counts, whichever is more.
 
     The voltage is that of the millisecond. The first sample, before which no torque is
     known, and the last are left out.
@@ -234,7 +238,7 @@ def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
     return excess
 
 
-def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
+def _ground(run: Samples, soles: SoleAccount) -> GroundMetrics:
     standing = contacts(run)[:-1]
     touching = run.foot_force[:-1, :, 2] > 0.0
     speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)
@@ -279,7 +283,9 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
         ),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
-        top_outs=len(tops) / (len(onto) * run.dt),
+        top_outs=len(tops) / (len(onto) * run.dt)
+        if run.hardware.anatomy.sprung
+        else None,
         hard_top_outs=float(np.sum(tops > HARD)) / (len(onto) * run.dt),
         top_out_mean=float(np.mean(tops)) if len(tops) else None,
         top_out_speed=float(np.max(tops, initial=0.0)),
@@ -289,8 +295,7 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
 
 
 def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """For each stance, by its first sample, the last sample before its foot touched the
-    ground at all."""
+    """Return the last sample before each stance in which the foot was in the air."""
     return np.array(
         [start - int(np.argmax(~touching[start::-1])) for start in starts], int
     )

@@ -28,8 +28,12 @@ class Draw:
     number: int  # of the robot in it
 
     def values(self, hardware: HardwareSpec, bodies: int = 1) -> Randomization:
-        """Return what is drawn, in NumPy, with masses of so many bodies; the same
-        whenever it is asked for."""
+        """Return the robot's random values in NumPy, the same at every call.
+
+        Args:
+            hardware: the robot as it was designed.
+            bodies: how many masses are drawn.
+        """
         return _drawn(self, hardware, bodies)
 
     def change_model(self, model: mujoco.MjModel, hardware: HardwareSpec) -> None:
@@ -59,8 +63,7 @@ class Draw:
         )
 
     def pushes(self, duration: float) -> tuple[Push, ...]:
-        """Return the pushes within so many seconds: each control step has the same
-        chance of one."""
+        """Draw the pushes of a run of `duration` s, as likely at every control step."""
         if not self.ranges.enabled or self.ranges.push_velocity == 0.0:
             return ()
         rng = np.random.default_rng((self.seed, self.number))

@@ -27,10 +27,10 @@ from bp2_rl.base.plotting import (
 )
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
-from bp2_rl.simulation.gait import contacts, touchdowns
+from bp2_rl.simulation.gait import contacts, leg_metrics
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import best_window, steady_window
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window, steady_window
 
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride
@@ -45,12 +45,11 @@ Draw = Callable[..., Figure]
 
 @styled
 def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Forward speed and command over time, and how well the robot kept its lane."""
+    """Draw forward speed and command over time, and how well the robot kept its
+    lane."""
     figure = Figure(figsize=(width, 4.8), layout="constrained")
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
-
     forward = run.ground_velocity[:, 0]
-    stride = moving_mean(forward, round(RIPPLE / run.dt))
     speed.plot(
         run.time,
         forward,
@@ -60,55 +59,30 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
         label="each millisecond",
         rasterized=True,
     )
-    speed.plot(run.time, stride, color=FRONT, linewidth=1.8, label="0.25-s mean")
-    speed.plot(
-        run.time,
-        run.command[:, 0],
-        color=INK,
-        linestyle=(0, (4, 2)),
-        linewidth=1.2,
-        label="command",
-    )
+    mean = moving_mean(forward, round(RIPPLE / run.dt))
+    speed.plot(run.time, mean, color=FRONT, linewidth=1.8, label=f"{RIPPLE:g}-s mean")
+    told = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.2}
+    speed.plot(run.time, run.command[:, 0], **told, label="command")
     best = best_window(run, 1.0)
     if best is not None:
         speed.axvspan(
             best.start,
             best.start + 1.0,
             color=LEG_COLORS["FL"],
-            alpha=0.25,
+            alpha=0.3,
             linewidth=0,
-        )
-        speed.plot(
-            [],
-            [],
-            color=LEG_COLORS["FL"],
-            alpha=0.35,
-            linewidth=7,
             label=f"best speed, {best.speed:.2f} m/s",
         )
-    speed.set(
-        ylabel="Speed [m/s]",
-        title="Forward speed",
-        ylim=(min(0.0, float(np.min(forward))), None),
-    )
+    least = min(0.0, float(np.min(forward)))
+    speed.set(ylabel="Speed [m/s]", title="Forward speed", ylim=(least, None))
     if width < WIDTH:
         # below the curve, which rises and stays
         speed.legend(loc="lower right", handlelength=1.6)
     else:
         legend_above(speed)
-
-    lane.plot(
-        run.time,
-        run.qpos[:, 1] - run.qpos[0, 1],
-        color=LEG_COLORS["RR"],
-        label="to the left [m]",
-    )
-    lane.plot(
-        run.time,
-        run.heading - run.heading[0],
-        color=LEG_COLORS["RL"],
-        label="heading [rad]",
-    )
+    left, turned = run.qpos[:, 1] - run.qpos[0, 1], run.heading - run.heading[0]
+    lane.plot(run.time, left, color=LEG_COLORS["RR"], label="to the left [m]")
+    lane.plot(run.time, turned, color=LEG_COLORS["RL"], label="heading [rad]")
     lane.axhline(0.0, color=QUIET, linewidth=0.8)
     lane.set(
         title="Drift",
@@ -133,50 +107,49 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Where the motors worked: the share of time in each cell of torque and speed,
+    """Draw where the motors worked: the share of time in each cell of torque and speed,
     inside the torque-speed envelope."""
     narrow = width < WIDTH
     figure = Figure(figsize=(width, 6.6 if narrow else 3.6), layout="constrained")
     panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
     motors = Actuator.from_hardware(run.hardware)
-    reach = 1.15 * max(
-        float(np.max(run.hardware.joint_no_load_speed)),
-        float(np.nanmax(np.abs(run.joint_velocity))),
-    )
-    most = 1.05 * max(
-        float(np.max(run.hardware.joint_peak_torque)),
-        float(np.nanmax(np.abs(run.torque))),
+    worked = run.joint_velocity, run.torque
+    limits = run.hardware.joint_no_load_speed, run.hardware.joint_peak_torque
+    reach, most = (
+        room * max(float(np.max(limit)), float(np.nanmax(np.abs(values))))
+        for room, limit, values in zip((1.15, 1.05), limits, worked, strict=True)
     )
     speeds = np.linspace(-reach, reach, 601)
     edges = [
         np.arange(-np.ceil(end / cell), np.ceil(end / cell) + 1) * cell
         for end, cell in zip((reach, most), CELL, strict=True)
     ]
-    velocity, torque = (x.reshape(-1, 4, 3) for x in (run.joint_velocity, run.torque))
-    counts = [
+    velocity, torque = (x.reshape(-1, 4, 3) for x in worked)
+    percent = [
         np.histogram2d(velocity[:, :, j].ravel(), torque[:, :, j].ravel(), bins=edges)[
             0
         ]
+        * (100.0 / (4 * len(run)))
         for j in range(3)
     ]
-    percent = [100.0 * count / (4 * len(run)) for count in counts]
     norm = LogNorm(100.0 / (4 * len(run)), max(float(np.max(p)) for p in percent))
     for j, (axes, joint) in enumerate(zip(panels, conventions.JOINTS, strict=True)):
         low, high = torque_limits(of_joint(motors, j), speeds)
         axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
         shown = np.ma.masked_equal(percent[j].T, 0.0)
         axes.pcolormesh(*edges, shown, cmap=OFTEN, norm=norm, rasterized=True)
-        axes.plot(speeds, high, color=INK, linewidth=1.1)
-        axes.plot(speeds, low, color=INK, linewidth=1.1)
-        axes.set(title=JOINT_TITLES[joint], xlim=(-reach, reach), ylim=(-most, most))
+        axes.plot(speeds, np.stack((low, high), axis=-1), color=INK, linewidth=1.1)
+        axes.set(
+            title=JOINT_TITLES[joint],
+            xlim=(-reach, reach),
+            ylim=(-most, most),
+            xlabel="Joint speed [rad/s]",
+            ylabel="Torque [Nm]",
+        )
         axes.grid(visible=False)
-        if narrow or j == 0:
-            axes.set_ylabel("Torque [Nm]")
-        if not narrow or j == 2:
-            axes.set_xlabel("Joint speed [rad/s]")
-    scale = ScalarMappable(norm, OFTEN)
+        axes.label_outer()
     figure.colorbar(
-        scale,
+        ScalarMappable(norm, OFTEN),
         ax=panels,
         label="Share of time [%]",
         shrink=0.6 if narrow else 0.9,
@@ -188,23 +161,27 @@ def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """The last strides, a row a leg: its vertical force without the chatter of
+    """Draw the last strides, a row a leg: its vertical force without the chatter of
     contacts, and when it stands."""
     strides = _last_strides(run)
     standing = contacts(strides)
-    force = strides.foot_force[:, :, 2]
-    smooth = moving_mean(force, round(SMOOTH / run.dt))
+    smooth = moving_mean(strides.foot_force[:, :, 2], round(SMOOTH / run.dt))
     figure = Figure(figsize=(width, 6.0), layout="constrained")
     rows = figure.subplots(4, 1, sharex=True, sharey=True)
     weight = run.mass * conventions.GRAVITY
-    for i, (axes, leg) in enumerate(zip(rows, conventions.LEGS, strict=True)):
-        for start, length in _spells(strides, standing[:, i]):
-            axes.axvspan(
-                start, start + length, color=LEG_COLORS[leg], alpha=0.16, linewidth=0
-            )
-        axes.plot(strides.time, smooth[:, i], color=LEG_COLORS[leg], linewidth=1.6)
+    for i, (axes, leg) in enumerate(
+        zip(rows, leg_metrics(strides, strides), strict=True)
+    ):
+        color, height = LEG_COLORS[leg.name], axes.get_xaxis_transform()
+        stands = {"where": standing[:, i], "transform": height}
+        axes.fill_between(
+            strides.time, 0.0, 1.0, **stands, color=color, alpha=0.16, linewidth=0
+        )
+        axes.plot(strides.time, smooth[:, i], color=color, linewidth=1.6)
         axes.axhline(weight, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
-        axes.set_title(_duty_label(strides, standing, i), fontsize="medium")
+        # its share of stance, where whole strides are in sight
+        duty = "" if leg.stride_frequency is None else f"  {leg.duty_factor:.0%}"
+        axes.set_title(f"{leg.name}{duty}", fontsize="medium")
         axes.set_ylabel("Force [N]")
     rows[-1].set(
         xlabel="Time [s]", xlim=(strides.time[0], strides.time[-1]), ylim=(0.0, None)
@@ -214,8 +191,7 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """The last strides of one diagonal pair: hip and knee with the policy's targets,
-    and any springs' travel."""
+    """Draw the joints and springs of one diagonal pair over the last strides."""
     strides = _last_strides(run)
     angle, target = (
         np.rad2deg(x).reshape(-1, 4, 3)
@@ -279,23 +255,3 @@ def _last_strides(run: Trajectory) -> Trajectory:
     steady = steady_window(run)
     end = steady.time[-1] + run.dt
     return steady.between(end - CLOSE_UP, end)
-
-
-def _spells(run: Trajectory, standing: np.ndarray) -> list[tuple[float, float]]:
-    """(start, length) of every spell of contact, s."""
-    edges = np.diff(np.concatenate(([0], standing.astype(int), [0])))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [
-        (float(run.time[a]), float((b - a) * run.dt))
-        for a, b in zip(starts, stops, strict=True)
-    ]
-
-
-def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
-    """Leg name, with its share of stance where whole strides are in sight."""
-    starts = touchdowns(standing[:, leg])
-    if len(starts) < 2:
-        return conventions.LEGS[leg]
-    return (
-        f"{conventions.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
-    )

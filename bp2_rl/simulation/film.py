@@ -1,5 +1,4 @@
-"""A film of some seconds of a run, for machines with a GL library; a still of it is its
-poster.
+"""The film of a run, for machines with a GL library, and its poster.
 
 MuJoCo binds its GL library when it is first imported and a wrong choice can end the
 process, so the film is made by a process of its own: `make_video` starts it once for
@@ -25,8 +24,8 @@ from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name
@@ -41,7 +40,7 @@ LAST = 19  # niceness
 
 @dataclasses.dataclass(frozen=True)
 class Shot:
-    """What of a run is filmed, and how finely."""
+    """The part of a run that is filmed, and the size of the film."""
 
     length: float = 4.0  # s
     frame_rate: int = 30  # frames/s
@@ -180,7 +179,7 @@ def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData, shot: Shot) -> 
 
 
 def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
-    """Which samples to show: all of a run that is shorter than the shot."""
+    """Return the samples to show: all of a run that is shorter than the shot."""
     end = len(run) * run.dt
     best = None if shot.to_the_end else best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else end if shot.to_the_end else 0.0
@@ -190,7 +189,7 @@ def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
 
 
 def _caption(run: Trajectory, k: int) -> str:
-    """Speed (mean of the last quarter of a second) and time."""
+    """Write the recent mean speed and the time."""
     recent = run.ground_velocity[max(0, k - round(RIPPLE / run.dt)) : k + 1, 0]
     return f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
 

@@ -1,7 +1,5 @@
-"""How the legs of a run worked: which feet stood when, strides, springs, and the room
-between legs."""
+"""The gait of a run: stances, strides, springs, and the room between legs."""
 
-import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -10,7 +8,8 @@ from jaxtyping import Bool
 
 from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import Clearance, clearance
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.metrics import LegMetrics
+from bp2_rl.simulation.samples import Samples
 
 TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
 LIFT_FORCE = 0.02  # ... until it presses less than this
@@ -20,22 +19,11 @@ SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
 CHUNK = 512
 
 
-@dataclasses.dataclass(frozen=True)
-class LegMetrics:
-    """One leg: gait over the steady window, extremes over the whole run."""
+def contacts(run: Samples) -> Bool[np.ndarray, "N 4"]:
+    """Return which feet stand, from their normal forces.
 
-    name: str
-    duty_factor: float  # stance over stride
-    stride_frequency: float | None  # Hz; None with fewer than two touchdowns
-    peak_foot_force: float  # N, magnitude
-    peak_spring_travel: float  # m, of the spring
-    on_stop: float  # share of time with the spring on its stop
-    stop_hits: int  # times it came onto it
-
-
-def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """Which feet stand, from their normal forces: with hysteresis, and without bounces
-    and scuffs."""
+    There is hysteresis, and bounces and scuffs do not count.
+    """
     weight = run.mass * conventions.GRAVITY
     force = run.foot_force[:, :, 2]
     decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
@@ -57,8 +45,7 @@ def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
 def _without_short_spells(
     states: Bool[np.ndarray, " N"], value: bool, samples: int
 ) -> Bool[np.ndarray, " N"]:
-    """Flip every spell of `value` that is shorter than so many samples and lies between
-    two others."""
+    """Flip every inner spell of `value` that is shorter than `samples`."""
     bounds = np.flatnonzero(np.diff(states)) + 1
     states = states.copy()
     for start, stop in itertools.pairwise(bounds):
@@ -68,19 +55,17 @@ def _without_short_spells(
 
 
 def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Indices of the first samples of the stances (or of any other spells of True) that
-    begin within the run."""
+    """Return the first samples of the spells of True that begin within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
-def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """When each spring presses on its stop at full travel."""
+def on_stop(run: Samples) -> Bool[np.ndarray, "N 4"]:
+    """Return when each spring presses on its stop at full travel."""
     return run.spring_compression > run.hardware.spring_travel
 
 
-def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
-    """How far legs are from each other and from the trunk at each of the samples, m,
-    each " N"; solid or not."""
+def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
+    """Return the clearances of the legs at each of the samples, m, solid or not."""
     joints, compression = (
         run.joint_position[samples].reshape(-1, 4, 3),
         run.spring_compression[samples],
@@ -92,9 +77,8 @@ def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
     return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 
 
-def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
-    """Duty factor and stride frequency over the steady window's whole strides, and each
-    leg's extremes."""
+def leg_metrics(run: Samples, steady: Samples) -> tuple[LegMetrics, ...]:
+    """Compute each leg's gait over the steady window's whole strides, and its extremes."""
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
     compression = np.max(run.spring_compression, axis=0)
@@ -123,7 +107,7 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
 
 
 def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
-    """Hz, mean of the legs that made a stride; None where none did."""
+    """Return the mean of the legs' stride frequencies, Hz; None without a stride."""
     frequencies = [
         leg.stride_frequency for leg in legs if leg.stride_frequency is not None
     ]
@@ -131,11 +115,13 @@ def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
 
 
 def evenness(
-    steady: Trajectory, legs: Sequence[LegMetrics]
+    steady: Samples, legs: Sequence[LegMetrics]
 ) -> tuple[float | None, float | None]:
-    """How far front and rear legs are from half a cycle between left and right (cycles,
-    the greater of both), and which share of the vertical impulse one side has more than
-    the other.
+    """Compute how even the gait is between left and right.
+
+    Returns how far front and rear legs are from half a cycle between left and right
+    (cycles, the greater of both), and which share of the vertical impulse one side has
+    more than the other.
 
     A leg's phase is that of its vertical force's centroid on the circle of a stride.
     """

@@ -1,157 +1,41 @@
-"""What a run leaves to look at: every physics step of one robot, and the facts needed
-to measure it."""
+"""A run to look at: its samples, its figures of merit and its file."""
 
 import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.robot.coordinates import (
-    compression_rates,
-    compressions,
-    joint_positions,
-    joint_velocities,
-)
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.kinematics import yaw_of
-
-if TYPE_CHECKING:
-    from bp2_rl.simulation.metrics import RunMetrics
+from bp2_rl.simulation.measuring import run_metrics
+from bp2_rl.simulation.metrics import RunMetrics
+from bp2_rl.simulation.samples import Samples, shapes_of
 
 FORMAT = "bp2_rl.trajectory/1"
-
-
-def _shapes(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
-    """The shape of one sample of each array."""
-    nq = hardware.anatomy.nq
-    return {
-        "time": (),
-        "qpos": (nq,),
-        "qvel": (nq - 1,),
-        "torque": (12,),
-        "target": (12,),
-        "command": (3,),
-        "foot_force": (4, 3),
-    }
 
 
 class TrajectoryError(UserError):
     """A file that should hold a trajectory does not."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Trajectory:
-    """One run, sampled at every physics step.
-
-    Sample k is the state at `time[k]`, with the torque, the target and the command that
-    acted from there to the next sample and the ground's forces under that torque. A run
-    ends with the last sample before a fall. Legs are FR, FL, RR, RL; motors abad, hip,
-    knee of each; a leg's four joints in `qpos` end with its spring.
-    """
-
-    time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
-    # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
-    qpos: Float[np.ndarray, "N nq"]
-    # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
-    qvel: Float[np.ndarray, "N nv"]
-    torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
-    target: Float[np.ndarray, "N 12"]  # rad, the policy's joint targets
-    # m/s forward, m/s to the left, rad/s yaw, as the policy was told
-    command: Float[np.ndarray, "N 3"]
-    foot_force: Float[np.ndarray, "N 4 3"]  # N, world, from the ground on the robot
-    dt: float  # s
-    # s, when the schedule holds its last command; may lie after the end of a run that
-    # fell
-    steady_from: float
-    fell_at: float | None  # s
-    mass: float  # kg, of the robot that ran
-    hardware: HardwareSpec
-    name: str  # what ran, for titles
-    backend: str  # the simulator, for titles
-
-    def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together."""
-        for field, shape in _shapes(self.hardware).items():
-            expected = (len(self.time), *shape)
-            if getattr(self, field).shape != expected:
-                raise ValueError(
-                    f"trajectory.{field} has shape {getattr(self, field).shape}, expected {expected}"
-                )
-        if len(self.time) < 2:
-            raise ValueError("a trajectory needs at least two samples")
+@dataclasses.dataclass(frozen=True, repr=False)
+class Trajectory(Samples):
+    """One run, sampled at every physics step, with its figures of merit; see `Samples`
+    for the arrays."""
 
     def __repr__(self) -> str:
-        """What ran, for how long, and to which end: the arrays are for programs."""
+        """Say what ran, for how long, and to which end: the arrays are for programs."""
         end = "upright" if self.fell_at is None else f"fell at {self.fell_at:.2f} s"
         return f"Trajectory({self.name}, {self.time[-1]:.2f} s, {end})"
 
-    def __len__(self) -> int:
-        """Number of samples."""
-        return len(self.time)
-
     @functools.cached_property
-    def metrics(self) -> "RunMetrics":
+    def metrics(self) -> RunMetrics:
         """All figures of merit of the run, computed when they are first asked for."""
-        # metrics are functions of trajectories
-        from bp2_rl.simulation.metrics import measure
-
-        return measure(self)
-
-    @property
-    def joint_position(self) -> Float[np.ndarray, "N 12"]:
-        """Motor angles, rad."""
-        return joint_positions(self.qpos)
-
-    @property
-    def joint_velocity(self) -> Float[np.ndarray, "N 12"]:
-        """Motor speeds at the joint, rad/s."""
-        return joint_velocities(self.qvel)
-
-    @property
-    def spring_compression(self) -> Float[np.ndarray, "N 4"]:
-        """How far each leg's spring is pressed in, m."""
-        return compressions(self.qpos)
-
-    @property
-    def spring_velocity(self) -> Float[np.ndarray, "N 4"]:
-        """How fast each leg's spring is pressed in, m/s."""
-        return compression_rates(self.qvel)
-
-    @property
-    def heading(self) -> Float[np.ndarray, " N"]:
-        """Yaw, rad, without jumps: where the trunk's x axis points on the ground."""
-        return np.unwrap(yaw_of(self.qpos[:, 3:7]))
-
-    @property
-    def ground_velocity(self) -> Float[np.ndarray, "N 2"]:
-        """Trunk velocity forward and to the left of its heading, m/s: what the command
-        commands."""
-        cos, sin = np.cos(self.heading), np.sin(self.heading)
-        vx, vy = self.qvel[:, 0], self.qvel[:, 1]
-        return np.stack((cos * vx + sin * vy, cos * vy - sin * vx), axis=-1)
-
-    def between(self, start: float, stop: float) -> "Trajectory":
-        """The samples with start <= time < stop (s); `fell_at` is kept only if it lies
-        inside."""
-        inside = slice(
-            *np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt))
-        )
-        fell = (
-            self.fell_at
-            if self.fell_at is not None and start <= self.fell_at <= stop
-            else None
-        )
-        samples = {
-            field: getattr(self, field)[inside] for field in _shapes(self.hardware)
-        }
-        return dataclasses.replace(self, fell_at=fell, **samples)
+        return run_metrics(self)
 
     def save(self, path: Path | str) -> None:
         """Write one .npz (never a pickle), whole or not at all."""
@@ -161,7 +45,7 @@ class Trajectory:
                 for field in dataclasses.fields(_Facts)
             }
         )
-        arrays = {field: getattr(self, field) for field in _shapes(self.hardware)}
+        arrays = {field: getattr(self, field) for field in shapes_of(self.hardware)}
         write_npz(
             path,
             {
@@ -192,7 +76,7 @@ class Trajectory:
             facts = from_json(_Facts, parse_json(str(told["facts"]), "facts"))
             wanted = {
                 field: ArraySpec(np.floating, ("N", *shape))
-                for field, shape in _shapes(facts.hardware).items()
+                for field, shape in shapes_of(facts.hardware).items()
             }
             arrays = read_npz(path, wanted, content=content, largest=len(content))
             return cls(
@@ -214,7 +98,7 @@ class Trajectory:
 
 @dataclasses.dataclass(frozen=True)
 class _Facts:
-    """What a trajectory's file holds beside its arrays."""
+    """The facts in a trajectory's file beside the arrays."""
 
     dt: float
     steady_from: float

@@ -9,6 +9,7 @@ from bp2_rl.base.metric import (
     rows_of,
     show_fall,
     table_of,
+    table_of_rows,
 )
 
 
@@ -20,7 +21,11 @@ class Spring:
         "Slip", "m/s", meaning="median", card="slip_median", default=None
     )
     hits: int = metric(
-        "Hits", form="d", default=0, shown=lambda spring: spring.hits > 0
+        "Hits",
+        form="d",
+        meaning=lambda spring: f"{spring.hits} times",
+        default=0,
+        shown=lambda spring: spring.hits > 0,
     )
 
 
@@ -41,6 +46,13 @@ def test_a_field_declares_its_row_its_column_and_its_place_on_the_card():
     )
     assert card_of(run) == {"travel": 0.03142, "slip_median": None}
     assert rows_of(Run(None)) == (Row("Fall", "none", ""),)
+    hit = Spring("FL", 0.03, hits=2)
+    assert rows_of(hit, "hits", "name") == (
+        Row("Hits", "2", "2 times"),
+        Row("Spring", "FL", ""),
+    )
+    assert card_of(run, "fell_at") == {}
+    assert card_of(hit, "travel", "hits") == {"travel": 0.03}
 
 
 def test_a_table_has_the_units_in_its_head():
@@ -49,6 +61,23 @@ def test_a_table_has_the_units_in_its_head():
     assert table.head == ["Spring", "Travel [mm]", "Slip [m/s]", "Hits"]
     assert table.lines == [["FR", "20", "0.50", "2"], ["FL", "30", "-", "0"]]
     assert table_of("Springs", springs, "name", "hits").head == ["Spring", "Hits"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Lap:
+    kept: bool = metric("Lane kept")
+    seed: int = metric("Seed", form="d", card=True, shown=False)
+
+
+def test_what_is_not_shown_is_still_on_the_card_and_a_truth_is_a_word():
+    laps = [Lap(True, 7), Lap(False, 8)]
+    assert [rows_of(lap) for lap in laps] == [
+        (Row("Lane kept", "yes", ""),),
+        (Row("Lane kept", "no", ""),),
+    ]
+    assert card_of(laps[0]) == {"seed": 7}
+    assert table_of("Laps", laps).head == ["Lane kept"]
+    assert table_of_rows("Measures", rows_of(laps[0])).lines == rows_of(laps[0])
 
 
 def test_numbers_are_rounded_wherever_they_stand():

@@ -15,7 +15,7 @@ from refusals import is_told
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
-from bp2_rl.evaluation.benchmarks.topspeed import topspeed
+from bp2_rl.evaluation.benchmarks.run import topspeed
 from bp2_rl.learning.policy import make_policy, save_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -105,9 +105,7 @@ def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(
     }
     monkeypatch.setattr("bp2_rl.evaluation.benchmarks.registry.BENCHMARKS", benchmarks)
     # drawing takes longest
-    monkeypatch.setattr(
-        "bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b""
-    )
+    monkeypatch.setattr("bp2_rl.evaluation.report.page._saved", lambda *_, **__: b"")
     flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]
     out = ""
     for _ in range(2):  # the second replaces the first

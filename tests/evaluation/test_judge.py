@@ -14,7 +14,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import NETWORKS, load_policy, save_policy

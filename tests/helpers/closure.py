@@ -11,7 +11,7 @@ from pathlib import Path
 ROOTS = (
     "bp2_rl.learning.run",
     "bp2_rl.evaluation.judge",
-    "bp2_rl.evaluation.benchmarks.topspeed",
+    "bp2_rl.evaluation.benchmarks.run",
 )
 
 

@@ -96,9 +96,11 @@ def make_policy():
 
 @pytest.fixture
 def assert_fits():
-    """An evaluation's table fits a terminal of 80 columns."""
+    """An evaluation's table fits a terminal of 80 columns, and has the rows that are
+    shown large."""
 
     def assert_fits(evaluation):
+        assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
         printed = io.StringIO()
         terminal.print_table(evaluation, Console(file=printed, width=80))
         lines = printed.getvalue().splitlines()
@@ -107,6 +109,20 @@ def assert_fits():
         assert not any("…" in line for line in lines)
 
     return assert_fits
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Replace a benchmark's `simulate_all` by one whose runs are known."""
+
+    def simulated(module, run):
+        monkeypatch.setattr(
+            module,
+            "simulate_all",
+            lambda measure, _, tries: [measure(one, run(one)) for one in tries],
+        )
+
+    return simulated
 
 
 @pytest.fixture(name="make_run")

@@ -31,7 +31,7 @@ from bp2_rl.settings.env import (
     TerminationConfig,
 )
 from bp2_rl.simulation.draw import Draw
-from bp2_rl.simulation.metrics import envelope_use, measure
+from bp2_rl.simulation.measuring import envelope_use, run_metrics
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -301,7 +301,7 @@ def test_a_rollout_is_a_run_whose_ramp_rises_as_the_policys_controller_lets_it()
     asked = Ramp(3.0, acceleration=30.0, hold=0.1, launching=6.0, launching_speed=18.0)
     assert run.steady_from == asked.steady_from > 0.5
     np.testing.assert_array_equal(run.qpos, run_one(no_action, asked, config).qpos)
-    assert run.metrics == measure(run)
+    assert run.metrics == run_metrics(run)
     assert run.metrics is run.metrics  # it is measured once
 
 

@@ -1,4 +1,4 @@
-"""What a benchmark is run with, and what a reader must know to run it again."""
+"""The conditions of a benchmark: speeds, the robot, and the words that describe them."""
 
 import importlib.metadata
 import math
@@ -30,8 +30,9 @@ CRUISE = 0.6
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
-    """The command (m/s) under which the card's result was measured: a robot may run
-    slower than it is told.
+    """Return the command (m/s) under which the card's result was measured.
+
+    A robot may run slower than it is told.
 
     A card without a result of this benchmark gives the one of its top speed. One
     without either gives the fastest command of the training, or, where that is far
@@ -58,8 +59,9 @@ def top_speed(policy: Policy) -> float:
 
 
 def cruising_speed(policy: Policy) -> float:
-    """A speed, m/s, at which a robot should be safe: fleets, stops, pushes and
-    rehearsals run at it.
+    """Return a speed, m/s, at which a robot should be safe.
+
+    Fleets, stops, pushes and rehearsals run at this speed.
 
     BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own
     top speed.
@@ -70,7 +72,7 @@ def cruising_speed(policy: Policy) -> float:
 
 
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
-    """A positive number that a benchmark left on the card, if there is one.
+    """Return a positive number that a benchmark left on the card, if there is one.
 
     Results stand under their benchmark's name; what another does not say is topspeed's.
 
@@ -94,8 +96,10 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
 
 
 def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
-    """The robot that runs: the one asked for, or else the built one; the card's own
-    where that has no name."""
+    """Return the robot that runs: the one asked for, or else the built one.
+
+    The card's own robot runs where that robot has no name.
+    """
     own = policy.card.env.hardware
     if setup.robot is None:
         return BUILT if robot_name(own) else own
@@ -110,7 +114,7 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
 def conditions(
     policy: Policy, schedule: str, simulator: str, setup: Setup
 ) -> dict[str, str]:
-    """What a reader must know to do it again, by name."""
+    """Return the conditions that repeat an evaluation, by name."""
     return {
         "robot": describe_robot(robot_of(policy, setup)),
         "schedule": schedule,
@@ -125,7 +129,7 @@ def conditions(
 
 
 def describe(policy: Policy) -> str:
-    """The policy in one line."""
+    """Describe the policy in one line."""
     card = policy.card
     return (
         f"{card.stage} stage, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed}, {card.created}, "
@@ -134,14 +138,16 @@ def describe(policy: Policy) -> str:
 
 
 def describe_subject(policy: Policy, setup: Setup) -> str:
-    """Return what runs, for titles: without the commanded speed, which a reader would
-    take for the speed run."""
+    """Name the policy and the robot that run, for titles.
+
+    The commanded speed is left out: a reader would take it for the speed run.
+    """
     noisy = ", noisy sensors" if setup.sensor_noise else ""
     return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
-    """The robot in one line."""
+    """Describe the robot in one line."""
     losses, name = hardware.losses, robot_name(hardware)
     if name == "ideal":
         return (
@@ -169,39 +175,39 @@ def describe_robot(hardware: HardwareSpec) -> str:
 
 
 def _by_joint(value: ByJoint) -> str:
-    """Return one number for all joints, or those of abad, hip and knee."""
+    """Write a number for all joints, or the three of abad, hip and knee."""
     return " / ".join(
         f"{number:g}" for number in (value if isinstance(value, tuple) else (value,))
     )
 
 
 def title_of(hardware: HardwareSpec) -> str:
-    """Return what a title calls the robot."""
+    """Name the robot for a title."""
     if not hardware.is_bp2:
         return hardware.anatomy.name
     return f"{robot_name(hardware) or UNNAMED} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:
-    """When the motors' torque keeps to the envelope, in one line."""
+    """Describe in one line when the motors' torque keeps to the envelope."""
     if hardware.envelope == "throughout":
         return "motor torques computed each ms, then held, and within the envelope from its start to its end"
     return "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
 def describe_ramp(ramp: Ramp) -> str:
-    """The schedule in one line."""
+    """Describe the schedule in one line."""
     return f"from a stand to {ramp.target[0]:g} m/s {describe_rise(ramp)}, then hold for {ramp.hold:g} s"
 
 
 def describe_rise(ramp: Ramp) -> str:
-    """How fast the command rises, in a few words."""
+    """Describe in a few words how fast the command rises."""
     limit = _launching(ramp)
     return f"at {ramp.acceleration:g} m/s²{f', and at no more than {limit}' if limit else ''}"
 
 
 def describe_sensors(noise: RandomizationConfig, seed: int | None) -> str:
-    """The sensors' noise in one line."""
+    """Describe the sensors' noise in one line."""
     if seed is None:
         return "without noise"
     return (
@@ -212,7 +218,7 @@ def describe_sensors(noise: RandomizationConfig, seed: int | None) -> str:
 
 
 def describe_operator(operator: HeadingHold) -> str:
-    """The outer loop in one line."""
+    """Describe the operator's outer loop in one line."""
     if operator.limit == 0:
         return "none: the yaw command is the schedule's"
     return (
@@ -223,8 +229,7 @@ def describe_operator(operator: HeadingHold) -> str:
 
 
 def describe_easing(control: ControlConfig) -> str:
-    """What the controller makes of a forward command before the policy is told it, in
-    one line."""
+    """Describe how the controller eases forward commands, in one line."""
     fall = []
     if math.isfinite(control.braking):
         fall.append(f"{control.braking:g} m/s²")
@@ -238,7 +243,7 @@ def describe_easing(control: ControlConfig) -> str:
 
 
 def _launching(of: ControlConfig | Ramp) -> str:
-    """How fast a command v rises at most; nothing where there is no limit."""
+    """Describe how fast a command v rises at most; nothing without a limit."""
     if not math.isfinite(of.launching):
         return ""
     share = (
@@ -252,7 +257,7 @@ def _launching(of: ControlConfig | Ramp) -> str:
 def describe_simulator(
     backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT
 ) -> str:
-    """The physics of a single run in one line."""
+    """Describe the physics of a single run in one line."""
     held = describe_limits(IDEAL if backend == "mjx" else hardware)
     if backend == "drake":
         contact = ", ".join(

@@ -1,5 +1,4 @@
-"""What a policy is put to: each benchmark runs it under a stated schedule and measures
-what comes of it."""
+"""The list of the benchmarks: their schedules, their runs and their flags."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -7,18 +6,22 @@ from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
+from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
-from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres
-from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
-    disturbances,
-    ramp_to_disturbances,
-)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
-from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
+from bp2_rl.evaluation.benchmarks.run import (
+    ramp_to_sprint,
+    ramp_to_topspeed,
+    sprint,
+    topspeed,
+)
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
-from bp2_rl.evaluation.benchmarks.sprint import race, sprint
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
+from bp2_rl.evaluation.benchmarks.tries.benchmark import (
+    disturbances,
+    manoeuvres,
+    ramp_to_disturbances,
+)
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.schedule import Ramp
 
@@ -28,85 +31,36 @@ Flags = TypeVar("Flags", bound=Setup)
 
 @dataclasses.dataclass(frozen=True)
 class Benchmark(Generic[Flags]):
-    """What a policy is told, how it is run and measured, and which flags it knows."""
+    """One benchmark: its schedule, its measurement and its flags."""
 
     schedule: Callable[[Policy, Flags], Ramp]
     run: Callable[[Policy, Ramp, Flags], Evaluation]
     flags: tuple[str, ...]  # fields of its setup
 
 
+# the flags of a single run, of a fleet, of many tries, and of variants
+RUN = "backend", "robot", "speed", "acceleration", "seed", "operator", "drake"
+TRIES = "robot", "speed", "seed", "operator"
+VARIANTS = "robot", "speed", "acceleration", "hold", "operator"
+
 BENCHMARKS = {
-    "topspeed": Benchmark(
-        ramp_to_topspeed,
-        topspeed,
-        (
-            "backend",
-            "robot",
-            "speed",
-            "acceleration",
-            "hold",
-            "seed",
-            "sensor_noise",
-            "operator",
-            "drake",
-        ),
-    ),
-    "sprint": Benchmark(
-        race,
-        sprint,
-        (
-            "backend",
-            "robot",
-            "speed",
-            "acceleration",
-            "seed",
-            "sensor_noise",
-            "operator",
-            "drake",
-        ),
-    ),
-    "robustness": Benchmark(
-        ramp_to_robustness,
-        robustness,
-        (
-            "backend",
-            "robot",
-            "speed",
-            "acceleration",
-            "hold",
-            "robots",
-            "seed",
-            "operator",
-            "drake",
-        ),
-    ),
-    "manoeuvres": Benchmark(
-        ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")
-    ),
-    "disturbances": Benchmark(
-        ramp_to_disturbances, disturbances, ("robot", "speed", "seed", "operator")
-    ),
-    "convergence": Benchmark(
-        ramp_to_topspeed,
-        convergence,
-        ("robot", "speed", "acceleration", "hold", "operator"),
-    ),
-    "losses": Benchmark(
-        ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")
-    ),
-    "sensitivity": Benchmark(
-        ramp_to_sensitivity,
-        sensitivity,
-        ("robot", "speed", "acceleration", "hold", "operator"),
-    ),
+    "topspeed": Benchmark(ramp_to_topspeed, topspeed, (*RUN, "sensor_noise", "hold")),
+    "sprint": Benchmark(ramp_to_sprint, sprint, (*RUN, "sensor_noise")),
+    "robustness": Benchmark(ramp_to_robustness, robustness, (*RUN, "hold", "robots")),
+    "manoeuvres": Benchmark(ramp_to_topspeed, manoeuvres, TRIES),
+    "disturbances": Benchmark(ramp_to_disturbances, disturbances, TRIES),
+    "convergence": Benchmark(ramp_to_topspeed, convergence, VARIANTS),
+    "losses": Benchmark(ramp_to_losses, losses, VARIANTS[1:]),
+    "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, VARIANTS),
 }
 
 
 def choose(
     name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS
 ) -> dict[str, Setup]:
-    """Return the benchmarks of this name, each with what is chosen of it; `all` gives
-    each the flags that it knows.
+    """Return the setups of the benchmarks that `name` means, by benchmark.
+
+    `all` gives each benchmark the flags that the benchmark knows.
 
     Raises:
         UserError: no benchmark of this name, or a flag that it does not know.
@@ -122,8 +76,8 @@ def choose(
     known = benchmarks[name].flags
     for flag in setup.chosen:
         if flag not in known:
-            flag, *others = (word.replace("_", "-") for word in (flag, *known))
+            wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *known))
             raise UserError(
-                f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in others)}"
+                f"{wrong} is not of --benchmark {name}, which takes {', '.join(others)}"
             )
     return {name: setup}

@@ -1,16 +1,20 @@
-"""What of a speed rests on the robot that was assumed: the same policy on others.
+"""The sensitivity benchmark: one policy on robots other than the one assumed.
 
 Physics and motors change; the policy, its reference motion and its controller stay as
 they are.
 """
 
 import dataclasses
-from typing import Any
+from collections.abc import Sequence
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
+from bp2_rl.base.metric import (
+    Row,
+    card_of,
+    metric,
+    rounded,
+    show,
+    table_of,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_ramp,
@@ -19,61 +23,58 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.outcome import (
-    Evaluation,
-    Picture,
-    Row,
-    Table,
-    rounded,
-    show,
-)
-from bp2_rl.evaluation.benchmarks.sprint import (
-    TRACK,
-    SprintMetrics,
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.run import (
     describe_race,
-    measure_sprint,
-    race,
+    ramp_to_sprint,
+    ramp_to_topspeed,
 )
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.variants import (
+    Dots,
+    Panel,
+    VariantRun,
+    measure_variant,
+    variants_figure,
+)
+from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec, times
-from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
-AS_ASSUMED, WEAKER = "as assumed", "peak torque 100 Nm"
+COMMANDS = 1.0, 0.9, 0.8
+"""Shares of the commanded speed that each robot is told: a weak robot that is told too
+much runs slower than it can."""
+AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
-FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
-HOLLOW: dict[str, Any] = FULL | {"mfc": "white", "mew": 1.4}
-TILES = (
-    "Without a fall",
-    "Lowest best speed",
-    "Highest best speed",
-    "Fastest 100 m",
-    "Slowest 100 m",
+ROBOTS = (
+    "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
+    "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
+    f"each is told {', '.join(f'{share:.0%}' for share in COMMANDS)} of the speed, and shown at its best; "
+    "one run each: an unlucky landing can cost a stride or not, by chance"
 )
 
 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
-    """The robot that the policy is for, and others, each with one property changed."""
+    """Return the robot that the policy is for, and others, each with one property
+    changed."""
+    changed = assumed.changed
 
-    changed, is_bp2 = assumed.changed, assumed.is_bp2
-    other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
+    stop, rebound = assumed.spring_stop_stiffness, assumed.rebound_stiffness
 
-    def stops(factor: float) -> HardwareSpec:
-        compression, rebound = (
-            factor * assumed.spring_stop_stiffness,
-            factor * assumed.rebound_stiffness,
-        )
-        return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
+    def losing(**parameters: float) -> HardwareSpec:
+        return changed(losses=dataclasses.replace(assumed.losses, **parameters))
 
     springs = {
-        "spring stops x 2": stops(2.0),
-        "spring stops x 10": stops(10.0),
+        "spring stops x 2": changed(
+            spring_stop_stiffness=2.0 * stop, rebound_stiffness=2.0 * rebound
+        ),
+        "spring stops x 10": changed(
+            spring_stop_stiffness=10.0 * stop, rebound_stiffness=10.0 * rebound
+        ),
         "rebound undamped": changed(rebound_damping=0.0),
         "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
         "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
@@ -88,131 +89,206 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         **(springs if assumed.anatomy.sprung else {}),
         "joint stops 20 ms": changed(joint_stop_time=0.020),
         "joint stops 5 ms": changed(joint_stop_time=0.005),
-        **({"no braking at 30 rad/s": changed(braking_speed=30.0)} if is_bp2 else {}),
         "braking as driving": changed(braking_speed=assumed.no_load_speed),
         "rotor inertia x 0.5": changed(rotor_inertia=times(0.5, assumed.rotor_inertia)),
         "rotor inertia x 2": changed(rotor_inertia=times(2.0, assumed.rotor_inertia)),
-        WEAKER if is_bp2 else "peak torque -20 %": changed(
-            peak_torque=100.0 if is_bp2 else times(0.8, assumed.peak_torque)
-        ),
+        "no-load speed -10 %": changed(no_load_speed=times(0.9, assumed.no_load_speed)),
+        "no-load speed -20 %": changed(no_load_speed=times(0.8, assumed.no_load_speed)),
         "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
-        other_legs: changed(solid_legs=not assumed.solid_legs),
+        "legs that pass through" if assumed.solid_legs else "solid legs": changed(
+            solid_legs=not assumed.solid_legs
+        ),
+        "no air": losing(drag_area=0.0),
     }
     if assumed.is_bp2:
         others |= {
+            "spring damping 30 N s/m": changed(spring_damping=30.0),
+            "spring damping 50 N s/m": changed(spring_damping=50.0),
+            "spring damping 100 N s/m": changed(spring_damping=100.0),
+            "no braking at 30 rad/s": changed(braking_speed=30.0),
+            "peak torque 100 Nm": changed(peak_torque=100.0),
+            "bus sag 2.5 %/kW": losing(bus_sag=0.025),
+            "bus sag 5 %/kW": losing(bus_sag=0.05),
+            "bus 6 kW": losing(bus_power_out=6e3),
+            "bus 5 kW": losing(bus_power_out=5e3),
+            "charging 1 kW": losing(bus_power_in=1e3),
+            "drag area 0.3 m²": losing(drag_area=0.3),
+            "drag area 0.4 m²": losing(drag_area=0.4),
             "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
             "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
             "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
         }
+    else:
+        others["peak torque -20 %"] = changed(
+            peak_torque=times(0.8, assumed.peak_torque)
+        )
     return {AS_ASSUMED: assumed} | {
         name: robot for name, robot in others.items() if robot != assumed
     }
 
 
+def _show_fell(fell_at: float | None) -> str:
+    return "none" if fell_at is None else f"fell at {fell_at:.2f} s"
+
+
 @dataclasses.dataclass(frozen=True)
 class RobotMetrics:
-    """One robot: held at its top speed, and raced."""
+    """One robot: held at the command under which it ran fastest, and raced."""
 
-    name: str
-    best_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
-    mean_speed: float | None  # m/s, while held; None if it fell
-    fell_at: float | None  # s, while ramping up to top speed or holding it
-    stop_hits: int  # times that a spring came onto its stop meanwhile
-    # s, for which a leg was at or in another or the trunk meanwhile
-    leg_contact_time: float
-    leg_depth: float  # m, greatest
-    time_100m: float | None  # s; None if it did not arrive
-    fell_in_sprint_at: float | None  # s
-    lane_kept: bool  # in the sprint, to its end
+    name: str = metric("Robot", form="s")
+    told: float = metric("Told", "m/s")
+    # best 1-s mean; None for a run shorter than 1 s
+    best_speed: float | None = metric("Best speed", "m/s")
+    # while held; None if it fell
+    mean_speed: float | None = metric("Mean held", "m/s")
+    # while ramping up to top speed or holding it
+    fell_at: float | None = metric("Fall", form=_show_fell)
+    # times that a spring came onto its stop meanwhile
+    stop_hits: int = metric("Stop hits", form="d")
+    # for which a leg was at or in another or the trunk meanwhile
+    leg_contact_time: float = metric("Legs touch", "ms", ".0f")
+    leg_depth: float = metric("Depth", "mm", ".0f")
+    # None if it did not arrive
+    time_100m: float | None = metric("100 m", "s")
+    fell_in_sprint_at: float | None = metric("Fall in the sprint", form=_show_fell)
+    # in the sprint, to its end
+    lane_kept: bool = metric("Lane kept")
 
     @property
     def upright(self) -> bool:
-        """Whether it fell in neither run."""
+        """Whether the robot fell in neither run."""
         return self.fell_at is None and self.fell_in_sprint_at is None
 
 
-@dataclasses.dataclass(frozen=True)
+Range = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SensitivityMetrics:
     """All robots, the assumed one first; ranges are over those that did not fall, None
     if all did."""
 
-    commanded_speed: float  # m/s
-    upright: int  # robots that fell in neither run
-    best_speeds: tuple[float, float] | None  # m/s, least and greatest
-    times_100m: tuple[float, float] | None  # s, least and greatest
+    commanded_speed: float = metric("Commanded", "m/s", card=True, shown=False)
+    upright: int = metric("Without a fall", form="d", card=True, shown=False)
+    best_speeds: Range | None = metric(
+        "Best speeds", card="best_speed_range", shown=False
+    )
+    times_100m: Range | None = metric(
+        "Times over 100 m", card="time_100m_range", shown=False
+    )
     robots: tuple[RobotMetrics, ...]
 
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Run top speed and sprint on every robot and compare."""
-    sprint, robot = race(policy, setup), robot_of(policy, setup)
+    """Run every robot at several commands, race each, and compare."""
+    race, robot = ramp_to_sprint(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
-    held = [
-        RunRequest(ramp, other, setup.operator, name=name)
+    commands = [share * ramp.target[0] for share in COMMANDS]
+    requests = [
+        RunRequest(
+            dataclasses.replace(ramp, to=speed), other, setup.operator, name=name
+        )
+        for name, other in robots.items()
+        for speed in commands
+    ]
+    requests += [
+        RunRequest(race, other, setup.operator, finish=TRACK, name=name)
         for name, other in robots.items()
     ]
-    raced = [dataclasses.replace(one, schedule=sprint, finish=TRACK) for one in held]
-    ran: list[Any] = simulate_all(measure_try, policy, [*held, *raced])
-    pairs = zip(robots, ran[: len(robots)], ran[len(robots) :], strict=True)
-    metrics = compare(
-        ramp.target[0], [measure_robot(name, *pair) for name, *pair in pairs]
+    ran = simulate_all(measure_variant, policy, requests)
+    held, raced = ran[: -len(robots)], ran[-len(robots) :]
+    count = len(COMMANDS)
+    metrics = compare_robots(
+        [
+            robot_metrics(name, commands, held[count * i : count * (i + 1)], raced[i])
+            for i, name in enumerate(robots)
+        ],
+        ramp.target[0],
     )
     said = conditions(
         policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup
     )
+    kept, all_robots = sum(r.lane_kept for r in metrics.robots), len(robots)
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"sprint": describe_race(sprint), "robots": ROBOTS},
-        verdict=verdict(metrics),
-        good=metrics.upright == len(metrics.robots),
+        conditions=said | {"sprint": describe_race(race), "robots": ROBOTS},
+        verdict=summarise_sensitivity(metrics),
+        good=metrics.upright == all_robots,
         rows=sensitivity_rows(metrics),
-        tiles=TILES,
-        pictures=(Picture("sensitivity", CAPTION, sensitivity_figure(metrics)),),
+        tiles=(
+            "Without a fall",
+            "Lowest best speed",
+            "Highest best speed",
+            "Fastest 100 m",
+            "Slowest 100 m",
+        ),
+        pictures=(sensitivity_picture(metrics.robots),),
         metrics=metrics,
-        results=sensitivity_results(metrics),
-        tables=(robot_table(metrics),),
+        results=card_of(metrics)
+        | {"robots": all_robots, "lanes_kept": kept}
+        | rounded(
+            {
+                "best_speeds": {
+                    r.name: None if r.fell_at is not None else r.best_speed
+                    for r in metrics.robots
+                },
+                "times_100m": {r.name: r.time_100m for r in metrics.robots},
+            }
+        ),
+        tables=(table_of("Robots", metrics.robots),),
     )
-
-
-def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
-    """What a robot did at its top speed, or in the race."""
-    if one.finish == TRACK:
-        assert isinstance(one.schedule, Ramp)
-        return measure_sprint(run, one.schedule.acceleration)
-    return measure(run)
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule of the runs at top speed; that of the sprints is looked at, too,
-    before any robot runs."""
-    race(policy, setup)
+    """Return the schedule of the runs at top speed.
+
+    The schedule of the sprints is checked, too, before any robot runs.
+    """
+    ramp_to_sprint(policy, setup)
     return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 
 
-# --- What is measured -----------------------------------------------------------------
+def robot_metrics(
+    name: str,
+    commands: Sequence[float],
+    held: Sequence[VariantRun],
+    raced: VariantRun,
+) -> RobotMetrics:
+    """Return the metrics of a robot's fastest run without a fall, and of its race.
 
+    A robot that fell at every command is told of by its run at the first.
 
-def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMetrics:
-    """What is compared, of both runs of one robot."""
+    Args:
+        name: of the robot.
+        commands: m/s, that it was told.
+        held: its run at each command.
+        raced: its run over 100 m.
+    """
+    ran = list(zip(commands, (one.metrics for one in held), strict=True))
+    upright = [run for run in ran if run[1].fell_at is None] or ran[:1]
+    told, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
     return RobotMetrics(
         name=name,
-        best_speed=held.best_speed,
-        mean_speed=held.mean_speed if held.fell_at is None else None,
-        fell_at=held.fell_at,
-        stop_hits=held.stop_hits,
-        leg_contact_time=held.leg_contact_time,
-        leg_depth=held.leg_depth,
-        time_100m=raced.time,
-        fell_in_sprint_at=raced.run.fell_at,
-        lane_kept=raced.lane.kept and raced.time is not None,
+        told=told,
+        best_speed=best.best_speed,
+        mean_speed=best.mean_speed if best.fell_at is None else None,
+        fell_at=best.fell_at,
+        stop_hits=best.stop_hits,
+        leg_contact_time=best.leg_contact_time,
+        leg_depth=best.leg_depth,
+        time_100m=raced.time_100m,
+        fell_in_sprint_at=raced.metrics.fell_at,
+        lane_kept=raced.lane_kept and raced.time_100m is not None,
     )
 
 
-def compare(commanded_speed: float, robots: list[RobotMetrics]) -> SensitivityMetrics:
-    """Count those that did not fall, and give the range of what they did."""
+def compare_robots(
+    robots: Sequence[RobotMetrics], commanded_speed: float
+) -> SensitivityMetrics:
+    """Count the robots that did not fall, and give the range of what they did."""
     upright = [robot for robot in robots if robot.upright]
     return SensitivityMetrics(
         commanded_speed=commanded_speed,
@@ -223,208 +299,86 @@ def compare(commanded_speed: float, robots: list[RobotMetrics]) -> SensitivityMe
     )
 
 
-def _range(values: list[float | None]) -> tuple[float, float] | None:
+def _range(values: Sequence[float | None]) -> Range | None:
     measured = [value for value in values if value is not None]
     return (min(measured), max(measured)) if measured else None
 
 
-# --- What is shown --------------------------------------------------------------------
-
-
-ROBOTS = (
-    "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
-    "the motors' corner and no-load speeds stay, so that less torque is less power, too; one run each: an unlucky "
-    "landing can cost a stride or not, by chance"
-)
-CAPTION = (
-    "The same policy on robots other than the one assumed: speed under the top-speed command, and time over 100 m; "
-    "crosses: fallen, or not arrived; arrowheads: farther off; lines: the robot as assumed."
-)
-
-
-def verdict(metrics: SensitivityMetrics) -> str:
-    """The comparison in one sentence."""
+def summarise_sensitivity(metrics: SensitivityMetrics) -> str:
+    """Say in one sentence how many robots fell, and how fast the others ran."""
     count = f"{metrics.upright} of {len(metrics.robots)} robots did not fall"
     if metrics.best_speeds is None:
         return f"{count}."
-    (slow, fast), times = metrics.best_speeds, metrics.times_100m
-    raced = f", {TRACK:g} m in {times[0]:.2f} to {times[1]:.2f} s" if times else ""
-    return f"{count}: {slow:.2f} to {fast:.2f} m/s{raced}."
+    (slow, fast), raced = metrics.best_speeds, metrics.times_100m
+    times = f", {TRACK:g} m in {raced[0]:.2f} to {raced[1]:.2f} s" if raced else ""
+    return f"{count}: {slow:.2f} to {fast:.2f} m/s{times}."
 
 
 def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
-    """The figures of merit for a reader, each with what it means."""
+    """Return the ranges over the robots, then a row for each robot."""
     (slow, fast), (least, most) = (
         metrics.best_speeds or (None, None),
         metrics.times_100m or (None, None),
     )
+    robots, best = metrics.robots, "best 1-s mean, of the upright"
+    kept = sum(robot.lane_kept for robot in robots)
     return (
-        Row(
-            "Without a fall",
-            f"{metrics.upright} of {len(metrics.robots)}",
-            "in both runs",
-        ),
-        Row(
-            "Lowest best speed",
-            show(slow, ".2f", "m/s"),
-            "best 1-s mean, of the upright",
-        ),
-        Row(
-            "Highest best speed",
-            show(fast, ".2f", "m/s"),
-            "best 1-s mean, of the upright",
-        ),
+        Row("Without a fall", f"{metrics.upright} of {len(robots)}", "in both runs"),
+        Row("Lowest best speed", show(slow, ".2f", "m/s"), best),
+        Row("Highest best speed", show(fast, ".2f", "m/s"), best),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row(
-            "Lane kept",
-            f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}",
-            "to the sprint's end",
-        ),
+        Row("Lane kept", f"{kept} of {len(robots)}", "to the sprint's end"),
         *(
             Row(
-                r.name[0].upper() + r.name[1:],
-                show(r.best_speed, ".2f", "m/s"),
-                _in_words(r),
+                robot.name[0].upper() + robot.name[1:],
+                show(robot.best_speed, ".2f", "m/s"),
+                _describe_runs(robot),
             )
-            for r in metrics.robots
+            for robot in robots
         ),
     )
 
 
-def _in_words(robot: RobotMetrics) -> str:
-    """The sprint, and the fall at top speed."""
-    fell = f"fell at {robot.fell_at:.2f} s; " if robot.fell_at is not None else ""
-    if robot.time_100m is None:
-        return f"{fell}100 m: {_fall(robot.fell_in_sprint_at, none='not reached')}"
-    return f"{fell}100 m in {robot.time_100m:.2f} s{'' if robot.lane_kept else ', left its lane'}"
+def _describe_runs(robot: RobotMetrics) -> str:
+    """Describe the command at top speed, or the fall there, and the sprint."""
+    fell = robot.fell_at is not None
+    told = _show_fell(robot.fell_at) if fell else f"told {robot.told:.1f}"
+    if robot.time_100m is not None:
+        left = "" if robot.lane_kept else ", left its lane"
+        return f"{told}; 100 m in {robot.time_100m:.2f} s{left}"
+    if robot.fell_in_sprint_at is not None:
+        return f"{told}; 100 m: {_show_fell(robot.fell_in_sprint_at)}"
+    return f"{told}; 100 m: not reached"
 
 
-def _fall(fell_at: float | None, none: str = "none") -> str:
-    return none if fell_at is None else f"fell at {fell_at:.2f} s"
-
-
-def robot_table(metrics: SensitivityMetrics) -> Table:
-    """Every robot."""
-    head = (
-        *(
-            "Robot",
-            "Best speed [m/s]",
-            "Mean held [m/s]",
-            "Fall",
-            "Stop hits",
-            "Legs touch [ms]",
-            "Depth [mm]",
+def sensitivity_picture(robots: Sequence[RobotMetrics]) -> Picture:
+    """Draw the speeds and the times of all robots."""
+    raced = [robot.time_100m for robot in robots if robot.time_100m is not None]
+    full = [None if r.fell_at is not None else r.best_speed for r in robots]
+    kept, left = (
+        [r.time_100m if r.lane_kept is inside else None for r in robots]
+        for inside in (True, False)
+    )
+    speeds = Panel(
+        "Speed",
+        "Speed [m/s]",
+        (
+            Dots("best speed", full),
+            Dots("mean held", [robot.mean_speed for robot in robots], hollow=True),
         ),
-        *("100 m [s]", "Fall", "Lane kept"),
+        robots[0].best_speed,
     )
-    return Table(
-        "Robots",
-        head,
-        [
-            (
-                robot.name,
-                show(robot.best_speed, ".2f"),
-                show(robot.mean_speed, ".2f"),
-                _fall(robot.fell_at),
-                f"{robot.stop_hits}",
-                f"{1e3 * robot.leg_contact_time:.0f}",
-                f"{1e3 * robot.leg_depth:.0f}",
-                show(robot.time_100m, ".2f"),
-                _fall(robot.fell_in_sprint_at),
-                "yes" if robot.lane_kept else "no",
-            )
-            for robot in metrics.robots
-        ],
+    times = Panel(
+        f"{TRACK:g} m",
+        "Time [s]",
+        (Dots("in its lane", kept), Dots("not", left, hollow=True)),
+        robots[0].time_100m,
+        most=SLOW * min(raced, default=1.0),
     )
-
-
-def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
-    """What a policy's card says of the comparison; a robot that fell has no speed and
-    no time there."""
-    return rounded(
-        {
-            "commanded_speed": metrics.commanded_speed,
-            "robots": len(metrics.robots),
-            "upright": metrics.upright,
-            "best_speed_range": metrics.best_speeds,
-            "time_100m_range": metrics.times_100m,
-            "lanes_kept": sum(robot.lane_kept for robot in metrics.robots),
-            "best_speeds": {
-                r.name: None if r.fell_at is not None else r.best_speed
-                for r in metrics.robots
-            },
-            "times_100m": {r.name: r.time_100m for r in metrics.robots},
-        }
+    caption = (
+        "The same policy on robots other than the one assumed: speed under the command at which each ran fastest, and "
+        "time over 100 m; crosses: fallen, or not arrived; arrowheads: farther off; lines: the robot as assumed."
     )
-
-
-@styled
-def sensitivity_figure(metrics: SensitivityMetrics) -> Figure:
-    """Speeds and times of all robots, one below the other."""
-    figure = Figure(
-        figsize=(WIDTH, 1.1 + 0.3 * len(metrics.robots)), layout="constrained"
-    )
-    speed, time = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1))
-    robots = metrics.robots
-    _draw_speeds(speed, robots)
-    _draw_times(time, robots)
-    speed.set(
-        yticks=range(len(robots)),
-        yticklabels=[robot.name for robot in robots],
-        ylim=(len(robots) - 0.5, -0.5),
-    )
-    for axes in (speed, time):
-        axes.tick_params(axis="y", length=0)
-        legend_above(axes)
-    return figure
-
-
-def _draw_speeds(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
-    for place, robot in enumerate(robots):
-        if robot.fell_at is not None:
-            _draw_cross(axes, place)
-        elif robot.best_speed is not None and robot.mean_speed is not None:
-            axes.plot(robot.best_speed, place, "o", **FULL)
-            axes.plot(robot.mean_speed, place, "o", **HOLLOW)
-    axes.plot([], [], "o", **FULL, label="best speed")
-    axes.plot([], [], "o", **HOLLOW, label="mean held")
-    _draw_line(axes, robots[0].best_speed)
-    axes.set(title="Speed", xlabel="Speed [m/s]")
-
-
-def _draw_times(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
-    times = [robot.time_100m for robot in robots if robot.time_100m is not None]
-    edge = SLOW * min(times, default=1.0)
-    for place, robot in enumerate(robots):
-        look = FULL if robot.lane_kept else HOLLOW
-        if robot.time_100m is None:
-            _draw_cross(axes, place)
-        elif robot.time_100m > edge:
-            at = axes.get_yaxis_transform()
-            axes.plot(0.97, place, ">", **look, transform=at)
-            axes.text(
-                0.93,
-                place,
-                f"{robot.time_100m:.1f} s",
-                transform=at,
-                ha="right",
-                va="center",
-            )
-        else:
-            axes.plot(robot.time_100m, place, "o", **look)
-    axes.plot([], [], "o", **FULL, label="in its lane")
-    axes.plot([], [], "o", **HOLLOW, label="not")
-    _draw_line(axes, robots[0].time_100m)
-    axes.set(title=f"{TRACK:g} m", xlabel="Time [s]")
-
-
-def _draw_cross(axes: Axes, place: int) -> None:
-    axes.plot(0.03, place, "X", ms=8, color=FALL, transform=axes.get_yaxis_transform())
-
-
-def _draw_line(axes: Axes, value: float | None) -> None:
-    """Where the robot as assumed is."""
-    if value is not None:
-        axes.axvline(value, color=INK, linewidth=1.0, zorder=0.9)
-    axes.margins(x=0.12)
+    figure = variants_figure([robot.name for robot in robots], [speeds, times])
+    return Picture("sensitivity", caption, figure)

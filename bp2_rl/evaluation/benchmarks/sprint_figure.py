@@ -1,4 +1,4 @@
-"""The picture of a race: speed over distance, the lane from above, and the times of
+"""The pictures of a race: speed over distance, the lane from above, and the times of
 others."""
 
 import numpy as np
@@ -10,16 +10,16 @@ from bp2_rl.base.plotting import (
     FRONT,
     INK,
     LEG_COLORS,
-    QUIET,
     WIDTH,
     legend_above,
     mark_level,
     moving_mean,
     styled,
 )
+from bp2_rl.evaluation.benchmarks.outcome import Picture
+from bp2_rl.evaluation.benchmarks.variants import Dots, Panel, variants_figure
 from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.robot import bp2
-from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.track import LANE_WIDTH, foot_edges, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
@@ -27,25 +27,37 @@ from bp2_rl.simulation.trajectory import Trajectory
 POLICY = "this policy"
 
 
-def caption(robot: HardwareSpec) -> str:
-    """Return what a reader must know of the picture."""
-    others = "those whom the paper names" if robot.is_bp2 else "people"
+def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
+    """Draw a race, and its time (s) beside the times of other athletes."""
+    race = (
+        f"The race: speed over distance (faint: each millisecond; bold: {RIPPLE:g}-s mean) with the mean speeds of "
+        "Bolt's 10-m splits of 2009, his reaction time of 0.146 s included; and the lane seen from above."
+    )
+    is_bp2 = run.hardware.is_bp2
+    others = "those whom the paper names" if is_bp2 else "people"
+    times = {who: one for who, one in TIMES.items() if is_bp2 or who != PAPER_BP2}
+    if time is not None:
+        times[POLICY] = round(time, 2)
+    ranked = sorted(times, key=lambda who: times[who])
+    dots = Dots("time", [times[who] for who in ranked])
+    panel = Panel(f"Time over {TRACK:g} m", "Time [s]", (dots,), time)
     return (
-        "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's "
-        "10-m splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over "
-        f"100 m of {others}."
+        Picture("sprint", race, sprint_figure(run)),
+        Picture(
+            "times",
+            f"The time over {TRACK:g} m beside those of {others}.",
+            variants_figure([f"{who}, {times[who]:g} s" for who in ranked], [panel]),
+        ),
     )
 
 
 @styled
-def sprint_figure(run: Trajectory, time: float | None) -> Figure:
-    """Speed over distance, the lane, and the time beside those of others."""
-    figure = Figure(figsize=(WIDTH, 7.2), layout="constrained")
-    speed, lane, times = figure.subplots(3, 1, height_ratios=(2.6, 1.1, 1.6))
-    lane.sharex(speed)
+def sprint_figure(run: Trajectory) -> Figure:
+    """Draw speed over distance, and the lane."""
+    figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
+    speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.1))
     _draw_speed(speed, run)
     _draw_lane(lane, run)
-    _draw_times(times, time, run.hardware.is_bp2)
     return figure
 
 
@@ -75,14 +87,12 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
             f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s",
         )
     axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
-    axes.tick_params(axis="x", labelbottom=False)
     legend_above(axes)
     if run.fell_at is not None:
         axes.plot(along[-1], forward[-1], "X", ms=9, color=FALL, clip_on=False)
-        end = along[-1], forward[-1]
         axes.annotate(
             "fell",
-            end,
+            (along[-1], forward[-1]),
             (8, 4),
             color=FALL,
             textcoords="offset points",
@@ -109,39 +119,3 @@ def _draw_lane(axes: Axes, run: Trajectory) -> None:
     )
     axes.set(yticks=(-half, 0.0, half), ylim=(-1.4 * half, 1.4 * half))
     legend_above(axes)
-
-
-def _draw_times(axes: Axes, time: float | None, is_bp2: bool) -> None:
-    times = {
-        name: value for name, value in TIMES.items() if is_bp2 or name != PAPER_BP2
-    }
-    times |= {POLICY: round(time, 2)} if time is not None else {}
-    ranked = sorted(times, key=lambda name: -times[name])
-    for place, name in enumerate(ranked):
-        ours = name == POLICY
-        color = FRONT if ours else QUIET
-        axes.plot(
-            (0.0, times[name]),
-            (place, place),
-            color=color,
-            linewidth=2.4 if ours else 1.0,
-        )
-        axes.plot(times[name], place, "o", ms=6, color=color)
-        at, weight = (times[name], place), "bold" if ours else "normal"
-        axes.annotate(
-            f"{times[name]:g}",
-            at,
-            (7, 0),
-            textcoords="offset points",
-            va="center",
-            weight=weight,
-        )
-    axes.set(
-        title="Time over 100 m",
-        xlabel="Time [s]",
-        yticks=range(len(ranked)),
-        yticklabels=ranked,
-    )
-    axes.set(xlim=(0.0, 1.1 * max(times.values())), ylim=(-0.7, len(ranked) - 0.3))
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)

@@ -1,4 +1,4 @@
-"""What an evaluation leaves in a folder, and how that is read back.
+"""The folder of a report: its files are written and read here.
 
 metrics.json     benchmark, conditions, results and every figure of merit
 index.html       the same as one page, pictures inside; a single run plays in it, in three dimensions
@@ -18,8 +18,15 @@ from bp2_rl.base.folders import open_report
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
-from bp2_rl.evaluation.report.page import PAGE, STILL, TRAJECTORY, VIDEO, overview, page
-from bp2_rl.evaluation.report.pictures import png
+from bp2_rl.evaluation.report.page import (
+    PAGE,
+    STILL,
+    TRAJECTORY,
+    VIDEO,
+    overview,
+    page,
+    png,
+)
 from bp2_rl.simulation.film import NoVideo, make_video
 
 METRICS = "metrics.json"
@@ -27,7 +34,7 @@ METRICS = "metrics.json"
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """What metrics.json holds."""
+    """The content of metrics.json."""
 
     benchmark: str
     conditions: dict[str, str]
@@ -106,8 +113,7 @@ def _film(folder: Path, gl_library: str | None) -> str | None:
 
 
 def read_report(folder: Path) -> Report:
-    """What was measured, of a folder that `write_report` wrote; raises UserError for
-    any other."""
+    """Read metrics.json from a report's folder; raise UserError for any other folder."""
     if not (folder / METRICS).is_file():
         raise UserError(
             f"no report in {folder}: expected {METRICS} there, as python eval.py --out {folder} leaves it"
@@ -116,8 +122,7 @@ def read_report(folder: Path) -> Report:
 
 
 def card_results(evaluation: Evaluation) -> dict[str, Any]:
-    """What a policy's card says of the benchmark: the results, and the conditions that
-    it does not say itself."""
+    """Return the results of a benchmark for a policy's card, with their conditions."""
     said = evaluation.conditions
     return {
         name: said[name] for name in _CARD_CONDITIONS if name in said

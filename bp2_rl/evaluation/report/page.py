@@ -1,18 +1,23 @@
 """The report as a page of HTML that explains itself, pictures inside."""
 
+import base64
+import io
 from collections.abc import Iterator, Sequence
 
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from bp2_rl.base.metric import table_of_rows
 from bp2_rl.base.templates import render
-from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
-from bp2_rl.evaluation.report.pictures import data_url
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.report.player.content import describe
 
+LARGEST_SVG = 400_000  # bytes: a figure with more in it than that is drawn by the pixel
 PAGE, VIDEO, STILL, TRAJECTORY = "index.html", "run.mp4", "run.jpg", "trajectory.npz"
 
 
 def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None) -> str:
-    """The report as one HTML page; only the film and the trajectory stay files beside
-    it.
+    """Return the report as one HTML page, with only film and trajectory beside it.
 
     Args:
         evaluation: what to show.
@@ -25,7 +30,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
         evaluation=evaluation,
         tiles=_tiles(evaluation),
         tables=(
-            Table("Measures", MEASURES, evaluation.rows, words=True),
+            table_of_rows("Measures", evaluation.rows),
             *evaluation.tables,
         ),
         run=None if run is None else describe(run),
@@ -37,7 +42,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
 
 
 def overview(evaluations: Sequence[Evaluation]) -> str:
-    """One page that leads to the page of every benchmark."""
+    """Return a page that leads to the page of every benchmark."""
     return render(
         "evaluation/report/overview.html",
         evaluations=evaluations,
@@ -50,3 +55,29 @@ def _tiles(evaluation: Evaluation) -> Iterator[tuple[str, str]]:
     """Yield the labels and values that are shown large."""
     shown = {row.label: row.value for row in evaluation.rows}
     return ((label, shown[label]) for label in evaluation.tiles)
+
+
+# --- Pictures -------------------------------------------------------------------------
+
+
+def png(figure: Figure) -> bytes:
+    """Return the figure as a PNG file."""
+    return _saved(figure, "png")
+
+
+def data_url(figure: Figure) -> str:
+    """Return the figure as the address of an image in a page.
+
+    An SVG stays sharp; what would be too large an SVG is a PNG.
+    """
+    with mpl.rc_context({"svg.hashsalt": "bp2_rl"}):  # the same figure, the same bytes
+        kind, content = "svg+xml", _saved(figure, "svg", metadata={"Date": None})
+    if len(content) > LARGEST_SVG:
+        kind, content = "png", png(figure)
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _saved(figure: Figure, form: str, metadata: dict[str, None] | None = None) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=form, metadata=metadata)
+    return buffer.getvalue()

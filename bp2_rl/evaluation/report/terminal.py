@@ -1,4 +1,4 @@
-"""What an evaluation prints on the terminal."""
+"""The tables of an evaluation on the terminal."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 
 
 def print_table(evaluation: Evaluation, console: Console) -> None:
-    """The figures of merit on the terminal."""
+    """Print the figures of merit of an evaluation."""
     table = _terminal_table(
         f"{evaluation.benchmark}: {evaluation.subject} ({evaluation.backend})"
     )
@@ -24,7 +24,7 @@ def print_table(evaluation: Evaluation, console: Console) -> None:
 
 
 def print_overview(evaluations: Sequence[Evaluation], console: Console) -> None:
-    """The verdicts of several benchmarks on the terminal."""
+    """Print the verdicts of several benchmarks."""
     table = _terminal_table("all benchmarks")
     table.add_column(style="bold", no_wrap=True)
     table.add_column()

@@ -20,6 +20,7 @@ from bp2_rl.paper.figures.settings import RaceSettings
 from bp2_rl.paper.published_races import Athlete, read_standards
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.track import track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"
@@ -247,7 +248,7 @@ def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]
 def follow(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
     """A run's race, by the measures of the sprint benchmark: splits, and speeds as
     means over `RIPPLE` around."""
-    from bp2_rl.evaluation.benchmarks.sprint import measure_splits, track_position
+    from bp2_rl.evaluation.benchmarks.run import measure_splits
 
     splits, along = measure_splits(run), track_position(run)[0]
     ends = np.clip(

@@ -21,7 +21,7 @@ from bp2_rl.paper.robots import (
     speed_law,
 )
 from bp2_rl.robot import bp2, conventions
-from bp2_rl.simulation.metrics import froude_number
+from bp2_rl.simulation.measuring import froude_number
 
 BENCHMARK = "topspeed"
 BP2, TREADMILL = "BP2", "BP2, treadmill"  # the first as in Table S1

@@ -6,14 +6,16 @@ import pytest
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import (
-    describe_easing,
     describe_ramp,
     speed_to_command,
     top_speed,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import (
+    SPRINT_ACCELERATION,
+    ramp_to_sprint,
+    ramp_to_topspeed,
+)
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.schedule import Ramp
@@ -47,46 +49,6 @@ def test_a_card_whose_results_are_none_is_refused_in_one_line(group, value):
             speed_to_command(with_results(results))
 
 
-def test_a_speed_is_topspeeds_or_the_judges_or_else_that_of_the_training():
-    fastest = with_results({}).card.env.commands.max_forward
-    judged = {"speed": 7.5, "falls": 0}
-    for results, speed in (
-        ({"judged": judged, "topspeed": {"best_speed": 9.0}}, 9.0),
-        ({"judged": judged, "topspeed": {"best_speed": None}}, 7.5),
-        ({"judged": judged}, 7.5),
-        ({"judged": {"speed": 0.0}}, fastest),
-        ({"judged": {}, "topspeed": {}}, fastest),
-        ({"curriculum_level": 1.0, "command": "train.py"}, fastest),
-    ):
-        assert top_speed(with_results(results)) == speed
-
-
-@pytest.mark.parametrize(
-    ("control", "said"),
-    [
-        (ControlConfig(), "the policy is told the command as it is"),
-        (
-            ControlConfig(
-                launching=6.0, launching_speed=18.0, braking=4.0, stopping_time=0.9
-            ),
-            "the forward command v that the policy is told rises no faster than 6 m/s² x (1 - v / 18 m/s), and falls "
-            "no faster than 4 m/s², nor than (v + 0.5 m/s) / 0.9 s",
-        ),
-        (
-            ControlConfig(launching=6.0),
-            "the forward command v that the policy is told rises no faster than 6 m/s²",
-        ),
-        (
-            ControlConfig(braking=4.0),
-            "the forward command v that the policy is told falls no faster than 4 m/s²",
-        ),
-    ],
-    ids=["as it is", "all", "launches", "stops"],
-)
-def test_what_a_controller_does_to_commands_is_said(control, said):
-    assert describe_easing(control) == said
-
-
 def test_a_schedule_says_what_its_controller_limits():
     ramp = Ramp(9.0, 2.0, hold=3.0)
     assert describe_ramp(ramp) == "from a stand to 9 m/s at 2 m/s², then hold for 3 s"
@@ -104,16 +66,19 @@ def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothi
     )
     control = policy.card.env.control
     assert math.isfinite(control.launching)
-    ramp = race(blank, Setup())
+    ramp = ramp_to_sprint(blank, Setup())
     assert (ramp.acceleration, ramp.launching_speed) == (
         control.launching,
         control.launching_speed,
     )
     assert ramp.duration == pytest.approx(30.0)
-    assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
+    assert ramp_to_sprint(blank, Setup(acceleration=3.0)).acceleration == 3.0
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (
+    assert (
+        ramp_to_sprint(old, Setup()).acceleration,
+        ramp_to_sprint(old, Setup()).launching,
+    ) == (
         SPRINT_ACCELERATION,
         math.inf,
     )

@@ -1,22 +1,16 @@
-import io
-
 import pytest
-from PIL import Image
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import convergence as module
 from bp2_rl.evaluation.benchmarks.convergence import (
-    VARIANTS,
+    NUMERICS,
     ConvergenceMetrics,
-    compare,
+    compare_numerics,
     convergence,
-    convergence_figure,
-    verdict,
+    summarise_convergence,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import choose
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.simulation.simulator import CONVERGED
 
 
@@ -26,12 +20,16 @@ def runs(make_run):
     cent."""
     return {
         name: make_run(speed=5.0 * (1.0 + 1e-3 * k), acceleration=10.0)
-        for k, name in enumerate(VARIANTS)
+        for k, name in enumerate(NUMERICS)
     }
 
 
+def compare_all(runs):
+    return compare_numerics([run.metrics for run in runs.values()])
+
+
 def test_differences_are_relative_to_the_run_as_judged(runs):
-    m = compare(runs)
+    m = compare_all(runs)
     assert [v.mean_speed_change for v in m.variants] == pytest.approx(
         [0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6
     )
@@ -39,23 +37,26 @@ def test_differences_are_relative_to_the_run_as_judged(runs):
         [0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6
     )
     assert m.greatest_change == pytest.approx(4e-3, abs=1e-6)
-    assert verdict(m) == "Finer physics changes the mean speed held by 0.40% at most."
+    assert (
+        summarise_convergence(m)
+        == "Finer physics changes the mean speed held by 0.40% at most."
+    )
     assert from_json(ConvergenceMetrics, to_json(m)) == m
 
 
 def test_the_verdict_names_those_that_fell(runs, make_run):
-    m = compare(runs | {"0.25 ms": make_run(duration=4.0, fell_at=4.0)})
-    assert verdict(m).endswith(" Fell: 0.25 ms.")
+    m = compare_all(runs | {"0.25 ms": make_run(duration=4.0, fell_at=4.0)})
+    assert summarise_convergence(m).endswith(" Fell: 0.25 ms.")
 
 
 def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
-    m = compare({name: make_run(duration=0.5, fell_at=0.5) for name in VARIANTS})
-    assert [v.best_speed_change for v in m.variants] == [None] * len(VARIANTS)
+    m = compare_all({name: make_run(duration=0.5, fell_at=0.5) for name in NUMERICS})
+    assert [v.best_speed_change for v in m.variants] == [None] * len(NUMERICS)
     assert m.greatest_change == 0.0
 
 
 def test_the_policy_is_run_under_every_numerics(
-    make_policy, runs, monkeypatch, assert_fits
+    make_policy, runs, simulated, assert_fits
 ):
     asked = []
 
@@ -63,11 +64,7 @@ def test_the_policy_is_run_under_every_numerics(
         asked.append((one.schedule, one.numerics))
         return runs[one.name]
 
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
-    )
+    simulated(module, run)
     policy, setup = make_policy(), Setup(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
@@ -84,35 +81,13 @@ def test_the_policy_is_run_under_every_numerics(
     assert (numerics[1].iterations, numerics[1].line_search_iterations) == (200, 100)
     assert "but for '0.25 ms, motors too'" in evaluation.conditions["simulator"]
     assert evaluation.good
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
 
 
-def test_too_great_a_change_is_no_good_verdict(
-    make_policy, runs, make_run, monkeypatch
-):
+def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, simulated):
     slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries],
-    )
+    simulated(module, lambda one: slower[one.name])
     setup = Setup(speed=6.0)
     assert not convergence(
         make_policy(), ramp_to_topspeed(make_policy(), setup), setup
     ).good
-
-
-def test_mjx_has_no_other_numerics():
-    with pytest.raises(UserError, match="--backend is not of --benchmark convergence"):
-        choose("convergence", Setup(backend="mjx"))
-
-
-def test_the_figure_can_be_drawn_of_runs_and_of_the_shortest_falls(runs, make_run):
-    falls = {name: make_run(duration=0.002, fell_at=0.002) for name in VARIANTS}
-    for each in (runs, falls):
-        figure = convergence_figure(each, compare(each))
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png")
-        assert Image.open(buffer).width >= 1200
-        assert figure.axes[0].get_legend_handles_labels()[1] == list(VARIANTS)

@@ -11,22 +11,22 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_robot,
     top_speed,
 )
+from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.losses import ramp_to_losses
-from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint, time_limit
+from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
+from bp2_rl.evaluation.benchmarks.tries.tasks import (
     ManoeuvreSizes,
     all_manoeuvres,
     sizes_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness
-from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
-from bp2_rl.evaluation.benchmarks.sprint import race, time_limit
 from bp2_rl.robot.hardware import BUILT, IDEAL, Losses
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.settings.presets import preset
-from bp2_rl.simulation.metrics import froude_number, standing_height
+from bp2_rl.simulation.measuring import froude_number, standing_height
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.schedule import Ramp
 
@@ -87,7 +87,9 @@ def test_another_robots_manoeuvres_are_within_its_speed():
 
 
 def test_a_slow_robot_has_the_time_to_arrive(go1):
-    ramp = race(go1(topspeed={"best_speed": 2.0, "commanded_speed": 2.0}), Setup())
+    ramp = ramp_to_sprint(
+        go1(topspeed={"best_speed": 2.0, "commanded_speed": 2.0}), Setup()
+    )
     # s: half as long again as 100 m at 2 m/s
     assert ramp.duration == pytest.approx(75.0)
 

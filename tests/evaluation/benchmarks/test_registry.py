@@ -6,17 +6,16 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.evaluation.benchmarks import topspeed as module
+from bp2_rl.evaluation.benchmarks import run as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
-from bp2_rl.evaluation.benchmarks.topspeed import (
+from bp2_rl.evaluation.benchmarks.run import (
     follows,
     ramp_to_topspeed,
+    summarise_topspeed,
     topspeed,
-    verdict,
 )
 from bp2_rl.simulation.backend import DrakeContact
-from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.operator import HeadingHold
 
 
@@ -42,13 +41,25 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
     assert choose(name, chosen) == {name: chosen}
 
 
-@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3))])
-def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
+@pytest.mark.parametrize(
+    ("name", "flag", "wrong"),
+    [
+        ("topspeed", "robots", Setup(robots=3)),
+        ("sprint", "hold", Setup(hold=3.0)),
+        ("sprint", "robots", Setup(robots=3)),
+        ("convergence", "backend", Setup(backend="mjx")),
+        ("sensitivity", "backend", Setup(backend="mjx")),
+        ("manoeuvres", "backend", Setup(backend="mjx")),
+        ("manoeuvres", "hold", Setup(hold=3.0)),
+        ("manoeuvres", "acceleration", Setup(acceleration=3.0)),
+    ],
+)
+def test_a_flag_that_a_benchmark_does_not_know_is_refused(name, flag, wrong):
     with pytest.raises(
         UserError,
-        match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed",
+        match=f"--{flag} is not of --benchmark {name}, which takes .*--speed",
     ):
-        choose("topspeed", wrong)
+        choose(name, wrong)
 
 
 def test_a_refused_flag_is_written_as_it_is_typed():
@@ -129,8 +140,8 @@ def test_topspeed_says_how_noisy_its_sensors_are(make_policy, asked):
     assert noisy.conditions["sensors"].startswith(
         "with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s"
     )
-    assert "noisy sensors" in noisy.subject
-    assert "noisy sensors" not in quiet.subject
+    names = [request.name for _, request in asked]
+    assert names[1] == f"{names[0]}, noisy sensors"
 
 
 def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
@@ -140,15 +151,18 @@ def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
 
 
 def test_the_verdict_tells_a_fall(make_run):
-    assert verdict(measure(make_run())) == (
+    assert summarise_topspeed(make_run().metrics) == (
         "Ran 5.00 m/s in the mean of 6.0 s, 5.00 m/s in the best second, without a fall."
     )
-    stands = measure(make_run(speed=0.1))
+    stands = make_run(speed=0.1).metrics
     told = dataclasses.replace(stands, commanded_speed=10.0)
-    assert verdict(told) == "Does not run: 0.10 m/s where 10 m/s were commanded."
+    assert (
+        summarise_topspeed(told)
+        == "Does not run: 0.10 m/s where 10 m/s were commanded."
+    )
     assert not follows(told)
     assert (
-        verdict(measure(make_run(duration=3.5, fell_at=3.5)))
+        summarise_topspeed(make_run(duration=3.5, fell_at=3.5).metrics)
         == "Fell after 3.50 s, 1.5 s into the hold."
     )
 

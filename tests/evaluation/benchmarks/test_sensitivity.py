@@ -2,6 +2,7 @@ import dataclasses
 import io
 import json
 import math
+import operator
 
 import pytest
 from PIL import Image
@@ -10,26 +11,28 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import sensitivity as module
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.sensitivity import (
     AS_ASSUMED,
     RobotMetrics,
     SensitivityMetrics,
-    compare,
+    compare_robots,
     ramp_to_sensitivity,
+    robot_metrics,
     robots_of,
     sensitivity,
-    sensitivity_figure,
+    sensitivity_picture,
     sensitivity_rows,
-    verdict,
+    summarise_sensitivity,
 )
+from bp2_rl.evaluation.benchmarks.variants import VariantRun
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 
 ROBOT = RobotMetrics(
     AS_ASSUMED,
-    15.0,
-    14.9,
+    told=16.0,
+    best_speed=15.0,
+    mean_speed=14.9,
     fell_at=None,
     stop_hits=0,
     leg_contact_time=0.0,
@@ -75,19 +78,54 @@ def test_each_other_robot_differs_in_one_property():
     assert robots["mass +10 %"].mass_scale == pytest.approx(1.1)
 
 
+def test_what_was_found_decisive_is_among_the_robots():
+    robots = robots_of(BUILT)
+    changed = {
+        "spring damping 50 N s/m": ("spring_damping", 50.0),
+        "no-load speed -10 %": ("no_load_speed", pytest.approx(0.9 * 21.4)),
+        "bus sag 5 %/kW": ("losses.bus_sag", 0.05),
+        "bus 6 kW": ("losses.bus_power_out", 6e3),
+        "charging 1 kW": ("losses.bus_power_in", 1e3),
+        "drag area 0.4 m\u00b2": ("losses.drag_area", 0.4),
+        "no air": ("losses.drag_area", 0.0),
+    }
+    for name, (parameter, value) in changed.items():
+        assert operator.attrgetter(parameter)(robots[name]) == value
+    assert "no air" not in robots_of(IDEAL)  # it runs in none
+
+
+def test_a_robot_is_shown_at_the_command_under_which_it_ran_fastest(make_run):
+    """Told 6 m/s it falls, told 5 it runs 4.5, told 4 it runs 4."""
+
+    def ran(speed, **changes):
+        run = make_run(speed=speed, acceleration=10.0, **changes)
+        return VariantRun(run.metrics, None, lane_kept=True)
+
+    fell, told = ran(5.9, duration=4.0, fell_at=4.0), (6.0, 5.0, 4.0)
+    found = robot_metrics("weak", told, [fell, ran(4.5), ran(4.0)], fell)
+    assert (found.told, found.best_speed) == (5.0, pytest.approx(4.5))
+    assert (found.fell_at, found.fell_in_sprint_at) == (None, 4.0)
+    assert not found.lane_kept
+    lost = robot_metrics("lost", told, [fell, fell, fell], fell)
+    assert (lost.told, lost.mean_speed, lost.fell_at) == (6.0, None, 4.0)
+
+
 def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
-    m = compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING])
+    m = compare_robots([ROBOT, SLOW, FELL, FELL_RACING], 16.0)
     assert (m.upright, m.best_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
     assert (
-        verdict(m)
+        summarise_sensitivity(m)
         == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
     )
     late = dataclasses.replace(ROBOT, time_100m=None)
     assert (
-        verdict(compare(16.0, [late]))
+        summarise_sensitivity(compare_robots([late], 16.0))
         == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
     )
-    assert verdict(compare(16.0, [FELL])) == "0 of 1 robots did not fall."
+    assert (
+        summarise_sensitivity(compare_robots([FELL], 16.0))
+        == "0 of 1 robots did not fall."
+    )
     assert (
         from_json(
             SensitivityMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))
@@ -97,17 +135,17 @@ def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
 
 
 def test_a_reader_is_told_of_falls_and_of_lanes_left():
-    rows = sensitivity_rows(compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING]))
+    rows = sensitivity_rows(compare_robots([ROBOT, SLOW, FELL, FELL_RACING], 16.0))
     said = {row.label: row.meaning for row in rows}
     assert {row.label: row.value for row in rows}["Lane kept"] == "3 of 4"
-    assert said["As assumed"] == "100 m in 9.50 s"
-    assert said["Slow"] == "100 m in 20.00 s, left its lane"
+    assert said["As assumed"] == "told 16.0; 100 m in 9.50 s"
+    assert said["Slow"] == "told 16.0; 100 m in 20.00 s, left its lane"
     assert said["Fell"] == "fell at 8.00 s; 100 m in 9.50 s"
-    assert said["Fell racing"] == "100 m: fell at 2.00 s"
+    assert said["Fell racing"] == "told 16.0; 100 m: fell at 2.00 s"
 
 
 def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_controller(
-    make_policy, make_run, monkeypatch, assert_fits
+    make_policy, make_run, simulated, assert_fits
 ):
     asked = []
 
@@ -116,22 +154,23 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
         return fast if one.finish == 100.0 else fast.between(0.0, 7.0)
 
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, tries: [measure(one, run(one)) for one in tries],
-    )
+    simulated(module, run)
     policy, setup = (
         make_policy(results={"sprint": {"sprint_acceleration": 3.5}}),
         Setup(speed=10.0, robot="ideal"),
     )
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)
-    for finish, acceleration in ((math.inf, 2.4), (100.0, 3.5)):
+    for finish, acceleration, told in (
+        (math.inf, 2.4, [10.0, 9.0, 8.0]),
+        (100.0, 3.5, [10.0]),
+    ):
         runs = [run for run in asked if run[2] == finish]
         assert {name: hardware for name, hardware, *_ in runs} == robots
         assert all(run[3].acceleration == acceleration for run in runs)
-    assert [run[3].hold for run in asked if run[2] == math.inf] == [5.0] * len(robots)
+        speeds = [run[3].target[0] for run in runs]
+        assert speeds == pytest.approx(told * len(robots))
+    assert {run[3].hold for run in asked if run[2] == math.inf} == {5.0}
     assert evaluation.good
     assert evaluation.results["lanes_kept"] == len(robots)
     assert folder.card_results(evaluation)["sprint"].startswith(
@@ -139,7 +178,6 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     )
     assert evaluation.results["best_speeds"]["mass +10 %"] == pytest.approx(10.0)
     assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
 
 
@@ -148,16 +186,11 @@ def test_a_race_that_cannot_be_run_is_refused_before_any_robot_runs(make_policy)
         ramp_to_sensitivity(make_policy(), Setup(speed=10.0, acceleration=0.3))
 
 
-def test_mjx_runs_no_other_robots():
-    with pytest.raises(UserError, match="--backend is not of --benchmark sensitivity"):
-        choose("sensitivity", Setup(backend="mjx"))
-
-
 @pytest.mark.parametrize(
     "robots", [[ROBOT, SLOW, FELL, FELL_RACING], [FELL, FELL_RACING]]
 )
 def test_the_figure_can_be_drawn_whoever_falls(robots):
-    figure = sensitivity_figure(compare(16.0, robots))
+    figure = sensitivity_picture(robots).figure
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     assert Image.open(buffer).width >= 1200

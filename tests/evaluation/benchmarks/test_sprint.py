@@ -8,18 +8,18 @@ from PIL import Image
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.evaluation.benchmarks import sprint as module
+from bp2_rl.evaluation.benchmarks import run as module
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import choose
-from bp2_rl.evaluation.benchmarks.sprint import (
+from bp2_rl.evaluation.benchmarks.run import (
+    SprintLaunch,
     SprintMetrics,
     measure_first_metres,
-    measure_sprint,
-    race,
+    ramp_to_sprint,
     sprint,
-    verdict,
+    sprint_metrics,
+    summarise_sprint,
 )
-from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
+from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
 from bp2_rl.evaluation.races import BOLT_SPLITS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
@@ -71,7 +71,7 @@ def crossing(distance, acceleration, speed):
     ("acceleration", "speed"), [(5.0, 10.0), (2.4, 8.2), (6.0, 15.3)]
 )
 def test_times_and_splits_of_a_constant_acceleration(make_race, acceleration, speed):
-    m = measure_sprint(make_race(acceleration, speed), acceleration)
+    m = sprint_metrics(make_race(acceleration, speed), acceleration)
     times = [crossing(10.0 * k, acceleration, speed) for k in range(1, 11)]
     # A straight line between samples is off by a dt^2 / 8 of the way, 1e-6 m: 1e-7 s at
     # these speeds.
@@ -89,7 +89,6 @@ def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(
     make_race, acceleration
 ):
     launch = measure_first_metres(make_race(acceleration, speed=10.0))
-    assert launch is not None
     assert launch.time == pytest.approx((10.0 / acceleration) ** 0.5, abs=1e-6)
     assert launch.speed == pytest.approx((10.0 * acceleration) ** 0.5, rel=1e-5)
     assert launch.mean_acceleration == pytest.approx(acceleration, rel=1e-5)
@@ -100,24 +99,24 @@ def test_accelerations_of_a_launch_at_constant_speed_differ(make_race):
     """Off at 5 m/s: 1 s for 5 m, at 5 m/s; but 10 m/s2 would have been needed to take
     as long from rest."""
     launch = measure_first_metres(make_race(acceleration=1e6, speed=5.0))
-    assert launch is not None
     assert launch.mean_acceleration == pytest.approx(5.0, rel=1e-4)
     assert launch.equivalent_acceleration == pytest.approx(10.0, rel=1e-4)
 
 
 def test_a_race_not_run_to_its_end_has_no_time(make_race):
     run = make_race(speed=10.0, duration=4.5)  # 35 m
-    m = measure_sprint(run, 5.0)
+    m = sprint_metrics(run, 5.0)
     assert m.time is None
     assert [split.distance for split in m.splits] == [10.0, 20.0, 30.0]
-    assert verdict(m) == "Came 35.0 m far in 4 s."
-    fell = measure_sprint(dataclasses.replace(run, fell_at=4.5), 5.0)
-    assert verdict(fell) == "Fell after 4.50 s and 35.0 m."
+    assert summarise_sprint(m) == "Came 35.0 m far in 4 s."
+    fell = sprint_metrics(dataclasses.replace(run, fell_at=4.5), 5.0)
+    assert summarise_sprint(fell) == "Fell after 4.50 s and 35.0 m."
 
 
 def test_a_fall_before_five_metres_has_no_launch(make_race):
-    assert measure_first_metres(make_race(acceleration=5.0, duration=1.0)) is None
-    assert measure_sprint(make_race(acceleration=5.0, duration=1.0), 5.0).splits == ()
+    short = make_race(acceleration=5.0, duration=1.0)
+    assert measure_first_metres(short) == SprintLaunch()
+    assert sprint_metrics(make_race(acceleration=5.0, duration=1.0), 5.0).splits == ()
 
 
 def test_the_clock_runs_along_the_first_heading(make_race):
@@ -146,12 +145,12 @@ def test_the_trunks_way_is_measured_from_the_line(make_race):
     run = make_race()
     qpos = run.qpos.copy()
     qpos[:, 1] = 0.3 * np.sin(run.time)
-    lane = measure_sprint(dataclasses.replace(run, qpos=qpos), 5.0).lane
+    lane = sprint_metrics(dataclasses.replace(run, qpos=qpos), 5.0).lane
     assert lane.trunk_offset == pytest.approx(0.3, abs=1e-6)
     assert lane.trunk_reach == pytest.approx(0.3 + 0.22, abs=1e-6)
     assert lane.kept
     qpos[:, 1] = 0.4 * np.sin(run.time)  # 0.62 m
-    assert not measure_sprint(dataclasses.replace(run, qpos=qpos), 5.0).lane.kept
+    assert not sprint_metrics(dataclasses.replace(run, qpos=qpos), 5.0).lane.kept
 
 
 def test_a_turned_trunk_is_wider(make_race):
@@ -186,7 +185,7 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
     qpos = run.qpos.copy()
     qpos[500, 11] = 0.9  # the front left leg to the side
     apart = dataclasses.replace(run, qpos=qpos)
-    lane, foot = measure_sprint(apart, 5.0).lane, foot_centres(apart)[500, 1, 1]
+    lane, foot = sprint_metrics(apart, 5.0).lane, foot_centres(apart)[500, 1, 1]
     assert lane.foot_reach == pytest.approx(foot + bp2.FOOT_RADIUS)
     assert foot_edges(apart)[500, 1] == pytest.approx(lane.foot_reach)
     assert lane.trunk_reach == pytest.approx(0.22)
@@ -209,7 +208,7 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
         make_policy(results={"topspeed": {"commanded_speed": 10.0}}),
         Setup(operator=HeadingHold(limit=0.1)),
     )
-    evaluation = sprint(policy, race(policy, setup), setup)
+    evaluation = sprint(policy, ramp_to_sprint(policy, setup), setup)
     (request,) = asked
     schedule = request.schedule
     assert (schedule.target, schedule.acceleration, schedule.duration) == (
@@ -222,7 +221,6 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
     assert evaluation.good
     assert evaluation.results["time_100m"] == 11.0
     assert evaluation.results["splits"][0] == 2.0
-    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
     assert from_json(SprintMetrics, to_json(evaluation.metrics)) == evaluation.metrics
 
@@ -232,25 +230,17 @@ def test_a_sprint_starts_as_its_card_says(make_policy):
         "sprint": {"commanded_speed": 12.0, "sprint_acceleration": 6.0},
         "topspeed": {"commanded_speed": 10.0},
     }
-    ramp = race(make_policy(results=measured), Setup())
+    ramp = ramp_to_sprint(make_policy(results=measured), Setup())
     assert (ramp.target[0], ramp.acceleration) == (12.0, 6.0)
-    ramp = race(make_policy(results=measured), Setup(speed=9.0, acceleration=3.0))
+    ramp = ramp_to_sprint(
+        make_policy(results=measured), Setup(speed=9.0, acceleration=3.0)
+    )
     assert (ramp.target[0], ramp.acceleration) == (9.0, 3.0)
 
 
 def test_a_start_that_takes_longer_than_the_race_is_refused(make_policy):
     with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
-        race(make_policy(), Setup(speed=10.0, acceleration=0.3))
-
-
-@pytest.mark.parametrize(
-    ("flag", "wrong"), [("hold", Setup(hold=3.0)), ("robots", Setup(robots=3))]
-)
-def test_flags_of_others_are_refused(flag, wrong):
-    with pytest.raises(
-        UserError, match=f"--{flag} is not of --benchmark sprint, which takes .*--speed"
-    ):
-        choose("sprint", wrong)
+        ramp_to_sprint(make_policy(), Setup(speed=10.0, acceleration=0.3))
 
 
 @pytest.mark.parametrize("fell_at", [None, 0.002])
@@ -258,14 +248,15 @@ def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, f
     run = (
         make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
     )
-    figure = sprint_figure(run, measure_sprint(run, 5.0).time)
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+    race, times = sprint_pictures(run, sprint_metrics(run, 5.0).time)
+    assert [axes.get_title(loc="left") for axes in race.figure.axes] == [
         "Speed",
         "Lane of 1.22 m",
-        "Time over 100 m",
     ]
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).width >= 1200
-    names = [label.get_text() for label in figure.axes[2].get_yticklabels()]
-    assert ("this policy" in names) == (fell_at is None)
+    for picture in (race, times):
+        buffer = io.BytesIO()
+        picture.figure.savefig(buffer, format="png")
+        assert Image.open(buffer).width >= 1200
+    ranked = [label.get_text() for label in times.figure.axes[0].get_yticklabels()]
+    assert ("this policy, 11 s" in ranked) == (fell_at is None)
+    assert ranked[0] == "Bolt, Berlin 2009, 9.58 s"

@@ -10,7 +10,7 @@ from browser import browsing, find_browser
 
 from bp2_rl.base.plotting import moving_mean
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
-from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_tables
+from bp2_rl.evaluation.benchmarks.run import run_pictures, run_tables
 from bp2_rl.evaluation.report.page import page
 from bp2_rl.evaluation.report.player.content import LONGEST, describe
 from bp2_rl.robot.model import load_model

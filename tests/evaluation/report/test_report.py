@@ -14,23 +14,19 @@ from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import Row, Table, card_of, rows_of, show
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
-from bp2_rl.evaluation.benchmarks.run_tables import (
-    run_pictures,
-    run_results,
-    run_rows,
-    run_tables,
-)
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation
+from bp2_rl.evaluation.benchmarks.run import run_pictures, run_tables
 from bp2_rl.evaluation.report import folder, page, terminal
 from bp2_rl.simulation import film as video
-from bp2_rl.simulation.metrics import RunMetrics, measure
+from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
 
 
 def evaluation_of(run, benchmark="topspeed", **changes):
     """What a benchmark of a single run leaves, with the fewest of its pictures."""
-    metrics = measure(run)
+    metrics = run.metrics
     fields = {
         "benchmark": benchmark,
         "subject": run.name,
@@ -42,11 +38,11 @@ def evaluation_of(run, benchmark="topspeed", **changes):
         },
         "verdict": "It ran.",
         "good": True,
-        "rows": run_rows(metrics),
+        "rows": rows_of(metrics),
         "tiles": ("Best speed", "Fall"),
         "pictures": run_pictures(run)[:1],
         "metrics": metrics,
-        "results": run_results(metrics),
+        "results": card_of(metrics),
         "tables": run_tables(metrics),
         "trajectory": run,
     }
@@ -219,27 +215,11 @@ def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run, assert_fits
 
 
 def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_run):
-    metrics = measure(make_run(duration=0.5, fell_at=0.5))
+    metrics = make_run(duration=0.5, fell_at=0.5).metrics
     assert to_json(metrics)["best_speed"] is None
-    assert {row.label: row.value for row in run_rows(metrics)}["Best speed"] == "-"
+    assert {row.label: row.value for row in rows_of(metrics)}["Best speed"] == "-"
     assert show(None, ".2f", "m/s") == "-"
     assert show(1.234, ".2f", "m/s") == "1.23 m/s"
-
-
-def test_a_card_says_four_digits():
-    assert rounded(
-        {
-            "a": 1.23456,
-            "b": [0.000123456, None],
-            "c": 123456,
-            "d": {"e": 12345.6, "f": "x"},
-        }
-    ) == {
-        "a": 1.235,
-        "b": [0.0001235, None],
-        "c": 123456,
-        "d": {"e": 12350.0, "f": "x"},
-    }
 
 
 # --- The film -------------------------------------------------------------------------

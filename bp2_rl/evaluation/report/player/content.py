@@ -1,5 +1,4 @@
-"""What the page is told of a run: the robot's links and looks, and its motion as small
-numbers.
+"""The data of the player in a report's page: the robot's links, looks and motion.
 
 The motion is given in joint coordinates, from which the page finds the links' poses as
 `mj_kinematics` does: with 20 numbers an instant it takes a fifth of what the poses
@@ -18,8 +17,8 @@ from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import SOLE_SITES, load_model, mesh_of, visible_geoms
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.windows import best_window
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
 LARGEST = 32767  # of a 16-bit number
@@ -33,8 +32,7 @@ SHAPES = {
 
 
 def describe(run: Trajectory) -> dict[str, Any]:
-    """Everything that the page needs, ready for JSON; samples are `CONTROL_STEP`
-    apart."""
+    """Return the data of a run for the page, ready for JSON, a sample a control step."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
     length = len(run) * run.dt
@@ -69,8 +67,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
 
 
 def robot(hardware: HardwareSpec) -> dict[str, Any]:
-    """The robot's links, each hung on an earlier one, with their visible geoms; lengths
-    in m."""
+    """Return the robot's links, each hung on an earlier one, and geoms; lengths in m."""
     model = load_model(hardware)
     links, meshes = [], {}
     for body in range(1, model.nbody):
@@ -119,7 +116,7 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
     }
 
 
-def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
+def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, object]:
     vertices, faces = mesh_of(model, mesh)
     return {
         "vertices": [_rounded(vertex) for vertex in vertices],
@@ -131,19 +128,18 @@ def _rounded(values: np.ndarray) -> list[float]:
     return [round(float(value), 6) for value in values]
 
 
-def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
+def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
     return _channel(values.astype("<f4"), "f4", np.ones(1))
 
 
-def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
-    """Each column in 65,535 steps around 0; what is not a number, as of a run that blew
-    up, is 0."""
+def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
+    """Encode each column in 65,535 steps around 0; what is not a number becomes 0."""
     values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
     scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
     return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)
 
 
-def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, Any]:
+def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, object]:
     data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
     return {
         "type": kind,

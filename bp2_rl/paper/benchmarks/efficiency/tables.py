@@ -4,7 +4,7 @@ from typing import Any
 
 from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.outcome import Row, Table, rounded, show, show_fall
-from bp2_rl.evaluation.benchmarks.run_tables import ENERGY
+from bp2_rl.evaluation.benchmarks.run import ENERGY
 from bp2_rl.paper.benchmarks.efficiency.measured import (
     RETURNED,
     EfficiencyMetrics,

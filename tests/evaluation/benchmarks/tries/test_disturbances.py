@@ -4,13 +4,13 @@ import collections
 
 import pytest
 
-from bp2_rl.evaluation.benchmarks.manoeuvres import disturbances as module
-from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import (
-    all_disturbances,
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.tries import benchmark as module
+from bp2_rl.evaluation.benchmarks.tries.benchmark import (
     disturbances,
     ramp_to_disturbances,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.tries.tasks import all_disturbances
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.named import find_robot
 from bp2_rl.simulation.operator import HEADING_HOLD
@@ -57,21 +57,14 @@ def test_a_small_robot_has_small_disturbances():
 
 
 def test_the_sheet_from_runs_that_are_known(
-    make_policy, make_run, monkeypatch, assert_fits
+    make_policy, make_run, monkeypatch, simulated, assert_fits
 ):
     steady, fallen = (
         make_run(duration=2.0, speed=10.74),
         make_run(duration=2.0, speed=10.74, fell_at=1.5),
     )
     monkeypatch.setattr(module, "simulate", lambda *_: iter([steady]))
-    monkeypatch.setattr(
-        module,
-        "simulate_all",
-        lambda measure, _, asked: [
-            measure(one, fallen if "turning left" in one.group else steady)
-            for one in asked
-        ],
-    )
+    simulated(module, lambda one: fallen if "turning left" in one.group else steady)
     policy, setup = make_policy(), Setup()
     evaluation = disturbances(policy, ramp_to_disturbances(policy, setup), setup)
     assert evaluation.verdict == "79 of 143 disturbances without a fall."

@@ -1,31 +1,26 @@
-"""Every manoeuvre as a cell, red where it fails."""
+"""The picture of tries: every try a cell, red where it failed."""
 
 import itertools
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import ManoeuvreOutcome
+
+if TYPE_CHECKING:
+    from bp2_rl.evaluation.benchmarks.tries.benchmark import TryOutcome
 
 CELL, ROW = 0.76, 0.42  # inches
 LABELS = 2.2  # inches, left of the cells
 LONG = 9  # characters: what is longer is written smaller
-CAPTION = (
-    "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on the "
-    "left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone failed. "
-    "Pushes: towards the arrow, ahead is up."
-)
-CAPTION_OF_BP2 = (
-    f"{CAPTION} A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
-)
 
 
 @styled
-def manoeuvres_figure(outcomes: Sequence[ManoeuvreOutcome]) -> Figure:
-    """The whole sheet."""
+def tries_figure(outcomes: Sequence["TryOutcome"]) -> Figure:
+    """Draw all tries, a row a group."""
     groups = [
         list(group)
         for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)
@@ -61,7 +56,7 @@ def manoeuvres_figure(outcomes: Sequence[ManoeuvreOutcome]) -> Figure:
     return figure
 
 
-def _draw_cell(axes: Axes, left: float, top: float, outcome: ManoeuvreOutcome) -> None:
+def _draw_cell(axes: Axes, left: float, top: float, outcome: "TryOutcome") -> None:
     color, alpha = (FRONT, 0.16) if outcome.passed else (FALL, 1.0)
     axes.add_patch(
         Rectangle(

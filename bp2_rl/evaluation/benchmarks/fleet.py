@@ -1,0 +1,263 @@
+"""How many of many robots stay up, each drawn as in training, at the paper's top speed
+or another robot's cruise."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import card_of, metric, rounded, rows_of, show
+from bp2_rl.evaluation.benchmarks.conditions import (
+    cruising_speed,
+    describe_ramp,
+    describe_sensors,
+    robot_of,
+    title_of,
+)
+from bp2_rl.evaluation.benchmarks.fleet_figures import (
+    FLEET_CAPTION,
+    ROBOTS_CAPTION,
+    fleet_figure,
+    robots_figure,
+)
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, run_conditions
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.settings.presets.robots import on_robot
+from bp2_rl.simulation.backend import TITLES
+from bp2_rl.simulation.fleet import FleetRun, run_fleet
+from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import Numerics
+
+NUM_ROBOTS = 200
+ROBUSTNESS_HOLD = 15.0  # s
+# standard deviations of a normal distribution that hold 95 % of it
+CONFIDENCE_95 = 1.959964
+
+
+@dataclasses.dataclass(frozen=True)
+class DrawnRobot:
+    """One robot: what was drawn for it, and what it did."""
+
+    friction: float  # of the feet on the ground
+    latency: float  # s, from observation to new joint targets
+    mass: float  # kg
+    strength: float  # share of the peak torque that its weakest motor has
+    mean_speed: float | None  # m/s, while held; None if it fell
+    # m, greatest distance of its trunk from the line through the start; None if it fell
+    offset: float | None
+    fell_at: float | None  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantiles:
+    """Quantiles of a figure over the robots that did not fall."""
+
+    low: float  # 5 % lie below
+    median: float
+    high: float  # 5 % lie above
+
+
+def _within(quantiles: Quantiles | None, unit: str) -> str:
+    return (
+        f"; 90 %: {quantiles.low:.2f} to {quantiles.high:.2f} {unit}"
+        if quantiles
+        else ""
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobustnessMetrics:
+    """How a fleet fared, and each of its robots; None where all fell."""
+
+    duration: float  # s
+    upright: int  # robots that did not fall
+    share: float = metric(
+        "Without a fall",
+        form=".1%",
+        meaning=lambda m: (
+            f"upright for {m.duration:.1f} s: {m.upright} of {len(m.robots)}"
+        ),
+        card=True,
+    )
+    share_interval: tuple[float, float] = metric(
+        "95 % interval",
+        form=lambda interval: f"{interval[0]:.1%} to {interval[1]:.1%}",
+        meaning="Wilson score interval of that share",
+        card=True,
+    )
+    commanded_speed: float = metric(
+        "Commanded speed", "m/s", meaning="at the end", card=True
+    )
+    # over robots, of each one's mean while held
+    mean_speed: Quantiles | None = metric(
+        "Mean speed",
+        form=lambda speed: show(speed and speed.median, ".2f", "m/s"),
+        meaning=lambda m: f"held, median{_within(m.mean_speed, 'm/s')}",
+    )
+    # over robots, of each one's greatest distance from the line
+    offset: Quantiles | None = metric(
+        "Off the line",
+        form=lambda offset: show(offset and offset.median, ".2f", "m"),
+        meaning=lambda m: f"greatest, median{_within(m.offset, 'm')}",
+    )
+    greatest_offset: float | None = metric(
+        "Worst off the line",
+        "m",
+        meaning="greatest of the upright",
+        card="greatest_lane_offset",
+    )
+    # s, in order
+    fallen_at: tuple[float, ...] = metric(
+        "First fall",
+        form=lambda times: show(times[0] if times else None, ".2f", "s"),
+        meaning=lambda m: (
+            f"after the start; the last at {show(m.fallen_at[-1] if m.fallen_at else None, '.2f', 's')}"
+        ),
+    )
+    # with a leg at or in another or the trunk at the beginning of some control step
+    legs_touch: int = metric(
+        "Legs touch",
+        form="d",
+        meaning=lambda m: (
+            f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"
+        ),
+        card=True,
+    )
+    leg_depth: float = metric("Depth", "mm", ".0f", card=True, shown=False)
+    robots: tuple[DrawnRobot, ...]
+
+
+def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Run the fleet and count the robots that fall."""
+    count, seed = setup.robots or NUM_ROBOTS, setup.seed or 0
+    robot = robot_of(policy, setup)
+    drawn = on_robot(EnvConfig(), robot).randomization
+    request = RunRequest(
+        ramp, robot, setup.operator, numerics=Numerics(drake=setup.drake)
+    )
+    run = run_fleet(policy, request, drawn, count, seed, setup.backend)
+    metrics = fleet_metrics(run)
+    speed, offset = metrics.mean_speed, metrics.offset
+    return Evaluation(
+        benchmark="robustness",
+        subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
+        backend=TITLES[setup.backend],
+        conditions=run_conditions(policy, setup, describe_ramp(ramp))
+        | {
+            "robots": f"{count}, seed {seed}",
+            "sensors": describe_sensors(drawn, seed),
+            "drawn": describe_randomization(drawn, robot),
+            "good": "no robot falls",
+        },
+        verdict=summarise_fleet(metrics),
+        good=metrics.upright == len(metrics.robots),
+        rows=rows_of(metrics),
+        tiles=("Without a fall", "Mean speed", "Off the line", "Worst off the line"),
+        pictures=(
+            Picture("robots", ROBOTS_CAPTION, robots_figure(metrics)),
+            Picture("fleet", FLEET_CAPTION, fleet_figure(run)),
+        ),
+        metrics=metrics,
+        results=card_of(metrics)
+        | rounded(
+            {
+                "robots": count,
+                "upright": metrics.upright,
+                "mean_speed": speed and speed.median,
+                "mean_speed_5_to_95": speed and (speed.low, speed.high),
+                "lane_offset": offset and offset.median,
+            }
+        ),
+    )
+
+
+def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
+    """Return the schedule: of BP2 the same for every policy, so that policies can be
+    compared."""
+    if setup.backend == "mjx":
+        raise UserError(
+            "--backend mjx runs topspeed and sprint; robustness takes mujoco or drake"
+        )
+    return ramp_to_topspeed(
+        policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD
+    )
+
+
+def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> str:
+    """Describe in one line what is drawn uniformly, and what acts all the time."""
+    low, high = (robot.friction * factor for factor in drawn.friction)
+    mass, strength, gains, losses = (
+        f"{least:g} to {most:g}"
+        for least, most in (drawn.mass, drawn.strength, drawn.gains, drawn.losses)
+    )
+    return (
+        f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {mass}, trunk's centre of mass "
+        f"±{1e3 * drawn.com_offset:.3g} mm, each motor's strength x {strength} and gains x "
+        f"{gains}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
+        f"x {losses}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
+        f"axis, every {drawn.push_interval:g} s in the mean"
+    )
+
+
+def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
+    """Compute all figures of merit of a fleet."""
+    upright = np.isinf(run.fell_at)
+    speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
+    offsets = np.max(np.abs(run.offset), axis=0)
+    robots = tuple(
+        DrawnRobot(
+            **{name: float(values[i]) for name, values in run.robots.items()},
+            mean_speed=float(speeds[i]) if up else None,
+            offset=float(offsets[i]) if up else None,
+            fell_at=None if up else float(run.fell_at[i]),
+        )
+        for i, up in enumerate(upright)
+    )
+    count = int(np.sum(upright))
+    return RobustnessMetrics(
+        commanded_speed=float(run.command[-1]),
+        duration=float(run.time[-1]),
+        upright=count,
+        share=count / len(robots),
+        share_interval=wilson_interval(count, len(robots)),
+        mean_speed=quantiles(speeds[upright]),
+        offset=quantiles(offsets[upright]),
+        greatest_offset=float(np.max(offsets[upright])) if count else None,
+        fallen_at=tuple(float(time) for time in np.sort(run.fell_at[~upright])),
+        legs_touch=int(np.sum(run.leg_room <= 0.0)),
+        leg_depth=max(-float(np.min(run.leg_room)), 0.0),
+        robots=robots,
+    )
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Wilson 1927): unlike the normal one it is of
+    use at 0 and at all of the trials."""
+    z, p = CONFIDENCE_95, successes / trials
+    middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = (
+        z
+        / (1 + z**2 / trials)
+        * math.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2))
+    )
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
+    """Return the 5 % quantile, the median and the 95 % quantile; None of no values."""
+    if not len(values):
+        return None
+    return Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95))))
+
+
+def summarise_fleet(metrics: RobustnessMetrics) -> str:
+    """Say in one sentence how many robots stayed up."""
+    count = f"{metrics.upright} of {len(metrics.robots)} robots"
+    return f"{count} did not fall at a command of {metrics.commanded_speed:g} m/s."

@@ -1,0 +1,349 @@
+"""The manoeuvres and the disturbances: tries that show the limits of a policy.
+
+Every try has a rule that a reader would expect a running robot to keep; a robot that
+falls fails. Manoeuvres are braking, launches, turns, slow motion, standing,
+straightness, pushes and bad ground.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+
+from bp2_rl.base.metric import (
+    NOT_MEASURED,
+    Row,
+    metric,
+    rounded,
+    show,
+    table_of,
+)
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    cruising_speed,
+    describe_simulator,
+    describe_subject,
+    robot_of,
+    top_speed,
+)
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
+from bp2_rl.evaluation.benchmarks.tries.figure import tries_figure
+from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Figures
+from bp2_rl.evaluation.benchmarks.tries.tasks import (
+    AFTER_PUSH,
+    ARROWS,
+    CROSSING,
+    PHASES,
+    SEEDS,
+    SHOVE,
+    SLOW_TIME,
+    STAND,
+    STEADY,
+    TURN,
+    TURN_TIME,
+    UPRIGHT,
+    Try,
+    all_disturbances,
+    all_manoeuvres,
+    dash_of,
+    run_up,
+    sizes_of,
+)
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest, simulate
+from bp2_rl.simulation.samples import best_window
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
+from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import EVEN, World
+
+FELL = "fell"
+LAUNCH_GROUP = "Launch, friction 0.8"
+
+
+def _show_figures(measured: Figures) -> str:
+    return ", ".join(
+        f"{name.replace('_', ' ')} {show(value, '.3g')}"
+        for name, value in measured.items()
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TryOutcome:
+    """The outcome of one try."""
+
+    group: str = metric("Manoeuvre", form="s")
+    asked: str = metric("Asked", form="s")
+    rule: str
+    did: str = metric("Did", form="s")
+    fell_at: float | None = metric("Fall", "s")
+    passed: bool = metric("Passed", form=lambda passed: "yes" if passed else "NO")
+    measured: Figures = metric("Measured, in SI units", form=_show_figures)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tries:
+    """All tries."""
+
+    passed: int
+    fell: int
+    outcomes: tuple[TryOutcome, ...]
+
+    @property
+    def groups(self) -> dict[str, tuple[TryOutcome, ...]]:
+        """The tries by what was tried."""
+        return {
+            name: tuple(group)
+            for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)
+        }
+
+    @property
+    def passes(self) -> dict[str, str]:
+        """The number of tries that passed in each group, in words."""
+        return {name: share_passed(group) for name, group in self.groups.items()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ManoeuvreMetrics(Tries):
+    """All manoeuvres, and what they were measured by."""
+
+    level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
+    cruise: float  # m/s, of stops and pushes
+
+
+def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
+    """Apply a try's rule to its run; a robot that falls fails."""
+    found, fell = one.assess(run), run.fell_at is not None
+    return TryOutcome(
+        group=one.group,
+        asked=one.asked,
+        rule=one.rule,
+        did=FELL if fell else found.said,
+        passed=found.passed and not fell,
+        fell_at=run.fell_at,
+        measured=found.measured,
+    )
+
+
+def count_tries(outcomes: Sequence[TryOutcome]) -> Tries:
+    """Count the tries that passed, and those in which the robot fell."""
+    return Tries(
+        passed=sum(outcome.passed for outcome in outcomes),
+        fell=sum(outcome.fell_at is not None for outcome in outcomes),
+        outcomes=tuple(outcomes),
+    )
+
+
+def share_passed(group: Sequence[TryOutcome]) -> str:
+    """Say how many of a group passed."""
+    return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
+
+
+# --- Manoeuvres -----------------------------------------------------------------------
+
+GROUND = (
+    "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
+    f"ground: heights drawn evenly at points {World.cell:g} m apart, straight between them, the figure from lowest to "
+    f"highest, even for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
+)
+MEASURES = (
+    f"speeds are {RIPPLE:g}-s means, slower than {STOPPED:g} m/s is at rest; yaw rates are means of "
+    f"{TURN_TIME:g} s, on the spot of {SLOW_TIME:g} s; chatter: root mean square of torque that varies faster than in "
+    f"{CHATTER_WINDOW:g} s; a gyro's heading is off by its bias x time"
+)
+
+
+def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Try all manoeuvres."""
+    robot, seed = robot_of(policy, setup), setup.seed or 0
+    level, cruise = (
+        level_speed(policy, ramp, robot, setup.operator),
+        cruising_speed(policy),
+    )
+    sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
+    asked = all_manoeuvres(ramp, level, robot, setup.operator, seed, sizes)
+    tries = count_tries(simulate_all(outcome_of, policy, asked))
+    metrics = ManoeuvreMetrics(**vars(tries), level_speed=level, cruise=cruise)
+    told = (
+        f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the "
+        f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
+        f"m/s; straightness, ground and latency: {TRACK:g} m at the top"
+    )
+    said = conditions(policy, told, describe_simulator("mujoco", robot), setup)
+    by_itself = " A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+    caption = (
+        "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on "
+        "the left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone "
+        f"failed. Pushes: towards the arrow, ahead is up.{by_itself if robot.is_bp2 else ''}"
+    )
+    return Evaluation(
+        benchmark="manoeuvres",
+        subject=describe_subject(policy, setup),
+        backend="C MuJoCo",
+        conditions=said
+        | {"ground": GROUND, "rough ground's seed": f"{seed}", "measures": MEASURES},
+        verdict=summarise_manoeuvres(metrics),
+        good=metrics.passed == len(metrics.outcomes),
+        rows=manoeuvre_rows(metrics),
+        tiles=(
+            "Passed",
+            "Fell",
+            "Hardest stop",
+            "Hardest launch",
+            "Creep",
+            "Nobody steering",
+        ),
+        pictures=(Picture("manoeuvres", caption, tries_figure(metrics.outcomes)),),
+        metrics=metrics,
+        results=rounded(
+            {
+                "level_speed": level,
+                "passed": metrics.passed,
+                "of": len(metrics.outcomes),
+                "fell": metrics.fell,
+                "creep": _measured("creep", metrics),
+                "astray": _measured("reach", metrics),
+                "passes": metrics.passes,
+                "did": {
+                    name: {o.asked: o.did for o in group}
+                    for name, group in metrics.groups.items()
+                },
+            }
+        ),
+        tables=(table_of("Manoeuvres", metrics.outcomes, words=True),),
+    )
+
+
+def level_speed(
+    policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold
+) -> float:
+    """Return the best speed over the track at the top speed's command, m/s; the command
+    itself where the robot fell."""
+    request = RunRequest(dash_of(ramp, robot), robot, operator, finish=TRACK)
+    [run] = simulate(policy, [request])
+    best = best_window(run, 1.0)
+    return ramp.target[0] if run.fell_at is not None or best is None else best.speed
+
+
+def summarise_manoeuvres(metrics: Tries) -> str:
+    """Say in one sentence how many manoeuvres passed."""
+    falls = {0: "without a fall", 1: "one fall"}.get(
+        metrics.fell, f"{metrics.fell} falls"
+    )
+    return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
+
+
+def hardest(outcomes: Iterable[TryOutcome]) -> str:
+    """Return what was asked in the hardest try that passed along with all gentler
+    ones."""
+    passed = list(itertools.takewhile(lambda outcome: outcome.passed, outcomes))
+    return passed[-1].asked if passed else NOT_MEASURED
+
+
+def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
+    """Return a few figures that say most, then every group."""
+    groups, from_cruise = metrics.groups, f"from {metrics.cruise:g} m/s"
+    return (
+        Row(
+            "Passed",
+            share_passed(metrics.outcomes),
+            "tries, each by its rule, as said below",
+        ),
+        Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
+        Row("Hardest stop", hardest(groups[f"Brake {from_cruise}"]), from_cruise),
+        Row(
+            "Hardest launch",
+            hardest(groups[LAUNCH_GROUP]),
+            "to the top, on friction 0.8",
+        ),
+        Row(
+            "Creep",
+            show(_measured("creep", metrics), ".2f", "m"),
+            f"of a stand for {STAND:g} s",
+        ),
+        Row(
+            "Nobody steering",
+            show(_measured("reach", metrics), ".1f", "m"),
+            f"how far the trunk's edge strays within {TRACK:g} m",
+        ),
+        *(
+            Row(name, share_passed(group), group[0].rule)
+            for name, group in groups.items()
+        ),
+    )
+
+
+def _measured(name: str, tries: Tries) -> float | None:
+    """Return a figure of the last try that has it: of straightness, nobody steers."""
+    found = [o.measured[name] for o in tries.outcomes if name in o.measured]
+    return found[-1]
+
+
+# --- Disturbances ---------------------------------------------------------------------
+
+
+def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Push the robot, and let it run over rough ground, at its cruising speed."""
+    robot, speed, seed = robot_of(policy, setup), ramp.target[0], setup.seed or 0
+    steady = run_up(speed).hold(AFTER_PUSH)
+    [calm] = simulate(policy, [RunRequest(steady, robot, setup.operator)])
+    stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
+    asked = all_disturbances(speed, stride, robot, setup.operator, seed)
+    tries = count_tries(simulate_all(outcome_of, policy, asked))
+    total = len(tries.outcomes)
+    told = (
+        f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there, of "
+        f"{SHOVE * robot.size.speed:.3g} m/s and {TURN * robot.size.rate:.3g} rad/s"
+    )
+    ground = (
+        "rough ground: heights drawn evenly at points, straight between them, the figure from lowest to highest, even "
+        f"for {EVEN:g} m around the start; pushes: the whole robot's velocity and yaw rate jump, in its heading's frame"
+    )
+    caption = (
+        "A row a phase of the stride, or a kind of ground; a cell a try: where the push goes, ahead is up, and how far "
+        "the robot went off its line. Red: it fell."
+    )
+    said = conditions(policy, told, describe_simulator("mujoco", robot), setup)
+    seeds = f"{seed} and the next {SEEDS - 1}"
+    return Evaluation(
+        benchmark="disturbances",
+        subject=describe_subject(policy, setup),
+        backend="C MuJoCo",
+        conditions=said | {"ground": ground, "rough ground's seeds": seeds},
+        verdict=f"{tries.passed} of {total} disturbances without a fall.",
+        good=tries.fell == 0,
+        rows=disturbance_rows(tries),
+        tiles=("Without a fall", "Pushes", "Rough ground"),
+        pictures=(Picture("disturbances", caption, tries_figure(tries.outcomes)),),
+        metrics=tries,
+        results=rounded({"of": total, "passed": tries.passed, "passes": tries.passes}),
+        tables=(table_of("Manoeuvres", tries.outcomes, words=True),),
+    )
+
+
+def ramp_to_disturbances(policy: Policy, setup: Setup) -> Ramp:
+    """Return the schedule over rough ground: of BP2 the same for every policy, so that
+    policies can be compared."""
+    return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=CROSSING)
+
+
+def disturbance_rows(tries: Tries) -> tuple[Row, ...]:
+    """Return how many of all, of the pushes and of the grounds passed, then every
+    group."""
+    pushes, grounds = (
+        [o for o in tries.outcomes if o.group.startswith("Push") is push]
+        for push in (True, False)
+    )
+    sides = f"at {PHASES} phases of a stride, from {len(ARROWS)} sides"
+    return (
+        Row("Without a fall", share_passed(tries.outcomes), "of all"),
+        Row("Pushes", share_passed(pushes), sides),
+        Row("Rough ground", share_passed(grounds), f"{CROSSING:g} s at the speed"),
+        *(Row(name, passes, UPRIGHT) for name, passes in tries.passes.items()),
+    )

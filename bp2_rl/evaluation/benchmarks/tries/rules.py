@@ -1,0 +1,216 @@
+"""The rules of the tries: what is measured of a run, and what passes."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.plotting import moving_mean
+from bp2_rl.robot import conventions
+from bp2_rl.simulation.measuring import mean_powers
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.samples import Samples, best_window
+from bp2_rl.simulation.schedule import Command
+from bp2_rl.simulation.track import LANE_WIDTH, track_position, trunk_edges
+
+STOPPED = 0.3  # m/s: slower is at rest
+BRAKING_DISTANCE = 1.5  # times v^2 / 2a, at most
+SPEED_SHARE = 0.9  # of a speed commanded, at least
+VELOCITY_ERROR = 0.1  # of a velocity commanded, at most
+YAW_ERROR = 0.15  # of a yaw rate commanded, at most
+WANDER = 0.5  # m, of a turn on the spot
+CREEP = 0.02  # m, of a stand
+# Nm, of BP2's stand; of another robot as much of its weight times its legs' length
+CHATTER = 1.0
+CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
+ASTRAY = 3.0  # m, of a run that nobody steers
+
+Figures = dict[str, float | None]
+"""What a rule looked at, by name, SI units; None where it was not measured."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Assessment:
+    """The judgement of a rule about a run, with the figures that the rule looked at."""
+
+    passed: bool
+    said: str  # what it did, in a word
+    measured: Figures
+
+
+def assess_braking(run: Samples, *, since: float, deceleration: float) -> Assessment:
+    """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from
+    `since` (s) on.
+
+    Measured: the `speed` when it begins to fall, the `slowest` from there on (m/s), the
+    `distance` from there until slower than `STOPPED`, and the one `allowed` (m).
+    """
+    names = "speed", "slowest", "distance", "allowed"
+    measured: Figures = {"deceleration": deceleration, **dict.fromkeys(names)}
+    if run.time[-1] < since:
+        return Assessment(False, "not begun", measured)
+    start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
+    before = float(
+        np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0))
+    )
+    speed = np.linalg.norm(_smooth(run, run.qvel[:, :2]), axis=-1)[start:]
+    allowed = BRAKING_DISTANCE * before**2 / (2.0 * deceleration)
+    slow = np.flatnonzero(speed < STOPPED)
+    measured |= {"speed": before, "slowest": float(np.min(speed)), "allowed": allowed}
+    if not len(slow):
+        return Assessment(False, "no stop", measured)
+    way = run.qpos[start + slow[0], :2] - run.qpos[start, :2]
+    distance = float(np.linalg.norm(way))
+    measured["distance"] = distance
+    if speed[-1] >= STOPPED:
+        return Assessment(False, "moves again", measured)
+    return Assessment(distance <= allowed, f"{distance:.0f} m", measured)
+
+
+def assess_launch(run: Samples, *, speed: float, acceleration: float) -> Assessment:
+    """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule
+    ends.
+
+    Measured: the `time` to that speed (s), and the greatest `speed` (m/s).
+    """
+    forward = _smooth(run, run.ground_velocity[:, 0])
+    fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
+    time = float(run.time[fast[0]]) if len(fast) else None
+    greatest = float(np.max(forward))
+    measured: Figures = {
+        "acceleration": acceleration,
+        "friction": run.hardware.friction,
+        "time": time,
+        "speed": greatest,
+    }
+    said = f"{greatest:.1f} m/s" if time is None else f"{time:.1f} s"
+    return Assessment(time is not None, said, measured)
+
+
+def assess_turn(
+    run: Samples,
+    *,
+    yaw_rate: float,
+    since: float,
+    speed: float = 0.0,
+    within: float = math.inf,
+) -> Assessment:
+    """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of
+    its speed, from `since` (s); and whether it stays `within` (m) of its start.
+
+    Measured: the means of `yaw_rate` (rad/s) and `speed` (m/s), the `radius`, and the
+    greatest distance from the start, `wander` (m).
+    """
+    wander = _wander(run)
+    measured: Figures = {
+        "commanded_yaw_rate": yaw_rate,
+        **dict.fromkeys(("yaw_rate", "speed", "radius")),
+        "wander": wander,
+    }
+    if run.time[-1] < since + RIPPLE:
+        return Assessment(False, "not begun", measured)
+    steady = run.between(since, math.inf)
+    turned = float(steady.heading[-1] - steady.heading[0])
+    rate = turned / float(steady.time[-1] - steady.time[0])
+    mean = float(np.linalg.norm(np.mean(steady.ground_velocity, axis=0)))
+    radius = mean / abs(rate) if rate else None
+    measured |= {"yaw_rate": rate, "speed": mean, "radius": radius}
+    share, kept = rate / yaw_rate, mean >= SPEED_SHARE * speed
+    told = abs(share - 1.0) <= YAW_ERROR
+    # what failed
+    said = f"{mean:.1f} m/s" if told and not kept else f"{share:.0%}"
+    if math.isfinite(within):
+        said = f"{said}, {wander:.1f} m"
+    return Assessment(told and kept and wander <= within, said, measured)
+
+
+def assess_motion(run: Samples, *, command: Command, since: float) -> Assessment:
+    """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`;
+    measured `since` (s).
+
+    Measured: the mean `speed` in the direction commanded (m/s), the trunk's `height`
+    (m), and the electrical `cost_of_transport`, None where it goes nowhere.
+    """
+    told = math.hypot(*command[:2])
+    names = "speed", "height", "cost_of_transport"
+    measured: Figures = {"commanded_speed": told, **dict.fromkeys(names)}
+    if run.time[-1] < since + RIPPLE:
+        return Assessment(False, "not begun", measured)
+    steady = run.between(since, math.inf)
+    along = np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])
+    speed = float(along) / told
+    measured |= {"speed": speed, "height": float(np.mean(steady.qpos[:, 2]))}
+    if speed > 0.1 * told:
+        drag = run.mass * conventions.GRAVITY * speed
+        measured["cost_of_transport"] = mean_powers(steady)[1] / drag
+    passed = abs(speed - told) <= VELOCITY_ERROR * told
+    return Assessment(passed, f"{speed:.2f} m/s", measured)
+
+
+def assess_stand(run: Samples, *, quiet: bool) -> Assessment:
+    """Return whether the robot stays within `CREEP` of where it was; or whether its
+    motors are `quiet`, below `CHATTER`.
+
+    Measured: the greatest distance from the start, `creep` (m), and the root mean
+    square of what varies faster than in `CHATTER_WINDOW`, of all motors, `chatter` (Nm).
+    """
+    ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
+    creep, chatter = _wander(run), float(np.sqrt(np.mean(ripple**2)))
+    measured: Figures = {"creep": creep, "chatter": chatter}
+    if not quiet:
+        return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)
+    most = CHATTER * run.hardware.size.torque
+    said = f"{chatter:.{1 if most == CHATTER else 2}f} Nm"
+    return Assessment(chatter < most, said, measured)
+
+
+def assess_straightness(
+    run: Samples, *, length: float, allowed: float = LANE_WIDTH / 2
+) -> Assessment:
+    """Return whether the robot arrives with no edge of its trunk farther than allowed
+    (m) from the line.
+
+    Measured: the `distance` along the line, and the `reach` of the trunk's sides (m).
+    """
+    distance = float(track_position(run)[0][-1])
+    reach = float(np.max(np.abs(trunk_edges(run))))
+    arrived = distance >= length
+    said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
+    measured: Figures = {"distance": distance, "reach": reach, "allowed": allowed}
+    return Assessment(arrived and reach <= allowed, said, measured)
+
+
+def assess_push(run: Samples) -> Assessment:
+    """Pass a robot that stays upright; measured is its greatest `offset` from the line,
+    m."""
+    offset = float(np.max(np.abs(track_position(run)[1])))
+    return Assessment(True, f"{offset:.1f} m", {"offset": offset})
+
+
+def assess_run(run: Samples, *, level: float) -> Assessment:
+    """Return whether the best speed reaches `SPEED_SHARE` of that on level ground, m/s.
+
+    Measured: the best 1-s mean, `speed`, None for a shorter run, and the `distance`.
+    """
+    best = best_window(run, 1.0)
+    speed = None if best is None else best.speed
+    measured: Figures = {
+        "level": level,
+        "speed": speed,
+        "distance": float(track_position(run)[0][-1]),
+    }
+    if speed is None:
+        return Assessment(False, "-", measured)
+    return Assessment(speed >= SPEED_SHARE * level, f"{speed:.1f} m/s", measured)
+
+
+def _smooth(
+    run: Samples, values: Float[np.ndarray, "N ..."]
+) -> Float[np.ndarray, "N ..."]:
+    return moving_mean(values, round(RIPPLE / run.dt))
+
+
+def _wander(run: Samples) -> float:
+    """Return the greatest distance from the start, m."""
+    return float(np.max(np.linalg.norm(run.qpos[:, :2] - run.qpos[0, :2], axis=-1)))
