@@ -147,9 +147,7 @@ def test_eval_script_runs_by_itself_from_anywhere(policy, here):
 
 
 def test_help_explains_every_flag(capsys):
-    with pytest.raises(SystemExit) as end:
-        command.main(["--help"])
-    assert end.value.code == 0
+    assert command.main(["--help-all"]) == 0
     out = capsys.readouterr().out
     for field in dataclasses.fields(command.EvalConfig):
         flag = (
@@ -157,7 +155,7 @@ def test_help_explains_every_flag(capsys):
             if field.name != "run"
             else "POLICY_OR_RUN"
         )
-        assert flag in out.replace("[no-]", "")
+        assert flag in out
 
 
 # --- Wrong input ----------------------------------------------------------------------
@@ -166,7 +164,7 @@ def test_help_explains_every_flag(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--benchmark", "dash"], ("--benchmark takes all, ", "or topspeed; got dash")),
+        (["--benchmark", "dash"], ("--benchmark", "topspeed", "'dash'")),
         (
             ["--benchmark", "sprint", "--hold", "3"],
             ("--hold is not of --benchmark sprint", "--acceleration"),
