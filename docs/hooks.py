@@ -26,7 +26,7 @@ PAGES = {
 COLUMNS = "80"  # of the terminal in which the help is printed
 INTRODUCTION = """# Commands
 
-This page is made by the commands themselves: it is what `--help` prints on a machine without a GPU, where
+This page is made by the commands themselves: it is what `--help-all` prints on a machine without a GPU, where
 `bp2 train` takes the preset `cpu`. `python train.py` is `bp2 train`, and `python eval.py` is `bp2 eval`.
 """
 

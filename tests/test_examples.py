@@ -3,9 +3,11 @@ in learning/test_run.py."""
 
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 import types
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,14 @@ import numpy as np
 import pytest
 import reward_row
 import spring
+import tune
 import watch
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.tools.study.outcome import PolicyMeasurement
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -110,3 +114,45 @@ def test_a_stride_is_followed_from_the_optimiser_to_the_policy():
     # the library keeps a reserve, and stays near its neighbours
     assert played == pytest.approx(found, rel=0.1)
     assert run == pytest.approx(played, rel=0.02)  # the policy's clock is the library's
+
+
+def test_a_search_keeps_what_it_knows_and_finds_the_better_settings(
+    tmp_path, monkeypatch
+):
+    """With Optuna itself; a policy is as fast as tracking weighs, which takes no
+    training."""
+    pytest.importorskip("optuna", reason="Optuna is not installed (the extra `tune`)")
+    monkeypatch.setattr(tune, "OUT", tmp_path)
+    monkeypatch.setattr(
+        tune, "top_speed", lambda config, folder: config.env.reward.tracking
+    )
+    with ThreadPoolExecutor(2) as here:
+        first = tune.search(here, trials=4, at_once=2)
+        best = tune.search(here, trials=4, at_once=2)
+    assert best.value is not None
+    assert first.value is not None
+    assert 0.5 <= first.value <= best.value <= 3.0
+    assert best.value == best.params["tracking"]
+    with sqlite3.connect(tmp_path / "tune.db") as kept:
+        [(trials,)] = kept.execute("select count(*) from trials where state='COMPLETE'")
+    kept.close()
+    assert trials == 8
+
+
+def test_what_a_search_chooses_is_trained(tmp_path, monkeypatch):
+    """The settings that were asked for reach the training, and the fastest of its
+    policies counts."""
+    chosen = {"tracking": 2.0, "learning_rate": 3e-4, "entropy_cost": 1e-3}
+    trial: Any = types.SimpleNamespace(
+        suggest_float=lambda name, low, high, log=False: chosen[name]
+    )
+    trained = []
+    monkeypatch.setattr(tune.bp2, "train", lambda *asked: trained.append(asked))
+    judged = [PolicyMeasurement(1, "", speed, 0) for speed in (3.0, 9.0, 0.0)]
+    monkeypatch.setattr(tune, "measure_policies", lambda folder: judged)
+    assert tune.top_speed(tune.settings(trial), tmp_path) == 9.0
+    [(config, folder)] = trained
+    assert folder == tmp_path
+    assert config.env.reward.tracking == 2.0
+    assert (config.ppo.learning_rate, config.ppo.entropy_cost) == (3e-4, 1e-3)
+    assert config.run.judged == 0

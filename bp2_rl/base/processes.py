@@ -60,6 +60,22 @@ def left_out(*names: str) -> Generator[None]:
             del sys.modules[name]
 
 
+@contextlib.contextmanager
+def without_gl_library() -> Generator[None]:
+    """Hide the GL library that MUJOCO_GL names while MuJoCo is imported, here or in a
+    process that begins meanwhile.
+
+    MuJoCo binds it when imported, and fails if it is not there; only films need one, in
+    a process of their own.
+    """
+    library = os.environ.pop("MUJOCO_GL", None)
+    try:
+        yield
+    finally:
+        if library is not None:
+            os.environ["MUJOCO_GL"] = library
+
+
 def keep_compiled() -> Path | None:
     """Let JAX keep compiled programs on disk; return the folder of traced programs,
     None where it cannot be written.
@@ -101,12 +117,14 @@ def use_one_xla_thread() -> None:
     thread cannot. XLA reads NPROC when JAX starts its backend. Trainings in the fused
     kernel take all processors (`use_all_processors`).
     """
-    on_cpu = (
-        os.environ.get("JAX_PLATFORMS") == "cpu"
-        or importlib.util.find_spec("jax_plugins") is None
-    )
-    if on_cpu:
+    if jax_is_on_cpu():
         os.environ.setdefault("NPROC", "1")
+
+
+def jax_is_on_cpu() -> bool:
+    """Return whether JAX, which need not be imported, can find no accelerator."""
+    drivers = map(importlib.util.find_spec, ("jax_plugins", "libtpu"))
+    return os.environ.get("JAX_PLATFORMS") == "cpu" or not any(drivers)
 
 
 def use_all_processors() -> None:
@@ -119,6 +137,15 @@ def use_all_processors() -> None:
         os.environ["XLA_FLAGS"] = (
             f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
         )
+
+
+def command_environment() -> dict[str, str]:
+    """Return the environment of a command that ends with this process
+    (`end_with_caller`), and that sets its own number of XLA's threads."""
+    environment = os.environ | {PARENT: str(os.getpid())}
+    if NPROC_IS_OURS:
+        environment.pop("NPROC", None)
+    return environment
 
 
 # --- Signals --------------------------------------------------------------------------
@@ -204,12 +231,12 @@ class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
     def start(self) -> None:
-        """Start the process as if the caller had no main module, deaf to signals before
-        `_begin`, too."""
+        """Start the process as if the caller had no main module, without a GL library,
+        and deaf to signals before `_begin`, too."""
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            with _deaf():
+            with _deaf(), without_gl_library():
                 super().start()
         finally:
             sys.modules["__main__"] = main

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 
 import bp2_rl
-from bp2_rl.cli.dispatch import choose, modules
+from bp2_rl.cli.app import choose, modules
 
 COMMANDS = {
     "train": "train a policy, stage by stage",
@@ -14,7 +14,6 @@ COMMANDS = {
     "robot": "make a robot file from a model, and look at what it says",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "study": "compare recipes over seeds: the ablation, and the control steps to 10.74 m/s",
-    "tune": "search for settings with which a policy runs faster, with Optuna",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
     "paper": "the paper's evidence: its figures, pendulums, studies of trajectories and deep benchmarks",

@@ -1,23 +1,26 @@
-"""How every command ends: 0 done; 2 a user's mistake; 1 a failure, with what to do or
-the place of its log; 128 + n stopped by signal n, with the work kept. All but 0 with
-one line on standard error."""
+"""How every command is found, reads its flags and ends.
+
+A command ends with status 0: done; 2: a user's mistake; 1: a failure, with what to do
+or the place of its log; 128 + n: stopped by signal n, with the work kept. All but 0 say
+why on standard error. Nothing slow is imported before a command is known, tyro included.
+"""
 
 import contextlib
+import dataclasses
 import errno
+import importlib
 import io
 import os
 import pkgutil
-import re
 import signal
 import sys
 import tempfile
+import textwrap
 import threading
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
-
-import tyro
+from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import (
     FAILED,
@@ -30,9 +33,22 @@ from bp2_rl.base.errors import (
     one_line,
 )
 from bp2_rl.base.processes import STOPPING, listening
-from bp2_rl.cli import usage
 
 Config = TypeVar("Config")
+Main = Callable[[Sequence[str] | None], int]
+"""A command: it takes the words after its name, None for the process's own arguments,
+and returns the exit status."""
+Entry = tuple[str, Main]
+"""A command in the list of a group: what it does, and itself."""
+
+HELP_ALL = "--help-all"
+HELP = ("-h", "--help", HELP_ALL)
+COLUMNS = 80  # of the list of commands
+
+
+class FlagError(UserError):
+    """A command line that tyro cannot read; the message is tyro's, over several lines."""
+
 
 GRACE = 3.0  # s
 
@@ -53,6 +69,11 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
     try:
         with _terminable(patient), _without_reader():
             command()
+    except SystemExit as end:  # help was asked for
+        return int(end.code or OK)
+    except FlagError as error:
+        _tell(_printable(str(error)))
+        return WRONG_INPUT
     except UserError as error:
         _tell(f"error: {one_line(str(error))}")
         return WRONG_INPUT
@@ -125,6 +146,15 @@ def _tell(line: str) -> None:
         _forget(sys.stderr)
 
 
+def _printable(text: str) -> str:
+    """Return a text of several lines with escapes for what no terminal shows."""
+    shown = (
+        "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+        for line in text.splitlines()
+    )
+    return "\n".join(shown)
+
+
 def _forget(stream: Any) -> None:
     """Let a stream without a reader swallow what is written from now on, and what is
     still buffered."""
@@ -174,10 +204,6 @@ class _ClosableStream:
             _tell("standard output was closed; the command goes on without output")
 
 
-class FlagError(UserError):
-    """An unknown flag or a value of another type: a mistake with any defaults."""
-
-
 class LoggedError(Exception):
     """A failure whose traceback is written down: in `folder` where there is one, else
     among the temporary files."""
@@ -204,16 +230,63 @@ def failures_into(folder: Path) -> Generator[None]:
         raise LoggedError(error, folder) from error
 
 
+@dataclasses.dataclass(frozen=True)
+class Command(Generic[Config]):
+    """A command that reads its flags and does something with them.
+
+    Args:
+        prog: the command as the user types it.
+        arguments: the dataclass of its flags.
+        run: what it does with an instance of that.
+        default: makes the instance that holds where no flag says otherwise, from the
+            words of the command line; by default the dataclass's own.
+        screen: as of `parse`.
+    """
+
+    prog: str
+    arguments: type[Config]
+    run: Callable[[Config], None]
+    default: Callable[[Sequence[str]], Config] | None = None
+    screen: str = ""
+
+    def __call__(self, argv: Sequence[str] | None = None) -> int:
+        """Read the flags, run the command, and return the exit status."""
+        words = sys.argv[1:] if argv is None else argv
+        return run(lambda: self.run(self._parse(words)))
+
+    def _parse(self, words: Sequence[str]) -> Config:
+        show_screen(words, self.prog, self.screen)
+        default = None if self.default is None else self.default(words)
+        return parse(self.arguments, words, self.prog, default)
+
+    @property
+    def what(self) -> str:
+        """Return what the command does: the first paragraph about its flags."""
+        said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
+        return said[:1].lower() + said[1:].rstrip(".")
+
+
+def show_screen(words: Sequence[str], prog: str, screen: str) -> None:
+    """Print a command's first screen and end with status 0, if the words ask for help.
+
+    Args:
+        words: the command line.
+        prog: the command as the user types it, for {prog} in the screen.
+        screen: what `--help` prints; empty where tyro's own help is short enough.
+    """
+    if screen and HELP_ALL not in words and not set(HELP).isdisjoint(words):
+        print(screen.replace("{prog}", prog))
+        raise SystemExit(OK)
+
+
 def parse(
     config: type[Config],
     argv: Sequence[str] | None,
     prog: str,
     default: Config | None = None,
-    *,
-    part: bool = False,
+    screen: str = "",
 ) -> Config:
-    """Return the config that the command line describes; `--help` prints and exits with
-    status 0.
+    """Return the config that the command line describes; help is printed, and ends.
 
     Args:
         config: a dataclass; its docstring and its fields' are the help.
@@ -221,120 +294,108 @@ def parse(
         prog: the command as the user types it.
         default: what holds where no flag says otherwise; None for the dataclass's own
             defaults.
-        part: pass over flags that are not the config's, and over `--help`.
+        screen: what `--help` prints, as of `show_screen`; `--help-all` is tyro's.
 
     Raises:
-        UserError: one line that names the flag at fault.
+        UserError: what the config refuses; a `FlagError` where it is not even reached.
     """
+    import tyro
+
     words = list(sys.argv[1:] if argv is None else argv)
-    if usage.is_asked(words) and not part:
-        print(usage.describe(config, prog, default, everything=usage.HELP_ALL in words))
-        raise SystemExit(OK)
-    complaint = io.StringIO()
-    # To tyro, None is a default like any other.
-    chosen: dict[str, Any] = {
-        "prog": prog,
-        "add_help": False,
-        "config": usage.one_of_several(),
-    } | ({} if default is None else {"default": default})
+    show_screen(words, prog, screen)
+    with _mistakes_raised():
+        return tyro.cli(
+            config,
+            prog=prog,
+            args=["--help"] if HELP_ALL in words else words,
+            default=tyro.MISSING_NONPROP if default is None else default,
+            config=(tyro.conf.AvoidSubcommands,),
+        )
+
+
+def parse_known(config: type[Config], words: Sequence[str], prog: str) -> Config:
+    """Return the config of those flags of a command line that are its own; pass over
+    all others, and over `--help`."""
+    import tyro
+
+    with _mistakes_raised():
+        known, _ = tyro.cli(
+            config,
+            prog=prog,
+            args=words,
+            return_unknown_args=True,
+            add_help=False,
+        )
+    return known
+
+
+@contextlib.contextmanager
+def _mistakes_raised() -> Generator[None]:
+    """Raise what tyro would print of a wrong command line before it exits: the
+    `UserError` by which a config refused its values, else a `FlagError`."""
+    said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(complaint):
-            if part:
-                return tyro.cli(config, args=words, return_unknown_args=True, **chosen)[
-                    0
-                ]
-            return tyro.cli(config, args=words, **chosen)
-    except SystemExit:
-        said = _in_one_line(complaint.getvalue())
-        if unknown := re.match("unknown option ([^=]+)", said):
-            said = unknown[0] + usage.nearest_flag(unknown[1], config, prog, default)
-        line = f"{said} (see {prog} --help)"
-        raise (
-            UserError
-            if re.search(r"Error parsing (?!--)", complaint.getvalue())
-            else FlagError
-        )(line) from None
+        with contextlib.redirect_stderr(said):
+            yield
+    except SystemExit as end:
+        if end.code == OK:
+            raise
+        cause: BaseException | None = end
+        while cause is not None and not isinstance(cause, UserError):
+            cause = cause.__context__
+        raise cause or FlagError(said.getvalue()) from None
 
 
-def _in_one_line(box: str) -> str:
-    """What tyro says in the message it prints, in a user's words, without its frame,
-    its title and its foot."""
-    if "Missing from" in box:
-        names = re.findall(r"^(?:│ | ) {4,5}(\S.*?) *│?$", box, re.MULTILINE)
-        return f"missing: {', '.join(name.strip('{}') for name in names)}"
-    # else the console knows no such signs, and the title is a paragraph
-    framed = box.lstrip().startswith("╭")
-    lines = [
-        line.strip("│ ").strip()
-        for line in box.splitlines()
-        if not re.match("[╭╰]", line)
-    ]
-    paragraphs = (
-        "\n".join("" if re.fullmatch("[─-]*", line) else line for line in lines)
-        .strip("\n")
-        .split("\n\n")
-    )
-    text = (
-        one_line(paragraphs[0 if framed else min(1, len(paragraphs) - 1)]).rstrip(".")
-        or "wrong command line"
-    )
-    for pattern, words in _WORDS:
-        if found := re.search(pattern, text):
-            return words(found)
-    return text
+def entries(commands: Mapping[str, Command[Any]]) -> dict[str, Entry]:
+    """Return the entries of commands in the list of their group."""
+    return {name: (command.what, command) for name, command in commands.items()}
 
 
-_KINDS = {
-    "FLOAT": "a number",
-    "INT": "a whole number",
-    "PATH": "a path",
-    "STR": "a word",
-    "INT INT": "two whole numbers",
-}
-_WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-    (
-        r"Error parsing (\S+): no type matching (.+?) could be instantiated from \['(.*)'\]",
-        lambda found: f"{found[1]} takes {_in_words(found[2])}, got {found[3]}",
-    ),
-    (
-        r"Error parsing (\S+): could not convert string to float: '(.*)'",
-        lambda found: f"{found[1]} takes a number, got {found[2]}",
-    ),
-    (
-        r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
-        lambda found: f"{found[1]} takes a whole number, got {found[2]}",
-    ),
-    (
-        r"Error parsing (\S+): Could not find valid parse for arguments: \['(.*)'\]",
-        lambda found: f"{found[1]} takes numbers, got {found[2]}",
-    ),
-    (
-        r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
-        lambda found: (
-            f"{found[2]} takes {_choices(found[3])}; got {found[1]}"
-            + did_you_mean(found[1], re.findall(r"'([^']+)'", found[3]))
-        ),
-    ),
-    (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
-    (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
-    (r"Unrecognized options: (-[^,]+)", lambda found: f"unknown option {found[1]}"),
-    (r"Unrecognized options: ([^,]+)", lambda found: f"unexpected argument {found[1]}"),
-)
-"""What tyro says in terms of Python, and how a user would say it."""
+def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
+    """Return the entries of modules that have a `main`, each imported when its command
+    is run, from what each does."""
+
+    def entry(name: str, what: str) -> Entry:
+        def main(argv: Sequence[str] | None) -> int:
+            try:
+                module = importlib.import_module(f"{package}.{name}")
+            except UserError as missing:  # a package that the command needs
+                _tell(f"error: {missing}")
+                return WRONG_INPUT
+            return module.main(argv)
+
+        return what, main
+
+    return {name: entry(name, what) for name, what in commands.items()}
 
 
-def _choices(listed: str) -> str:
-    """Python's `'a', None, 'b'`, in an order of their own: a or b; None is what a flag
-    that is not given stands for."""
-    *others, last = sorted(set(re.findall(r"'([^']+)'", listed)) - {"None"})
-    return f"{', '.join(others)} or {last}" if others else f"only {last}"
-
-
-def _in_words(metavar: str) -> str:
-    """A type as tyro shows it: `{None}|FLOAT`, a flag that need not be given, takes a
-    number."""
-    return " or ".join(
-        _KINDS.get(kind, kind)
-        for part in metavar.split("|")
-        if (kind := part.strip("{}")) != "None"
-    )
+def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
+    """Run the command that `argv` begins with, or say what there is; return the exit
+    status."""
+    words = sys.argv[1:] if argv is None else argv
+    if not words or words[0] in HELP:
+        wide = max(map(len, commands)) + 2
+        rows = [
+            textwrap.fill(
+                what,
+                COLUMNS,
+                initial_indent=f"  {name:{wide}}",
+                subsequent_indent=" " * (wide + 2),
+            )
+            for name, (what, _) in commands.items()
+        ]
+        print(
+            f"usage: {prog} COMMAND ...",
+            "\ncommands:",
+            *rows,
+            f"\n`{prog} COMMAND --help` shows a command's flags.",
+            sep="\n",
+            file=sys.stdout if words else sys.stderr,
+        )
+        return OK if words else WRONG_INPUT
+    name, *rest = words
+    if name not in commands:
+        near = did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
+        _tell(f"error: no command {name!a}{near}")
+        return WRONG_INPUT
+    return commands[name][1](rest)

@@ -20,6 +20,48 @@ from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
 
+SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
+
+Run a policy from a standing start, measure it, and leave a report with table, plots
+and film. Without a policy: built, which ships, as gentle, fastest and ideal do.
+
+what is run:
+  POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
+                        or of a run
+  --benchmark NAME      topspeed: ramp to the top speed and hold it [topspeed]
+                        sprint: 100 m from a standing start
+                        robustness: many randomised robots at 10.74 m/s
+                        manoeuvres: braking, launches, turns, slow motion, standing,
+                        pushes, bad ground
+                        disturbances: harder pushes, at all phases of a stride
+                        convergence: topspeed under finer physics
+                        losses: what each loss costs, alone and together
+                        sensitivity: topspeed and sprint on other robots
+                        all: one after the other
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; by
+                        default built, or the policy's own robot
+  --backend {mujoco,mjx,drake}
+                        mujoco: C MuJoCo; mjx: the engine of training; drake: a
+                        second opinion [mujoco]
+
+how:
+  --speed M/S           speed to command [as the card's result was measured]
+  --acceleration M/S2   how fast the command rises
+  --hold S              how long to hold the speed
+  --robots N            how many are drawn; of robustness [200]
+  --seed N              what robots, rough ground and noise are drawn from [0]
+  --sensor-noise        let the sensors be as noisy as in training
+
+what is left:
+  --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
+  --no-video            do not film the best seconds
+
+all flags, with the operator's and Drake's: {prog} --help-all
+
+examples:
+  python eval.py --no-video                 # the policy that ships
+  python eval.py runs/RUN --benchmark sprint"""
+"""What `--help` prints."""
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
 BenchmarkName = Literal[
@@ -60,10 +102,6 @@ class EvalConfig(Setup, Target):
     plots and film.
 
     Without a policy: built, which ships with bp2_rl, as gentle, fastest and ideal do.
-
-    Examples:
-        python eval.py --no-video                 # the policy that ships
-        python eval.py runs/RUN --benchmark sprint
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -79,7 +117,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "python eval.py" if argv is None else "bp2 eval",
     )
     again = f"{prog} {shlex.join(words)}".strip()
-    return app.run(lambda: evaluate(app.parse(EvalConfig, words, prog), again=again))
+    return app.run(
+        lambda: evaluate(app.parse(EvalConfig, words, prog, screen=SCREEN), again=again)
+    )
 
 
 def evaluate(
@@ -113,12 +153,8 @@ def evaluate(
         f"{path}: loading it and the simulator; compiling takes a minute at the first start",
         flush=True,
     )
-    # MuJoCo binds this library when imported and fails if it is not there; only the
-    # film needs it, in its own process.
-    gl_library = os.environ.pop("MUJOCO_GL", None)
-    # Imported here for that reason, and so that --help and a mistyped flag are answered
-    # at once.
-    from bp2_rl.cli.runtime import find_backend  # isort: skip
+    # Imported here so that --help and a mistyped flag are answered at once.
+    from bp2_rl.cli.runtime import find_backend  # isort: skip  # before all that imports MuJoCo
 
     from rich.console import Console
 
@@ -166,7 +202,7 @@ def evaluate(
                 evaluation,
                 folders[name],
                 video=config.video,
-                gl_library=gl_library,
+                gl_library=os.environ.get("MUJOCO_GL"),
                 command=again,
             )
             if no_video is not None:

@@ -2,14 +2,13 @@
 robot."""
 
 import dataclasses
-import os
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli.dispatch import Command
+from bp2_rl.cli.app import Command
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.easing import COMMAND_LIMITS
 
@@ -22,9 +21,7 @@ class ExportConfig:
     With reports, the copy's card says what was measured: run eval.py on the policy
     first.
 
-    Examples:
-        bp2 export runs/RUN --to my_policy
-        bp2 export built --to my_robot --format onnx
+    For example: bp2 export built --to my_robot --format onnx
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")]
@@ -60,12 +57,8 @@ def export(config: ExportConfig) -> None:
             "--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx"
         )
     find_policy(config.run)
-    # MuJoCo binds this library when imported and fails if it is not there; nothing is
-    # drawn here.
-    os.environ.pop("MUJOCO_GL", None)
-    # Imported here for that reason, and so that --help and a mistyped flag are answered
-    # at once.
-    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip
+    # Imported here so that --help and a mistyped flag are answered at once.
+    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
 
     from bp2_rl.evaluation.report.folder import read_report
     from bp2_rl.learning.policy import load_policy, save_policy

@@ -13,7 +13,8 @@ import tyro
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.cli.dispatch import Command
+from bp2_rl.base.processes import without_gl_library
+from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.settings.training import RobotWish
@@ -27,9 +28,7 @@ class PlayConfig(Bounded, path="--"):
 
     In a window where there is a display, else in a browser. Ctrl-C ends it.
 
-    Examples:
-        bp2 play                         # the policy that ships
-        bp2 play runs/RUN --robot ideal
+    For example: bp2 play runs/RUN --robot ideal
     """
 
     run: Annotated[
@@ -71,11 +70,10 @@ def play(config: PlayConfig) -> None:
         f"{path}: loading it and the simulator; compiling takes a minute at the first start",
         flush=True,
     )
-    # MuJoCo binds this library when imported and fails if it is not there; a window
-    # brings its own.
-    os.environ.pop("MUJOCO_GL", None)
-    # Imported here for that reason, and so that --help and a mistyped flag are answered
-    # at once.
+    # Imported here so that --help and a mistyped flag are answered at once; a window
+    # brings its own GL library.
+    with without_gl_library():
+        import mujoco  # noqa: F401
     from bp2_rl.base.processes import keep_compiled
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
@@ -124,8 +122,10 @@ def play(config: PlayConfig) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened; on macOS MuJoCo has one only for its own
-    Python."""
+    """Return whether a window can be opened.
+
+    On macOS MuJoCo has one only for its own Python.
+    """
     if sys.platform == "darwin":
         return False
     return sys.platform == "win32" or bool(

@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli.dispatch import Command, choose, entries
+from bp2_rl.cli.app import Command, choose, entries
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,8 +21,7 @@ class NewConfig(Bounded, path="--"):
     Structure tells which joint is which: a trunk with four legs of abduction, hip and
     knee. Meshes may be missing.
 
-    Examples:
-        bp2 robot new my_robot.xml     # writes my_robot.toml
+    For example: bp2 robot new my_robot.xml
     """
 
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
@@ -48,9 +47,7 @@ class CheckConfig:
     """Print a robot on one sheet, with what to mend behind "!", and draw it, after 5 s
     of standing in C MuJoCo.
 
-    Examples:
-        bp2 robot check go1
-        bp2 robot check my_robot.toml
+    For example: bp2 robot check my_robot.toml
     """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]

@@ -8,14 +8,11 @@ import os
 
 import jax
 
-# MuJoCo binds the GL library that MUJOCO_GL names when it is imported, and fails if it
-# is not there; only films need one, in a process of their own.
-_gl_library = os.environ.pop("MUJOCO_GL", None)
-import bp2_rl.robot.mjx  # noqa: E402, F401
-from bp2_rl.base.errors import UserError  # noqa: E402
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.processes import without_gl_library
 
-if _gl_library is not None:
-    os.environ["MUJOCO_GL"] = _gl_library
+with without_gl_library():
+    import bp2_rl.robot.mjx  # noqa: F401
 
 
 def find_backend() -> str:

@@ -11,14 +11,42 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.dispatch import Command
+from bp2_rl.cli.app import Command
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
 
-VARIANTS_HELP = "which: " + "; ".join(
-    f"{name}: {variant.meaning}" for name, variant in VARIANTS.items()
+SCREEN = """usage: {prog} [FLAGS]
+
+Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo,
+and compare. One training on each GPU at a time, or each a job of a cluster. Stopped,
+it goes on where it stands when called again. The table grows as trainings end.
+
+flags:
+  --variants NAME ...   some of those below [all]
+  --seeds INT ...       [0 1 2]
+  --preset {gpu,cpu,first,smoke}
+                        size of the trainings [gpu]
+  --robot NAME|FILE     which is trained and judged, as for train.py [built]
+  --steps INT INT       control steps of the imitation and of the relaxed stage
+  --out DIR             the study's folder [runs/study]
+  --judges INT          processes that judge policies while others train
+  --jobs.executor {here,slurm,local}
+                        slurm: each training is a job; local: the same jobs here
+  --no-train            only summarise what is there
+
+variants:
+""" + "\n".join(
+    [
+        *(f"  {name:22}{variant.meaning}" for name, variant in VARIANTS.items()),
+        "",
+        "all flags, with --jobs.*: {prog} --help-all",
+        "",
+        "examples:",
+        "  bp2 study --variants ours kinematic --seeds 0 1 2",
+    ]
 )
+"""What `--help` prints."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +56,10 @@ class StudyArguments(Bounded, path="--"):
 
     One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on
     where it stands when called again. The table grows as trainings end.
-
-    Examples:
-        bp2 study --variants ours kinematic --seeds 0 1 2
     """
 
-    variants: Annotated[tuple[str, ...], tyro.conf.arg(help=VARIANTS_HELP)] = tuple(
-        VARIANTS
-    )
+    variants: tuple[str, ...] = tuple(VARIANTS)
+    """which are trained; what each is: --help"""
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
@@ -63,20 +87,24 @@ def _study(arguments: StudyArguments) -> None:
 
     from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.base.plotting import save_figure
-    from bp2_rl.tools.study.figure import learning_curves, top_speeds
-    from bp2_rl.tools.study.outcome import Outcome, outcome, table
-    from bp2_rl.tools.study.places import Resources, visible_gpus
-    from bp2_rl.tools.study.training import run
+    from bp2_rl.tools.study.outcome import (
+        Outcome,
+        draw_learning_curves,
+        draw_top_speeds,
+        outcome_of,
+        outcome_table,
+    )
+    from bp2_rl.tools.study.running import Resources, run_study, visible_gpus
 
     def tabulate() -> list[Outcome]:
         found = [
-            outcome(arguments.out, variant, plan.seeds) for variant in plan.variants
+            outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
         ]
         outcomes = [one for one in found if one is not None]
         for one in outcomes:
             save_config(arguments.out / f"{one.variant}.json", one)
         if outcomes:
-            write_text(arguments.out / "table.md", table(outcomes))
+            write_text(arguments.out / "table.md", outcome_table(outcomes))
         return outcomes
 
     missing = []
@@ -91,15 +119,17 @@ def _study(arguments: StudyArguments) -> None:
             )
         print(f"{sum(map(len, plan.chains))} trainings on {where}")
         resources = Resources(gpus, arguments.judges, print, arguments.jobs)
-        missing = run(plan, arguments.out, resources, measured=lambda _: tabulate())
+        missing = run_study(
+            plan, arguments.out, resources, measured=lambda _: tabulate()
+        )
     outcomes = tabulate()
     if outcomes:
         save_figure(
-            learning_curves(arguments.out, plan.variants, plan.seeds),
+            draw_learning_curves(arguments.out, plan.variants, plan.seeds),
             arguments.out / "learning_curves.png",
         )
-        save_figure(top_speeds(outcomes), arguments.out / "top_speeds.png")
-        print(table(outcomes))
+        save_figure(draw_top_speeds(outcomes), arguments.out / "top_speeds.png")
+        print(outcome_table(outcomes))
         if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
             print(
                 f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison"
@@ -116,4 +146,4 @@ def _study(arguments: StudyArguments) -> None:
         raise RunStopped(f"not trained: {names}; call again to go on", status=1)
 
 
-main = Command("bp2 study", StudyArguments, _study)
+main = Command("bp2 study", StudyArguments, _study, screen=SCREEN)

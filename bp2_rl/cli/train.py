@@ -1,21 +1,29 @@
-"""`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run."""
+"""`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run.
 
-import argparse
+The command line is read twice: first the flags on which the defaults of all others and
+the start of JAX depend, then all.
+"""
+
 import contextlib
 import dataclasses
 import datetime
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.base.errors import OK, UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
-from bp2_rl.base.processes import end_with_caller, left_out, use_all_processors
+from bp2_rl.base.processes import (
+    end_with_caller,
+    jax_is_on_cpu,
+    left_out,
+    use_all_processors,
+)
 from bp2_rl.base.serialization import merge
-from bp2_rl.cli import app, usage
+from bp2_rl.cli import app
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings import presets
@@ -34,45 +42,63 @@ from bp2_rl.settings.training import (
     load_run_config,
 )
 
-Config = TypeVar("Config")
-EVERYDAY = {
-    "what is trained": ("stage", "preset", "weights", "robot", "reference"),
-    "runs": ("out", "from", "resume", "replay"),
-    "how long": ("run.steps", "until", "run.seed", "run.films"),
-    "by what": (
-        "impl",
-        "ppo.num-envs",
-        "deterministic",
-        "track",
-        "cluster.coordinator",
-    ),
-}
-"""Flags that --help shows, by its headings; --help-all shows all."""
 RUNS = Path("runs")
 PROG = "bp2 train"
 WORDS = "docs/words.md"
+SCREEN = """usage: {prog} [FLAGS]
+
+Train a robot to run. A preset chooses the settings; flags change them.
+
+what is trained:
+  --stage {imitation,relaxed}  imitation first, then relaxed [imitation]
+  --preset {gpu,cpu,first,smoke,auto}
+                               auto: gpu where JAX sees an accelerator, else cpu;
+                               first: learn to trot, in minutes; smoke: tests
+  --robot NAME|FILE            built, ideal, go1 or another that ships, or a file;
+                               by default that of --from, else built
+  --weights {ours,paper}       rewards: ours, or the paper's Table S4
+  --reference {collocation,kinematic,none}
+                               the motion that is learnt; none: standing
+
+runs:
+  --out PATH                   the run's folder [runs/STAGE-DATE-TIME]
+  --from PATH                  take networks and settings from this run
+                               [relaxed: the newest imitation run]
+  --resume PATH                go on with this stopped run where it stands
+  --replay PATH                repeat this run's train step that was not finite,
+                               and say what was not finite first
+
+how long:
+  --run.steps INT              control steps, all robots together
+  --until M/S                  end when a policy reaches this speed, m/s, from a
+                               stand in C MuJoCo and holds it
+  --run.seed INT               of all that is drawn [0]
+  --run.films                  film the judged policies, in films.html
+
+by what:
+  --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock MJX;
+                               warp: MJX-Warp
+  --ppo.num-envs INT           robots that are simulated at once
+  --deterministic              a GPU, too, repeats the same bits; slower
+  --track {wandb,mlflow}       send the metrics to this tracker, too
+  --cluster.coordinator STR    HOST:PORT of process 0, told to all processes;
+                               auto: ask Slurm or Open MPI
+
+all settings, with the preset's values: {prog} --preset cpu --help-all
+  --env.hardware.*  --env.control.*  --env.commands.*  --env.reward.*  --env.reset.*
+  --env.randomization.*  --env.curriculum.*  --env.termination.*  --env.gait.*
+  --env.library.*  --ppo.*  --run.*  --cluster.*
+
+examples:
+  python train.py --stage imitation
+  python train.py --stage relaxed        # on from the newest imitation run
+  python train.py --resume runs/RUN"""
+"""What `--help` prints."""
 
 
 @dataclasses.dataclass(frozen=True)
-class ProcessOptions:
-    """How the process runs, whatever it trains; also with --resume and --replay."""
-
-    deterministic: bool = False
-    """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
-    track: Tracker | None = None
-    """send the metrics to this tracker, too"""
-    cluster: ClusterConfig = ClusterConfig()
-
-
-@dataclasses.dataclass(frozen=True)
-class TrainArguments:
-    """Train a robot to run. A preset chooses the settings; flags change them.
-
-    Examples:
-        python train.py --stage imitation
-        python train.py --stage relaxed        # on from the newest imitation run
-        python train.py --resume runs/RUN
-    """
+class EarlyFlags:
+    """The flags that are read first: defaults of others and JAX's start hang on them."""
 
     stage: Stage = "imitation"
     """imitation first, then relaxed"""
@@ -83,8 +109,6 @@ class TrainArguments:
     robot: RobotWish = None
     """built, ideal, go1 or another that ships, or a file; by default that of --from,
     else built"""
-    out: Path | None = None
-    """the run's folder [runs/STAGE-DATE-TIME]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """take networks and settings from this run [relaxed: the newest imitation run]"""
     resume: Path | None = None
@@ -92,100 +116,111 @@ class TrainArguments:
     replay: Path | None = None
     """repeat this run's train step that was not finite, and say what was not finite
     first"""
+    impl: Impl | None = None
+    """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
+    deterministic: bool = False
+    """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
+    track: Tracker | None = None
+    """send the metrics to this tracker, too"""
+    cluster: ClusterConfig = ClusterConfig()
+
+    @property
+    def goes_on(self) -> Path | None:
+        """The run whose own settings hold."""
+        return self.replay if self.resume is None else self.resume
+
+    @property
+    def physics(self) -> Impl | None:
+        """The physics, without an accelerator where it hangs on that; None where a run
+        that cannot be read would tell it."""
+        if self.impl is not None:
+            return self.impl
+        if self.goes_on is None:
+            preset = "cpu" if self.preset == "auto" else self.preset
+            return presets.preset(self.stage, preset).impl
+        with contextlib.suppress(UserError):  # it is told of later
+            return load_run_config(self.goes_on).impl
+        return None
+
+    @property
+    def known_without_jax(self) -> bool:
+        """Return whether these flags tell all defaults before JAX is imported.
+
+        A parent's settings and the machine's accelerator are looked at with JAX. In a
+        cluster all processes must hear of a mistake, once they have met.
+        """
+        return self.cluster.coordinator is None and (
+            self.goes_on is not None
+            or (
+                (self.preset != "auto" or jax_is_on_cpu())
+                and (self.stage, self.parent) == ("imitation", None)
+            )
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainArguments(EarlyFlags):
+    """Train a robot to run. A preset chooses the settings; flags change them."""
+
     impl: Impl = "jax"
     """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
+    out: Path | None = None
+    """the run's folder [runs/STAGE-DATE-TIME]"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
-    process: Annotated[ProcessOptions, tyro.conf.arg(name="")] = ProcessOptions()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, train, and return the exit status."""
-    words, prog = (
-        list(sys.argv[1:] if argv is None else argv),
-        "python train.py" if argv is None else PROG,
-    )
-    status = app.run(lambda: _answer_early(words, prog))
-    if status != OK:
+    """Read the flags, train, and return the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    prog = "python train.py" if argv is None else PROG
+    early: list[tuple[EarlyFlags, TrainArguments | None]] = []
+    status = app.run(lambda: early.append(_read_early(words, prog)))
+    if not early:
         return status
+    [(flags, arguments)] = early
 
-    with unused_left_out(read_named(words)):
+    with unused_left_out(flags):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
-    return cluster.leave(app.run(lambda: _train(words, prog), patient=False))
+    return cluster.leave(
+        app.run(lambda: _train(words, prog, flags, arguments), patient=False)
+    )
 
 
-def _answer_early(argv: list[str], prog: str) -> None:
-    arguments = answer_early(argv, prog, train_arguments, EVERYDAY)
-    if arguments is not None:
-        _require_runs(argv, arguments)
-        choose_tracker(arguments.process.track, arguments.resume)
+def _read_early(
+    words: list[str], prog: str
+) -> tuple[EarlyFlags, TrainArguments | None]:
+    """Refuse mistakes before JAX is imported, which takes seconds; return all arguments
+    where they can be told already."""
+    flags = read_early_flags(words, prog, SCREEN)
+    if app.HELP_ALL not in words and not flags.known_without_jax:
+        return flags, None
+    arguments = read_arguments(words, prog, flags)
+    choose_tracker(flags.track, flags.resume)
+    return flags, arguments
 
 
-def answer_early(
-    argv: list[str],
-    prog: str,
-    with_defaults: Callable[[TrainConfig], Config],
-    everyday: Mapping[str, Sequence[str]] | None = None,
-) -> Config | None:
-    """Print the help, and exit, or refuse a mistake before JAX is imported, which takes
-    seconds.
+def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
+    """Return the early flags of a command line, or print the first screen and end.
 
-    What a flag may be can hang on the machine's preset and on the parent's settings,
-    which are not known yet. So help shows the defaults of the preset named, else of
-    `cpu`. Only what is wrong with every preset is refused, and with a parent only what
-    is no flag or of another type. In a cluster nothing is: there the others must hear
-    of it, too.
-
-    Return the arguments, where they can be told already; their defaults may yet be
-    others.
-
-    Args:
-        argv: the command line.
-        prog: the command as the user types it.
-        with_defaults: the arguments with a preset's settings as their defaults.
-        everyday: what the help shows, as of `usage.describe`.
+    The whole help shows the defaults of the preset `cpu` where none is named.
     """
-    named, mistakes = read_named(argv), []
-
-    def defaults(preset: Preset) -> Config:
-        return with_defaults(
-            presets.preset(named.stage, preset, named.weights, named.robot or "built")
-        )
-
-    if usage.is_asked(argv):
-        preset = named.preset or "cpu"
-        note = f"Defaults are in brackets, here those of the preset {preset}."
-        default = defaults(preset)
-        print(
-            usage.describe(
-                type(default),
-                prog,
-                default,
-                everyday,
-                note,
-                everything=usage.HELP_ALL in argv,
-            )
-        )
-        raise SystemExit(OK)
-    if any(word.startswith("--cluster.coordinator") for word in argv):
-        return None
-    for preset in (named.preset,) if named.preset else get_args(Preset):
-        try:
-            default = defaults(preset)
-            return app.parse(type(default), argv, prog, default=default)
-        except UserError as mistake:
-            mistakes.append(mistake)
-    if isinstance(mistakes[0], app.FlagError) or (
-        named.parent is None and named.stage == "imitation"
-    ):
-        raise mistakes[0]
-    return None
+    app.show_screen(words, prog, screen)
+    flags = app.parse_known(EarlyFlags, words, prog)
+    if app.HELP_ALL in words and flags.preset == "auto":
+        return dataclasses.replace(flags, preset="cpu")
+    return flags
 
 
-def _train(argv: list[str], prog: str) -> None:
+def _train(
+    words: list[str],
+    prog: str,
+    flags: EarlyFlags,
+    arguments: TrainArguments | None,
+) -> None:
     import numpy as np
 
     from bp2_rl.base.processes import keep_compiled
@@ -198,23 +233,20 @@ def _train(argv: list[str], prog: str) -> None:
     from bp2_rl.learning import cluster
 
     end_with_caller()
-    # First of all: the rest of the command line is read with what JAX says of the
-    # machine.
-    process = app.parse(ProcessOptions, argv, prog, part=True)
-    use_processors(read_named(argv))
-    if process.deterministic:
+    use_processors(flags)
+    if flags.deterministic:
         repeat_bit_for_bit()
     keep_compiled()
-    cluster.join(process.cluster)
+    cluster.join(flags.cluster)
     find_backend()  # where there is none, every further word to the others would fail
     wake_device()
     from bp2_rl.evaluation import judged_training
     from bp2_rl.learning.run import replay
 
     with cluster.together():
-        arguments = _parse(argv, prog)
+        arguments = arguments or read_arguments(words, prog, flags)
         tracker = (
-            choose_tracker(process.track, arguments.resume)
+            choose_tracker(flags.track, arguments.resume)
             if cluster.is_first()
             else None
         )
@@ -227,7 +259,7 @@ def _train(argv: list[str], prog: str) -> None:
             judged_training.resume(arguments.resume, tracker=tracker)
         return
     require_accelerator(arguments.preset)
-    if process.deterministic and arguments.impl == "warp":
+    if arguments.deterministic and arguments.impl == "warp":
         raise UserError(
             "--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax"
         )
@@ -254,29 +286,50 @@ def _train(argv: list[str], prog: str) -> None:
     say(f"see it run: python eval.py {out}")
 
 
-class NamedDefaults(NamedTuple):
-    """The flags of an unchecked command line on which the settings' defaults depend."""
+def read_arguments(
+    words: list[str], prog: str = PROG, flags: EarlyFlags | None = None
+) -> TrainArguments:
+    """Return all arguments of a command line, with the defaults of the stage, the
+    preset and the parent that its early flags name.
 
-    stage: Stage
-    preset: Preset | None
-    weights: Weights | None
-    robot: RobotWish
-    parent: Path | None
-    goes_on: Path | None  # with this run's own settings
-    impl: str | None
+    Raises:
+        UserError: a flag is wrong, a run is not there, or one that goes on would get
+            other settings than its own.
+    """
+    flags = flags or app.parse_known(EarlyFlags, words, prog)
+    parent = flags.parent
+    preset = find_preset(flags)
+    if parent is None and flags.stage == "relaxed" and flags.goes_on is None:
+        parent = None if app.HELP_ALL in words else _newest_imitation_run()
+    if parent is None or flags.goes_on is not None:
+        defaults = presets.preset(
+            flags.stage, preset, flags.weights, flags.robot or "built"
+        )
+    else:
+        defaults = _continue(flags, preset, parent)
+    default = TrainArguments(
+        parent=parent,
+        impl=defaults.impl,
+        env=defaults.env,
+        ppo=defaults.ppo,
+        run=defaults.run,
+    )
+    arguments = app.parse(TrainArguments, words, prog, default)
+    _require_runs(words, arguments)
+    return dataclasses.replace(arguments, preset=preset)
 
 
-def _require_runs(argv: list[str], arguments: TrainArguments) -> None:
+def _require_runs(words: list[str], arguments: TrainArguments) -> None:
     """Look at the runs that are named: they must be there, and a run that goes on has
     its own settings."""
     for flag in ("--resume", "--replay"):
         allowed = (flag, "--cluster.", "--deterministic", "--track")
         others = [
-            other
-            for other in argv
-            if other.startswith("--") and not other.startswith(allowed)
+            word
+            for word in words
+            if word.startswith("--") and not word.startswith(allowed)
         ]
-        if vars(arguments)[flag[2:]] is not None and others:
+        if getattr(arguments, flag[2:]) is not None and others:
             raise UserError(
                 f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}"
             )
@@ -285,103 +338,31 @@ def _require_runs(argv: list[str], arguments: TrainArguments) -> None:
             load_run_config(folder)
 
 
-def read_named(argv: list[str]) -> NamedDefaults:
-    """Read these flags alone, whatever else is on the command line."""
-    first = argparse.ArgumentParser(
-        add_help=False, allow_abbrev=False, exit_on_error=False
-    )
-    for flag in (
-        "--stage",
-        "--preset",
-        "--weights",
-        "--robot",
-        "--from",
-        "--resume",
-        "--replay",
-        "--impl",
-    ):
-        first.add_argument(flag, nargs="?")
-    words = vars(
-        first.parse_known_args([word for word in argv if word not in usage.HELP])[0]
-    )
-    run = words["replay"] if words["resume"] is None else words["resume"]
-    return NamedDefaults(
-        stage="relaxed" if words["stage"] == "relaxed" else "imitation",
-        preset=cast(Preset, words["preset"])
-        if words["preset"] in get_args(Preset)
-        else None,
-        weights=cast(Weights, words["weights"])
-        if words["weights"] in get_args(Weights)
-        else None,
-        robot=words["robot"],
-        parent=Path(words["from"]) if words["from"] else None,
-        goes_on=None if run is None else Path(run),
-        impl=words["impl"],
-    )
-
-
-def use_processors(named: NamedDefaults) -> None:
+def use_processors(flags: EarlyFlags) -> None:
     """Let XLA compute on all processors where MJX does not simulate; with MJX it may
     hang (`use_one_xla_thread`)."""
-    if _physics(named) == "kernel":
+    if flags.physics == "kernel":
         use_all_processors()
 
 
-def unused_left_out(named: NamedDefaults) -> contextlib.AbstractContextManager[None]:
+def unused_left_out(flags: EarlyFlags) -> contextlib.AbstractContextManager[None]:
     """Let MJX be imported without NetworkX, and without Warp unless Warp simulates:
     each takes a second."""
-    return left_out("networkx", *(() if _physics(named) == "warp" else ("warp",)))
+    return left_out("networkx", *(() if flags.physics == "warp" else ("warp",)))
 
 
-def _physics(named: NamedDefaults) -> str | None:
-    """The physics of a command line, without an accelerator where it hangs on that;
-    None where nothing tells it."""
-    if named.impl is not None:
-        return named.impl
-    if named.goes_on is None:
-        return presets.preset(named.stage, named.preset or "cpu").impl
-    with contextlib.suppress(UserError):  # it is told of later
-        return load_run_config(named.goes_on).impl
-    return None
+def find_preset(flags: EarlyFlags) -> Preset:
+    """Return the preset that is named, or else the one for this machine."""
+    if flags.preset != "auto":
+        return flags.preset
+    if flags.known_without_jax:
+        return "cpu"
+    from bp2_rl.cli.runtime import find_backend
+
+    return "cpu" if find_backend() == "cpu" else "gpu"
 
 
-def train_arguments(
-    defaults: TrainConfig, parent: Path | None = None
-) -> TrainArguments:
-    """Return the arguments of a command line without flags, whose defaults are
-    these."""
-    return TrainArguments(
-        parent=parent,
-        impl=defaults.impl,
-        env=defaults.env,
-        ppo=defaults.ppo,
-        run=defaults.run,
-    )
-
-
-def _parse(argv: list[str], prog: str = PROG) -> TrainArguments:
-    """The arguments, with the defaults of the stage, preset and parent that they
-    name."""
-    named = read_named(argv)
-    preset, defaults = defaults_here(
-        named.stage, named.preset, named.weights, named.robot
-    )
-    parent = named.parent
-    if named.goes_on is None:
-        if parent is None and named.stage == "relaxed":
-            parent = _newest_imitation_run()
-        if parent is not None:
-            defaults = _continue(defaults.stage, preset, parent, named)
-    arguments = app.parse(
-        TrainArguments, argv, prog, default=train_arguments(defaults, parent)
-    )
-    _require_runs(argv, arguments)
-    return dataclasses.replace(arguments, preset=preset)
-
-
-def _continue(
-    stage: Stage, preset: Preset, parent: Path, named: NamedDefaults
-) -> TrainConfig:
+def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
     """The stage's settings on the parent's robot, or the one named, its networks, and
     what was set for it alone."""
     from bp2_rl.learning import run
@@ -393,14 +374,14 @@ def _continue(
         else old.env.hardware
     )
     before, now = (
-        presets.preset(each, preset, named.weights, theirs)
-        for each in (old.stage, stage)
+        presets.preset(each, preset, flags.weights, theirs)
+        for each in (old.stage, flags.stage)
     )
     env = merge(before.env, old.env, now.env)
-    if named.robot and env.hardware != (other := find_robot(named.robot)):
+    if flags.robot and env.hardware != (other := find_robot(flags.robot)):
         if other.anatomy.name != env.hardware.anatomy.name:
             raise UserError(
-                f"--robot {named.robot}: {parent} was trained on {env.hardware.anatomy.name}, another robot"
+                f"--robot {flags.robot}: {parent} was trained on {env.hardware.anatomy.name}, another robot"
             )
         env = on_robot(env, other)
     return dataclasses.replace(
@@ -410,22 +391,6 @@ def _continue(
             now.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}
         ),
     )
-
-
-def defaults_here(
-    stage: Stage,
-    named: str | None,
-    weights: Weights | None = None,
-    robot: RobotWish = None,
-) -> tuple[Preset, TrainConfig]:
-    """Return the named preset, or else the one for this machine, and its settings."""
-    from bp2_rl.cli.runtime import find_backend
-
-    on_cpu = find_backend() == "cpu"
-    preset = cast(
-        Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu"
-    )
-    return preset, presets.preset(stage, preset, weights, robot or "built")
 
 
 def _newest_imitation_run() -> Path:

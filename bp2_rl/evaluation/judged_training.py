@@ -98,14 +98,13 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
     if not (config.run.judged and cluster.is_first()):
         yield None
         return
-    # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL
-    # names; they have no use for one.
-    gl_library = os.environ.pop("MUJOCO_GL", None)
     with open_judge(card, jax.config.values["jax_compilation_cache_dir"]) as judge:
         if not config.run.films:
             yield judge
             return
         from bp2_rl.evaluation.films import filming
 
-        with filming(judge, print, gl_library, config.run.until) as films:
+        with filming(
+            judge, print, os.environ.get("MUJOCO_GL"), config.run.until
+        ) as films:
             yield films

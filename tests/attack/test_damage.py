@@ -16,7 +16,7 @@ from aim_run import SMALL
 from rich.progress import Progress
 
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt.solutions import load_family
+from bp2_rl.cli.trajopt import load_family
 from bp2_rl.evaluation.report.folder import Report
 from bp2_rl.learning import run
 from bp2_rl.learning.policy import load_policy
@@ -99,7 +99,7 @@ def cut_off(monkeypatch):
     ):
         monkeypatch.setattr(place, begin)
     monkeypatch.setattr(
-        "bp2_rl.cli.trajopt.output.progress", lambda: Progress(disable=True)
+        "bp2_rl.cli.trajopt.progress_bar", lambda: Progress(disable=True)
     )
 
 

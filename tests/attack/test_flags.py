@@ -1,5 +1,5 @@
-"""Every flag of every command, given what no one should give: accepted, or refused in
-one line with status 2.
+"""Every flag of every command, given what no one should give: accepted, or refused
+with status 2, in one line or in tyro's words.
 
 Nothing is computed: the work that a command would begin is cut off where it begins.
 """
@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from refusals import is_told
 
 pytestmark = pytest.mark.attack
 
@@ -48,7 +49,6 @@ COMMANDS = {
     "train": ("bp2_rl.cli.train", ["--preset", "smoke"]),
     "eval": ("bp2_rl.cli.eval", []),
     "study": ("bp2_rl.cli.study", []),
-    "tune": ("bp2_rl.cli.tune", []),
     "bench": ("bp2_rl.cli.bench", ["--preset", "smoke"]),
     "export": ("bp2_rl.cli.export", []),
     "trajopt solve": ("bp2_rl.cli.trajopt", ["solve"]),  # `trajopt verify` has no flags
@@ -84,6 +84,7 @@ def nothing_is_computed(monkeypatch, tmp_path):
     for place in WORK:
         monkeypatch.setattr(place, begin)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")  # for tyro's help: a flag a line
 
 
 WORK = (
@@ -91,11 +92,10 @@ WORK = (
     "bp2_rl.learning.run.resume",
     "bp2_rl.learning.run.replay",
     "bp2_rl.evaluation.report.folder.open_folder",
-    "bp2_rl.tools.study.training.run",
-    "bp2_rl.tools.tuning.search.run",
-    "bp2_rl.cli.bench.measuring._open",
-    "bp2_rl.cli.trajopt.output.spinner",
-    "bp2_rl.cli.trajopt.output.progress",
+    "bp2_rl.tools.study.running.run_study",
+    "bp2_rl.tools.bench.run_bench",
+    "bp2_rl.cli.trajopt.spinner",
+    "bp2_rl.cli.trajopt.progress_bar",
     "bp2_rl.paper.trajectories.codesign.optimise_design",
     "bp2_rl.paper.trajectories.objective.compare_objectives",
     "bp2_rl.paper.trajectories.decomposition.decompose",
@@ -116,13 +116,13 @@ WORK = (
 
 
 def flags(text: str) -> dict[str, str]:
-    """The flags in a command's help, each with what it takes."""
+    """The flags in tyro's help of a command, each with what it takes."""
     found = {}
     for line in text.splitlines():
         if match := re.match(
-            r"  (--[\w.-]+)(?: (.*?))?(?:  .*)?$", line.replace("[no-]", "")
+            r"[│ ] (--[\w.-]+)(?:, --[\w.-]+)?(?: (.*?))?(?:  .*)?$", line
         ):
-            found[match[1]] = match[2] or ""
+            found[match[1]] = (match[2] or "").replace("{None}|", "").rstrip(" │")
     return found
 
 
@@ -163,7 +163,7 @@ def shown(case: list[str]) -> str:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
+def test_no_value_of_any_flag_ends_in_a_traceback(command, capsys):
     module, words = COMMANDS[command]
     with contextlib.suppress(SystemExit):
         importlib.import_module(module).main([*words, "--help-all"])
@@ -205,8 +205,6 @@ def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
                 wrong.append(f"{shown(case)}: accepted")
             if not accepted and set(Path.cwd().iterdir()) != before:
                 wrong.append(f"{shown(case)}: leaves something behind")
-            if not accepted and not (
-                status == 2 and error.startswith("error: ") and error.count("\n") == 1
-            ):
+            if not accepted and (status != 2 or not is_told(error)):
                 wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
     assert not wrong, "\n".join(wrong)

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import is_told
 
-from bp2_rl.base.errors import UserError
-from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
@@ -62,12 +61,11 @@ def run(capsys, *arguments):
 
 
 def assert_refused(capsys, arguments, *words):
-    """Exit status 2 and one line that holds the words; nothing is left behind."""
+    """Exit status 2 and a message that holds the words; nothing is left behind."""
     before = sorted(Path.cwd().rglob("*"))
     status, _, err = run(capsys, *arguments)
     assert status == 2
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
+    assert is_told(err)
     for word in words:
         assert word in err
     assert sorted(Path.cwd().rglob("*")) == before
@@ -149,9 +147,7 @@ def test_eval_script_runs_by_itself_from_anywhere(policy, here):
 
 
 def test_help_explains_every_flag(capsys):
-    with pytest.raises(SystemExit) as end:
-        command.main(["--help"])
-    assert end.value.code == 0
+    assert command.main(["--help-all"]) == 0
     out = capsys.readouterr().out
     for field in dataclasses.fields(command.EvalConfig):
         flag = (
@@ -159,7 +155,7 @@ def test_help_explains_every_flag(capsys):
             if field.name != "run"
             else "POLICY_OR_RUN"
         )
-        assert flag in out.replace("[no-]", "")
+        assert flag in out
 
 
 # --- Wrong input ----------------------------------------------------------------------
@@ -168,7 +164,7 @@ def test_help_explains_every_flag(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--benchmark", "dash"], ("--benchmark takes all, ", "or topspeed; got dash")),
+        (["--benchmark", "dash"], ("--benchmark", "topspeed", "'dash'")),
         (
             ["--benchmark", "sprint", "--hold", "3"],
             ("--hold is not of --benchmark sprint", "--acceleration"),
@@ -187,7 +183,7 @@ def test_help_explains_every_flag(capsys):
         (["--operator.limit", "-1"], ("--operator.limit", "-1")),
         (
             ["--backend", "bullet"],
-            ("--backend takes drake, mjx or mujoco; got bullet",),
+            ("'bullet'",),
         ),
         (
             ["--drake.stiffness", "1e5"],
@@ -217,7 +213,7 @@ def test_help_explains_every_flag(capsys):
         (["again"], ("again",)),
     ],
 )
-def test_wrong_flags_are_named_in_one_line(policy, capsys, arguments, words):
+def test_wrong_flags_are_named(policy, capsys, arguments, words):
     assert_refused(capsys, [policy, *arguments], *words)
 
 
@@ -283,49 +279,3 @@ def test_a_failure_names_its_log_and_shows_no_traceback(
     log = Path(err.split("log: ")[1].strip()).read_text()
     assert "Traceback" in log
     assert "the solver\nexploded" in log
-
-
-def test_exit_statuses(capsys):
-    def wrong():
-        raise UserError("two\nlines")
-
-    def interrupted():
-        raise KeyboardInterrupt
-
-    assert app.run(lambda: None) == 0
-    assert app.run(wrong) == 2
-    assert capsys.readouterr().err == "error: two lines\n"
-    assert app.run(interrupted) == 130
-
-
-@dataclasses.dataclass(frozen=True)
-class _Nested:
-    depth: int = 1
-
-    def __post_init__(self):
-        if self.depth < 0:
-            raise UserError(
-                f"nested.depth must not be negative, got {self.depth}; "
-                + "and so on, " * 20
-                + "to the end"
-            )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Config:
-    count: int = 3
-    nested: _Nested = _Nested()
-
-
-def test_parse_gives_defaults_and_flags():
-    assert app.parse(_Config, [], "test.py") == _Config()
-    assert app.parse(
-        _Config, ["--count", "4"], "test.py", _Config(nested=_Nested(7))
-    ) == _Config(4, _Nested(7))
-
-
-def test_parse_tells_a_configs_own_complaint_to_its_end():
-    with pytest.raises(
-        UserError, match=r"nested\.depth must not be negative, got -1; .* to the end"
-    ):
-        app.parse(_Config, ["--nested.depth", "-1"], "test.py")

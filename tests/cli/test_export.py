@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import is_told
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
@@ -84,8 +85,7 @@ def refused(capsys, *arguments):
     assert command.main([str(argument) for argument in arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
+    assert is_told(err)
     assert {
         path: path.read_bytes() for path in Path().rglob("*") if path.is_file()
     } == before
@@ -215,7 +215,7 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
-def test_a_mistake_is_one_line(capsys, arguments, words):
+def test_a_mistake_is_told(capsys, arguments, words):
     assert words in refused(capsys, *arguments)
 
 

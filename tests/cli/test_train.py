@@ -1,19 +1,20 @@
 import dataclasses
-import importlib.util
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from bp2_rl.base import processes
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import bench, study, train, tune
+from bp2_rl.cli import app, bench, study, train
 from bp2_rl.settings import presets
+from bp2_rl.settings.cluster import ClusterConfig
 
-needs_optuna = pytest.mark.skipif(
-    importlib.util.find_spec("optuna") is None, reason="an extra"
-)
+
+def early_flags(words: list[str]) -> train.EarlyFlags:
+    return app.parse_known(train.EarlyFlags, words, "bp2 train")
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,7 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(
     monkeypatch.setattr(processes, "NPROC_IS_OURS", True)
     monkeypatch.setenv("XLA_FLAGS", "")
     monkeypatch.setattr(processes, "processors", lambda: 3)
-    train.use_processors(train.read_named(words))
+    train.use_processors(early_flags(words))
     assert os.environ["NPROC"] == threads
 
 
@@ -43,8 +44,8 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(
     ("code", "unused"),
     [
         (
-            "from bp2_rl.cli.train import read_named, unused_left_out\n"
-            "with unused_left_out(read_named(['--preset', 'gpu'])): from bp2_rl.cli import runtime\n"
+            "from bp2_rl.cli.train import EarlyFlags, unused_left_out\n"
+            "with unused_left_out(EarlyFlags(preset='gpu')): from bp2_rl.cli import runtime\n"
             "from bp2_rl.evaluation import judged_training\n"
             "assert 'tensorboardX' not in sys.modules\n"
             "from bp2_rl.learning.monitor import Monitor; Monitor(Path(sys.argv[1]), 1)",
@@ -86,7 +87,7 @@ def test_a_training_and_its_judge_import_what_they_use(code, unused, tmp_path):
 )
 def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monkeypatch):
     monkeypatch.delitem(sys.modules, "warp", raising=False)
-    with train.unused_left_out(train.read_named(words)):
+    with train.unused_left_out(early_flags(words)):
         assert ("warp" in sys.modules) == left_out
     assert "warp" not in sys.modules
 
@@ -108,7 +109,7 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
     ):
         monkeypatch.setenv("NPROC", "1")
         monkeypatch.setenv("XLA_FLAGS", before)
-        train.use_processors(train.read_named(words))
+        train.use_processors(early_flags(words))
         assert os.environ["XLA_FLAGS"] == after
 
 
@@ -118,7 +119,6 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
         (train, ["--out", "run"]),
         (study, ["--out", "study"]),
         (bench, ["--out", "bench"]),
-        pytest.param(tune, ["--out", "tune"], marks=needs_optuna),
     ],
 )
 def test_the_preset_for_an_accelerator_is_refused_without_one(
@@ -127,7 +127,7 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bp2_rl.cli.runtime.find_backend", lambda: "cpu")
     monkeypatch.setattr("bp2_rl.cli.train.use_all_processors", lambda: None)
-    monkeypatch.setattr("bp2_rl.tools.study.places.visible_gpus", lambda: ())
+    monkeypatch.setattr("bp2_rl.tools.study.running.visible_gpus", lambda: ())
     assert command.main(["--preset", "gpu", *words]) == 2
     line = "error: JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu\n"
     assert capsys.readouterr().err == line
@@ -137,8 +137,31 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
 def test_a_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setenv("NPROC", "1")
     monkeypatch.setattr(processes, "NPROC_IS_OURS", False)
-    train.use_processors(train.read_named(["--preset", "cpu"]))
+    train.use_processors(early_flags(["--preset", "cpu"]))
     assert os.environ["NPROC"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("flags", "known"),
+    [
+        (train.EarlyFlags(preset="gpu"), True),
+        (train.EarlyFlags(), False),
+        (train.EarlyFlags(preset="gpu", parent=Path("run")), False),
+        (train.EarlyFlags("relaxed", preset="gpu"), False),
+        (train.EarlyFlags("relaxed", resume=Path("run")), True),
+        (
+            train.EarlyFlags(preset="gpu", cluster=ClusterConfig("auto")),
+            False,
+        ),
+    ],
+)
+def test_defaults_that_hang_on_the_machine_or_a_parent_are_read_after_jax(
+    flags, known, monkeypatch
+):
+    """Where an accelerator's package is installed, JAX alone can tell whether it is
+    there."""
+    monkeypatch.setattr(train, "jax_is_on_cpu", lambda: False)
+    assert flags.known_without_jax is known
 
 
 @pytest.mark.parametrize("preset", ["gpu", "cpu"])
@@ -150,7 +173,7 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
     save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
-    child = train._parse(
+    child = train.read_arguments(
         ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
     ).env
     preset_env = presets.preset("relaxed", preset, robot="ideal").env
@@ -158,7 +181,7 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
         preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3)
     )
     assert child != dataclasses.replace(mine, reward=preset_env.reward)
-    moved = train._parse(
+    moved = train.read_arguments(
         [
             "--stage",
             "relaxed",

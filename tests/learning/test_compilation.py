@@ -6,7 +6,7 @@ from aim import TINY, Aim
 from jax.experimental.compilation_cache import compilation_cache
 
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.tools.throughput.measure import COMPILED, FROM_CACHE, compilations
+from bp2_rl.tools.throughput import COMPILED, FROM_CACHE, compilations
 
 
 def test_nothing_is_compiled_after_the_first_two_iterations():

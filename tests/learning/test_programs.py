@@ -20,7 +20,7 @@ from bp2_rl.learning.programs import use_kept
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.training import RunConfig, TrainConfig
-from bp2_rl.tools.throughput.measure import COMPILED, compilations
+from bp2_rl.tools.throughput import COMPILED, compilations
 
 CONFIG = TrainConfig(ppo=TINY, impl="kernel")
 

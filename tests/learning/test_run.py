@@ -27,7 +27,7 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracking import Tracked, tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig
-from bp2_rl.tools.throughput.measure import COMPILED, compilations
+from bp2_rl.tools.throughput import COMPILED, compilations
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli.trajopt.solutions import load_family, save_family
+from bp2_rl.cli.trajopt import load_family, save_family
 from bp2_rl.deploy.onboard.motion import load_motion
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motion_of

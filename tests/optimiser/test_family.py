@@ -5,7 +5,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import to_json
-from bp2_rl.cli.trajopt.solutions import load_family, save_family
+from bp2_rl.cli.trajopt import load_family, save_family
 from bp2_rl.optimiser.family import (
     FamilyConfig,
     arrays_of,

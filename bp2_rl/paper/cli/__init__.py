@@ -6,7 +6,7 @@ mistake is answered at once.
 
 from collections.abc import Sequence
 
-from bp2_rl.cli.dispatch import choose, modules
+from bp2_rl.cli.app import choose, modules
 
 COMMANDS = {
     "figures": "draw the paper's figures of robots, athletes and pendulums, and the index of all its items",

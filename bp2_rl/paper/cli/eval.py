@@ -15,6 +15,36 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.simulation.backend import Backend, DrakeContact
 
+SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
+
+Measure what the paper says of a gait on a policy, and leave a report with table, plots
+and film. Without a policy: the one that ships with bp2_rl.
+
+what is run:
+  POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
+                        or of a run
+  --benchmark NAME      stability: whether the gait repeats itself under noise, and how
+                        hard it may be pushed [stability]
+                        endurance: how long the motors last
+                        mechanism: whose inertia balances whose, at five speeds
+                        efficiency: what running costs, at eight speeds
+                        all: one after the other
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+  --quick               the short version, in half a minute
+
+how:
+  --speed M/S           speed to command [as the card's result was measured]
+  --acceleration M/S2   how fast the command rises
+  --hold S              how long to hold a speed; not of stability
+  --robots N            how many are drawn; of endurance and stability
+  --seed N              what robots and noise are drawn from [0]
+
+what is left:
+  --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
+  --no-video            do not film the best seconds
+
+all flags, with the operator's and the motors' heat: {prog} --help-all"""
+"""What `--help` prints."""
 DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
 
 
@@ -56,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     registry = "bp2_rl.paper.benchmarks.registry"
     return app.run(
         lambda: evaluate(
-            app.parse(DeepEvalConfig, words, "bp2 paper eval"),
+            app.parse(DeepEvalConfig, words, "bp2 paper eval", screen=SCREEN),
             DeepSetup,
             registry,
             again,

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from bp2_rl.base.files import require_name
 from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
-from bp2_rl.cli.dispatch import Command, Entry, choose
-from bp2_rl.cli.trajopt.output import spinner
+from bp2_rl.cli.app import Command, Entry, choose
+from bp2_rl.cli.trajopt import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
 from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw

@@ -18,7 +18,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import read_bytes, read_json, require_name, write_text
 from bp2_rl.base.folders import find_folder, new_folder, open_report
 from bp2_rl.base.serialization import load_config, save_config
-from bp2_rl.cli.dispatch import Command
+from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill, read_items
 from bp2_rl.paper.index.sources import (

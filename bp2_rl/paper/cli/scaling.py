@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.cli.dispatch import Command
-from bp2_rl.cli.trajopt.arguments import Workers
+from bp2_rl.cli.app import Command
+from bp2_rl.cli.trajopt import Workers
 from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import with_folder
@@ -27,10 +27,7 @@ class LimitSettings(Bounded, path="--"):
 
     Interrupted, a search goes on where it stopped when run again.
 
-    Examples:
-        bp2 paper scaling                              # from the limits that ship, in a moment
-        bp2 paper scaling --simulate                   # finds the limits anew
-        bp2 paper scaling --simulate --robots go1 spot
+    For example: bp2 paper scaling --simulate --robots go1 spot
     """
 
     simulate: bool = False
@@ -51,7 +48,7 @@ def _compare(arguments: Any) -> None:
     from bp2_rl.base.errors import UserError
     from bp2_rl.base.files import require_name
     from bp2_rl.base.serialization import claim_folder, save_config
-    from bp2_rl.cli.trajopt.output import progress
+    from bp2_rl.cli.trajopt import progress_bar
     from bp2_rl.paper.cli.figures import open_figure_folder, show_and_leave
     from bp2_rl.paper.figures.drawn import Drawn
     from bp2_rl.paper.published import read_robots
@@ -73,7 +70,7 @@ def _compare(arguments: Any) -> None:
         )
         claim_folder(out, SEARCH, search, "a search")
         begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
-        with progress() as bar:
+        with progress_bar() as bar:
             found = study.simulate(search, settings.workers, begun)
             for limits in bar.track(
                 found, len(robots) + len(variants) + 1, description="limits"

@@ -18,15 +18,16 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder, own_folder
 from bp2_rl.base.metric import Table, show, table_of
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.dispatch import Command, choose, entries
-from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import (
+from bp2_rl.cli import trajopt
+from bp2_rl.cli.app import Command, choose, entries
+from bp2_rl.cli.trajopt import (
     OUT,
+    PROBLEM_SCREEN,
     Flat,
     Folder,
     Robot,
     Workers,
-    parse_on_robot,
+    problem_of_robot,
 )
 from bp2_rl.optimiser.problem import (
     MOST_SPEEDS,
@@ -87,7 +88,7 @@ def run_sweep(arguments: SweepArguments) -> None:
     from bp2_rl.paper.trajectories.robustness import sweep_speeds
 
     speeds, starts = arguments.speeds, arguments.starts
-    with output.progress() as progress:
+    with trajopt.progress_bar() as progress:
         tried = sweep_speeds(arguments.problem, speeds, starts, arguments.workers)
         total = len(speeds) * starts
         attempts = list(progress.track(tried, total, description="cold starts"))
@@ -136,7 +137,7 @@ def find_limits(arguments: LimitsArguments) -> None:
         search = limits.greatest_speeds(variants, workers)
     numbers = arguments.out / "speeds.json"
     with own_folder(arguments.out):
-        with output.progress() as progress:
+        with trajopt.progress_bar() as progress:
             searched = progress.track(search, len(variants), description="variants")
             found = {one.variant: one for one in searched}
         speeds = {name: found[name].speed for name in variants}
@@ -231,7 +232,7 @@ def _set_beside(
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
-    with own_folder(arguments.out), output.progress() as progress:
+    with own_folder(arguments.out), trajopt.progress_bar() as progress:
         compared = compare_variants(
             problem,
             variants,
@@ -277,7 +278,7 @@ def run_schemes(arguments: SchemesArguments) -> None:
     problem, meshes = Problem(speed=arguments.speed), arguments.meshes
     rows: list[SchemeRow] = []
     try:
-        with output.progress() as progress:
+        with trajopt.progress_bar() as progress:
             solved = compare_schemes(solve, problem, meshes)
             total = len(SCHEMES) * len(meshes)
             for row in progress.track(solved, total, description="solves"):
@@ -361,7 +362,7 @@ class FiguresArguments(Bounded):
 
 def draw_figures(arguments: FiguresArguments) -> None:
     """Draw the figures, and print what coupling does."""
-    from bp2_rl.cli.trajopt.solutions import load_solutions
+    from bp2_rl.cli.trajopt import load_solutions
 
     solutions = load_solutions(arguments.path)
     shown = min(solutions, key=lambda one: abs(one.problem.speed - arguments.speed))
@@ -400,16 +401,81 @@ def draw_figures(arguments: FiguresArguments) -> None:
 
 
 PROG = "bp2 paper trajectories"
+COMMON_FLAGS = """
+  --workers INT         processes [2]
+  --out DIR             the folder of what is found"""
+SWEEP_SCREEN = PROBLEM_SCREEN.format(
+    what="""Solve at many speeds, each from several cold starts: how many converge, and how fast.""",
+    flags="""  --slowest FLOAT       m/s [1]
+  --fastest FLOAT       m/s [13.2]
+  --step FLOAT          m/s [1]
+  --starts INT          cold starts at each speed [3]"""
+    + COMMON_FLAGS,
+)
+LIMITS_SCREEN = PROBLEM_SCREEN.format(
+    what="""Find the greatest speed that has a trajectory at all, for BP2 and with one thing about
+it changed at a time.""",
+    flags="""  --losses              instead, for the robot without its losses, with each alone,
+                        with all, and with all but each: --robot built
+  --speed FLOAT         m/s, at which the search begins [13.2]"""
+    + COMMON_FLAGS,
+)
+GAITS_SCREEN = PROBLEM_SCREEN.format(
+    what="""Set five gaits beside each other in the plane: what each costs over speed, and how
+fast each gets. Interrupted, it goes on where it stopped when run again.""",
+    flags="  --speeds FLOAT ...    m/s, the slowest first" + COMMON_FLAGS,
+)
+LIMBS_SCREEN = PROBLEM_SCREEN.format(
+    what="""Move mass between trunk and legs, and change the trunk's inertia: what each costs, and
+how fast each gets. Interrupted, it goes on where it stopped when run again.""",
+    flags="  --speeds FLOAT ...    m/s, the slowest first" + COMMON_FLAGS,
+)
+CODESIGN_SCREEN = f"""usage: {{prog}} [FLAGS]
+
+Find gear ratio, leg length and spring stiffness along with the trajectory.
+
+flags:
+  --starts INT          of the optimum [4]
+  --confirm INT ...     meshes on which the optimum is solved again [16 24 32 48]\
+{COMMON_FLAGS}
+
+all flags, with the problem's: {{prog}} --help-all"""
 COMMANDS = {
-    "sweep": Command(f"{PROG} sweep", SweepArguments, run_sweep, parse_on_robot),
-    "limits": Command(f"{PROG} limits", LimitsArguments, find_limits, parse_on_robot),
-    "gaits": Command(f"{PROG} gaits", GaitsArguments, compare_gaits, parse_on_robot),
-    "limbs": Command(f"{PROG} limbs", LimbsArguments, compare_limbs, parse_on_robot),
+    "sweep": Command(
+        f"{PROG} sweep",
+        SweepArguments,
+        run_sweep,
+        problem_of_robot(SweepArguments),
+        SWEEP_SCREEN,
+    ),
+    "limits": Command(
+        f"{PROG} limits",
+        LimitsArguments,
+        find_limits,
+        problem_of_robot(LimitsArguments),
+        LIMITS_SCREEN,
+    ),
+    "gaits": Command(
+        f"{PROG} gaits",
+        GaitsArguments,
+        compare_gaits,
+        problem_of_robot(GaitsArguments),
+        GAITS_SCREEN,
+    ),
+    "limbs": Command(
+        f"{PROG} limbs",
+        LimbsArguments,
+        compare_limbs,
+        problem_of_robot(LimbsArguments),
+        LIMBS_SCREEN,
+    ),
     "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
     "objective": Command(
         f"{PROG} objective", ObjectiveArguments, compare_objective_weights
     ),
-    "codesign": Command(f"{PROG} codesign", CodesignArguments, run_codesign),
+    "codesign": Command(
+        f"{PROG} codesign", CodesignArguments, run_codesign, screen=CODESIGN_SCREEN
+    ),
     "figures": Command(f"{PROG} figures", FiguresArguments, draw_figures),
 }
 

@@ -1,6 +1,10 @@
-"""What came out of a study: each variant over its seeds, and the table of them."""
+"""Measure a study's policies in C MuJoCo, and compare its variants over their seeds.
+
+The comparison is a table and two figures.
+"""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,16 +12,101 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 from scipy import stats
 
-from bp2_rl.robot import bp2
-from bp2_rl.tools.study.measuring import PolicyMeasurement, read_measurements
+from bp2_rl.base.folders import folder_names
+from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
+from bp2_rl.base.serialization import load_config, save_config
+from bp2_rl.env.observations import layout_of
+from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launches
+from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.policy import Policy, load_policy
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.tools.study.plan import VARIANTS, Training
 
+MEASURED = "measured.json"
+# commands under which a policy is launched, shares of the training's fastest
+LADDER = (1.0, 0.8, 0.6)
 GOAL = bp2.OUTDOOR_TOP_SPEED  # m/s
 RESAMPLES = 10_000
 BASELINE = "ours"
 """The variant that the others are compared with."""
+COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
+GOAL_LINE: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": (0, (4, 2))}
+LINES = ("-", (0, (4, 1.5)), (0, (1, 1)))
+STYLES = dict(
+    zip(
+        VARIANTS,
+        itertools.islice(itertools.product(LINES, COLORS), len(VARIANTS)),
+        strict=True,
+    )
+)
+"""(line, colour) of each variant, the same in every figure."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyMeasurement:
+    """The speed of one saved policy in C MuJoCo, from a standing start."""
+
+    control_steps: int  # of all its training, the stages before included
+    weights_sha256: str  # of the policy
+    top_speed: float  # m/s, best of the launches under LADDER; 0 if all fell
+    falls: int  # launches that ended in a fall
+
+
+@dataclasses.dataclass(frozen=True)
+class _Measured:
+    """The file beside a run's policies."""
+
+    ladder: tuple[float, ...]
+    policies: tuple[PolicyMeasurement, ...]
+
+
+def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
+    """Measure each saved policy of a run in order, and write `MEASURED` beside them;
+    measure no policy twice."""
+    known = {one.weights_sha256: one for one in read_measurements(run_dir)}
+    result: list[PolicyMeasurement] = []
+    names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
+    for name in sorted(names, key=int):
+        policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
+        measurement = known.get(policy.card.weights_sha256)
+        if measurement is None:
+            measurement = _measure(policy)
+        result.append(measurement)
+    save_config(run_dir / MEASURED, _Measured(LADDER, tuple(result)))
+    return result
+
+
+def read_measurements(run_dir: Path) -> list[PolicyMeasurement]:
+    """Return what `measure_policies` has written; empty where there is nothing yet."""
+    path = run_dir / MEASURED
+    if not path.is_file():
+        return []
+    measured = load_config(_Measured, path)
+    return list(measured.policies) if measured.ladder == LADDER else []
+
+
+def _measure(policy: Policy) -> PolicyMeasurement:
+    env, best, falls = policy.card.env, 0.0, 0
+    for share in LADDER:
+        if best >= share * env.commands.max_forward:
+            break  # a slower command makes no faster run
+        asked = dataclasses.replace(JUDGED_LAUNCHES[0], share=share, noise_seed=None)
+        [launch] = measure_launches(policy, env, [asked])
+        falls += launch.fell
+        best = max(best, launch.best_speed)
+    return PolicyMeasurement(
+        control_steps=policy.card.physics_steps // conventions.SUBSTEPS,
+        weights_sha256=policy.card.weights_sha256,
+        top_speed=best,
+        falls=falls,
+    )
+
+
+# --- Over the seeds -------------------------------------------------------------------
+
 Stages = tuple[list[PolicyMeasurement], list[PolicyMeasurement]]
 """What was measured of the policies of an imitation run and of the relaxed run after
 it."""
@@ -38,9 +127,9 @@ class Outcome:
     top_speed_interval: tuple[float, float]  # m/s, bootstrap, 95 %
 
 
-def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
-    """A variant's outcome, of those seeds of which both stages were judged; None if
-    there is none."""
+def outcome_of(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
+    """Return the outcome of a variant, of those seeds of which both stages were judged;
+    None if there is none."""
     stages = both_stages(folder, variant, seeds)
     if not stages:
         return None
@@ -59,8 +148,8 @@ def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
 
 
 def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, Stages]:
-    """What was measured of a variant's imitation and relaxed runs, by seed, where there
-    are both."""
+    """Return what was measured of a variant's imitation and relaxed runs, by seed, where
+    there are both."""
     origin = VARIANTS[variant].imitation or variant
     stages = {
         seed: (
@@ -78,15 +167,17 @@ def _steps_to_goal(policies: list[PolicyMeasurement]) -> int | None:
     )
 
 
-def interquartile_mean(values: Float[np.ndarray, "n ..."]) -> Float[Any, "..."]:
-    """Mean of the middle half along the first axis; with fewer than four values, of
-    all."""
+def interquartile_mean(
+    values: Float[np.ndarray, "n ..."],
+) -> Float[np.ndarray | np.floating, "..."]:
+    """Return the mean of the middle half along the first axis; with fewer than four
+    values, of all."""
     return stats.trim_mean(values, 0.25, axis=0)
 
 
 def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """95 % percentile bootstrap interval of the interquartile mean (Agarwal et al.
-    2021)."""
+    """Return the 95 % percentile bootstrap interval of the interquartile mean (Agarwal
+    et al. 2021)."""
     draws = np.random.default_rng(0).choice(values, (len(values), RESAMPLES))
     low, high = np.percentile(interquartile_mean(draws), [2.5, 97.5])
     return float(low), float(high)
@@ -95,16 +186,16 @@ def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
 def difference_interval(
     values: Sequence[float], others: Sequence[float]
 ) -> tuple[float, float]:
-    """95 % interval of the difference of two means, by Welch's t-test; infinite where
-    the values do not tell how far they scatter."""
+    """Return the 95 % interval of the difference of two means, by Welch's t-test;
+    infinite where the values do not tell how far they scatter."""
     if min(len(values), len(others)) < 2 or len({*values, *others}) < 3:
         return -math.inf, math.inf
     low, high = stats.ttest_ind(values, others, equal_var=False).confidence_interval()
     return float(low), float(high)
 
 
-def table(outcomes: Sequence[Outcome]) -> str:
-    """The outcomes in Markdown."""
+def outcome_table(outcomes: Sequence[Outcome]) -> str:
+    """Return the outcomes as a table in Markdown."""
     recipe = next((o.top_speeds for o in outcomes if o.variant == BASELINE), ())
     head = (
         "variant",
@@ -141,3 +232,94 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 def _each(values: Sequence[float | None], form: str) -> str:
     return ", ".join("-" if value is None else form.format(value) for value in values)
+
+
+# --- In pictures ----------------------------------------------------------------------
+
+
+@styled
+def draw_learning_curves(
+    folder: Path, variants: Sequence[str], seeds: Sequence[int]
+) -> Figure:
+    """Draw the top speed in C MuJoCo over control steps: the interquartile mean over
+    seeds, and from the slowest to the fastest."""
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    axes = figure.subplots()
+    for variant in variants:
+        stages = both_stages(folder, variant, seeds).values()
+        if not stages:
+            continue
+        first, second = (_curve(runs) for runs in zip(*stages, strict=True))
+        steps, speeds = (
+            np.concatenate(parts, axis=-1) for parts in zip(first, second, strict=True)
+        )
+        axes.axvline(
+            first[0][-1] / 1e6,
+            color=QUIET,
+            linewidth=0.8,
+            linestyle=(0, (2, 2)),
+            zorder=1,
+        )
+        if VARIANTS[variant].imitation:  # the variant they are borrowed from shows them
+            steps, speeds = steps[len(first[0]) - 1 :], speeds[:, len(first[0]) - 1 :]
+        line, color = STYLES[variant]
+        middle = interquartile_mean(speeds)
+        axes.plot(
+            steps / 1e6,
+            middle,
+            ls=line,
+            color=color,
+            marker="o",
+            ms=3,
+            label=VARIANTS[variant].meaning,
+        )
+        low, high = speeds.min(axis=0), speeds.max(axis=0)
+        axes.fill_between(steps / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
+    axes.axhline(GOAL, label=f"BP2: {GOAL} m/s", **GOAL_LINE)
+    axes.set(
+        xlabel="Control steps [M]; dotted: where the relaxed stage begins",
+        ylabel="Top speed [m/s]",
+        title="Top speed of the saved policies in C MuJoCo, 0 where they fall",
+        xlim=(0, None),
+        ylim=(0, None),
+    )
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+@styled
+def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
+    """Draw the top speed in C MuJoCo of each seed of each variant after each stage."""
+    figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
+    axes = figure.subplots()
+    rows = range(len(outcomes))
+    for row, one in enumerate(outcomes):
+        at = [row] * len(one.seeds)
+        axes.plot(one.imitation_top_speeds, at, "o", mfc="none", color=QUIET, ms=6)
+        axes.plot(one.top_speeds, at, "o", color=COLORS[0], ms=6)
+    axes.axvline(GOAL, **GOAL_LINE)
+    axes.set_yticks(rows, [VARIANTS[one.variant].meaning for one in outcomes])
+    axes.set(
+        xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed",
+        xlim=(0, None),
+    )
+    axes.invert_yaxis()
+    labels = ["imitation", "relaxed", f"BP2: {GOAL} m/s"]
+    figure.legend(
+        [*axes.lines[:2], axes.lines[-1]],
+        labels,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+    )
+    return figure
+
+
+def _curve(
+    runs: Sequence[Sequence[PolicyMeasurement]],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the control steps of a stage at which all seeds have a policy, and the top
+    speeds there, "seed step": a stopped run saves more."""
+    by_step = [{j.control_steps: j.top_speed for j in run} for run in runs]
+    steps = sorted(set.intersection(*map(set, by_step)))
+    return np.array(steps), np.array([[run[step] for step in steps] for run in by_step])

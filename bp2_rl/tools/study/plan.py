@@ -1,4 +1,4 @@
-"""What a study consists of: variants of the recipe, and the trainings of each."""
+"""Plan a study: the variants of the recipe, and the trainings of each."""
 
 import dataclasses
 from pathlib import Path
@@ -124,7 +124,7 @@ class Training:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a study consists of."""
+    """A study's variants, seeds and size, which tell its trainings."""
 
     variants: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -189,6 +189,6 @@ class Plan:
 
 
 def default_steps(preset: Preset) -> tuple[int, int]:
-    """What the preset trains, control steps of the two stages."""
+    """Return the control steps of a preset's two stages."""
     imitation, relaxed = (presets.preset(stage, preset).run.steps for stage in STAGES)
     return imitation, relaxed

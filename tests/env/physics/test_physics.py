@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.cli.train import _parse
+from bp2_rl.cli.train import read_arguments
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.physics.interface import TARGET_AGES, newest_active
@@ -185,10 +185,12 @@ def test_legs_in_each_other_end_an_episode_in_mjx():
 
 def test_the_large_presets_train_in_our_kernel_unless_told_otherwise():
     assert (
-        _parse(["--preset", "cpu"]).impl == _parse(["--preset", "gpu"]).impl == "kernel"
+        read_arguments(["--preset", "cpu"]).impl
+        == read_arguments(["--preset", "gpu"]).impl
+        == "kernel"
     )
     assert (
-        _parse(["--preset", "gpu", "--impl", "jax"]).impl
-        == _parse(["--preset", "smoke"]).impl
+        read_arguments(["--preset", "gpu", "--impl", "jax"]).impl
+        == read_arguments(["--preset", "smoke"]).impl
         == "jax"
     )

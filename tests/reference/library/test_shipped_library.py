@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.cli.trajopt.solutions import load_solutions
+from bp2_rl.cli.trajopt import load_solutions
 from bp2_rl.optimiser.family import steps_of
 from bp2_rl.optimiser.verify import failures, verify
 from bp2_rl.reference.library.trot import CollocationGait

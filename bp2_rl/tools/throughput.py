@@ -13,16 +13,18 @@ import dataclasses
 import re
 import statistics
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
+import optax
 from brax import envs
 from brax.envs.wrappers import training as brax_training
 from brax.training import acting
+from brax.training.acme.running_statistics import RunningStatisticsState
+from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.types import Transition
 from jax import monitoring
 from jax.sharding import NamedSharding, PartitionSpec
@@ -46,6 +48,9 @@ environment and policy, as the learner runs them. brax: the same by stock Brax, 
 wrappers and its `generate_unroll`. training: the whole train step.
 """
 
+Networks = tuple[PPONetworkParams, RunningStatisticsState]
+Observation = jax.Array | Mapping[str, jax.Array]
+Specs = PartitionSpec | tuple[PartitionSpec, ...]
 OUT_OF_MEMORY = "out of memory"
 COMPILED, FROM_CACHE = (
     "/jax/core/compile/backend_compile_duration",
@@ -69,9 +74,9 @@ class BenchPart(NamedTuple):
     and again."""
 
     name: PartName
-    program: Any  # jitted
-    carry: Any
-    fixed: tuple[Any, ...]
+    program: jax.stages.Wrapped
+    carry: object
+    fixed: tuple[object, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,26 +98,22 @@ class PartTiming:
     compile_seconds: float  # StableHLO to machine code
     from_cache: bool  # the machine code was read from disk
     program_bytes: int | None  # arguments, results and temporaries on each device
-    bytes_per_robot: float | None
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """All that was measured with so many robots on so many devices."""
+    """The timings of all parts with one number of robots and of devices."""
 
     robots: int
     devices: int
     measurements: tuple[PartTiming, ...] = ()
-    # what is kept of a robot between train steps
-    state_bytes_per_robot: float | None = None
-    # of the fullest device since the process began; None where not known
-    device_peak_bytes: int | None = None
     # see `share_out`
     shares: dict[str, float] = dataclasses.field(default_factory=dict)
     error: str | None = None  # why measuring ended early
 
     def rate(self, part: PartName) -> float | None:
-        """Control steps per second of a part, None where it was not measured."""
+        """Return the control steps per second of a part, None where it was not
+        measured."""
         return next(
             (m.control_steps_per_second for m in self.measurements if m.part == part),
             None,
@@ -125,7 +126,7 @@ def compilations() -> Generator[collections.Counter[str]]:
     them."""
     counts: collections.Counter[str] = collections.Counter()
 
-    def count(event: str, *_: Any, **__: Any) -> None:
+    def count(event: str, *_: object, **__: object) -> None:
         counts[event] += 1
 
     monitoring.register_event_duration_secs_listener(count)
@@ -137,23 +138,14 @@ def compilations() -> Generator[collections.Counter[str]]:
         monitoring.unregister_event_listener(count)
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchOptions:
-    """What is measured, for how long, and where it is reported."""
-
-    parts: Sequence[PartName] = PARTS  # physics only of BP2Env, brax only on one device
-    seconds: float = 2.0  # of timed calls for each part; at least three calls are timed
-    profile: Path | None = None  # folder for jax.profiler's trace of two train steps
-    # receives each timing as soon as it is measured
-    tell: Callable[[PartTiming], None] = lambda timing: None
-
-
 def measure_case(
     make_env: Callable[[int], envs.Env],
     config: PPOConfig,
     robots: int,
     devices: Sequence[Any],
-    options: BenchOptions,
+    parts: Sequence[PartName] = PARTS,
+    seconds: float = 2.0,
+    tell: Callable[[PartTiming], None] = lambda timing: None,
 ) -> Case:
     """Measure the parts of training with `robots` robots on `devices`.
 
@@ -162,38 +154,32 @@ def measure_case(
         config: hyperparameters; `robots` stands in for their `num_envs`.
         robots: all devices together.
         devices: JAX's devices to use.
-        options: what to measure and where to report it.
+        parts: what to measure; physics only of BP2Env, brax only on one device.
+        seconds: of timed calls for each part; at least three calls are timed.
+        tell: receives each timing as soon as it is measured.
 
     Returns:
         The timings. Where the robots don't fit the devices or their memory, the case
         has an `error` and the timings that came before it.
     """
     measurements: list[PartTiming] = []
-    state_bytes = error = None
+    error = None
     try:
         env = make_env(-(-robots // len(devices)))
         learner = PPO(env, dataclasses.replace(config, num_envs=robots), devices)
         state = learner.init(0)
-        state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
-        for part in make_parts(learner, state, options.parts):
-            trace = options.profile if part.name == "training" else None
-            measurements.append(measure(part, learner, options.seconds, trace))
-            options.tell(measurements[-1])
+        for part in make_parts(learner, state, parts):
+            measurements.append(time_part(part, learner, seconds))
+            tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
-    peaks = [
-        (device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices
-    ]
-    peak = max((peak for peak in peaks if peak is not None), default=None)
     shares = share_out(measurements)
-    return Case(
-        robots, len(devices), tuple(measurements), state_bytes, peak, shares, error
-    )
+    return Case(robots, len(devices), tuple(measurements), shares, error)
 
 
 def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
-    """What a train step spends its time on, as shares that add up to 1; empty where a
-    part was not measured.
+    """Return what a train step spends its time on, as shares that add up to 1; nothing
+    where a part was not measured.
 
     By the best call of each, which other programs disturbed least. The parts ran by
     themselves, where XLA cannot fuse them with their neighbours: good to a few per cent
@@ -209,11 +195,8 @@ def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
     return {name: value / seconds["training"] for name, value in parts.items()}
 
 
-def measure(
-    part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None
-) -> PartTiming:
-    """Compile a part of `learner`, warm it up, and time its calls for so many
-    seconds."""
+def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
+    """Compile a part of a learner, warm it up, and time its calls for some seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
     with compilations() as before:
@@ -231,10 +214,6 @@ def measure(
             start = time.perf_counter()
             carry, _ = jax.block_until_ready(program(carry, *fixed))
             times.append(time.perf_counter() - start)
-    if profile is not None:
-        with jax.profiler.trace(str(profile)):
-            for _ in range(2):
-                carry, _ = jax.block_until_ready(program(carry, *fixed))
     low, median, high = statistics.quantiles(times, n=4, method="inclusive")
     rate = learner.config.steps_per_train_step / median
     return PartTiming(
@@ -252,7 +231,6 @@ def measure(
         compile_seconds=compiled - traced,
         from_cache=before[FROM_CACHE] > 0,
         program_bytes=size,
-        bytes_per_robot=None if size is None else size * devices / robots,
     )
 
 
@@ -269,53 +247,42 @@ def make_parts(
     keys, zeros = jax.device_put(
         (keys, jnp.zeros((len(keys), env.action_size))), learner.robots
     )
-    if "physics" in names and isinstance(env, BP2Env):
-        yield _physics(learner, env, state)
-    if "environment" in names:
-        yield BenchPart(
+    makers: dict[PartName, Callable[[], BenchPart]] = {
+        "environment": lambda: BenchPart(
             "environment",
             _on_each_device(learner, partial(_live, learner)),
             state.fleet,
             (zeros, keys),
-        )
-    if "resets" in names:
-        yield BenchPart(
+        ),
+        "resets": lambda: BenchPart(
             "resets",
             _on_each_device(learner, partial(_reset, learner)),
             (),
             (state.fleet, keys),
-        )
-    yield from _networks(learner, state, keys, names)
-    if "acting" in names:
-        yield BenchPart(
+        ),
+        "policy": lambda: _policy(learner, state, keys),
+        "sgd": lambda: _sgd(learner, state, keys),
+        "acting": lambda: BenchPart(
             "acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys)
-        )
-    if "brax" in names and learner.mesh.size == 1:
-        yield _brax(learner, networks, keys)
-    if "training" in names:
-        yield BenchPart("training", learner.programs.train_step, state, ())
-
-
-def _networks(
-    learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]
-) -> Iterator[BenchPart]:
-    """Policy and gradient steps; their data are gone when the next part begins."""
-    if not {"policy", "sgd"} & set(names):
-        return
-    observations = _repeat(learner, state.fleet.obs)
-    policy = _policy(learner, (state.params, state.normalizer), observations, keys)
-    if "policy" in names:
-        yield policy
-    if "sgd" in names:
-        _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
-        yield _sgd(learner, state, batch(learner, observations, actions, extras))
+        ),
+        "training": lambda: BenchPart(
+            "training", learner.programs.train_step, state, ()
+        ),
+    }
+    if isinstance(env, BP2Env):
+        makers["physics"] = lambda: _physics(learner, env, state)
+    if learner.mesh.size == 1:
+        makers["brax"] = lambda: _brax(learner, networks, keys)
+    for name in PARTS:
+        if name in makers and name in names:
+            yield makers[name]()
 
 
 def _on_each_device(
     learner: PPO,
-    function: Callable[..., Any],
-    in_specs: Any = ROBOTS,
-    out_specs: Any = ROBOTS,
+    function: Callable[..., object],
+    in_specs: Specs = ROBOTS,
+    out_specs: Specs = ROBOTS,
 ) -> jax.stages.Wrapped:
     """Robots never talk to each other: each device runs its own, as in the learner."""
     local = jax.shard_map(
@@ -340,7 +307,7 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
 
     def simulate(
         carry: tuple[()], physics: Any, targets: Any, robots: Any
-    ) -> tuple[tuple[()], Any]:
+    ) -> tuple[tuple[()], object]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
                 return jax.vmap(env.engine)(physics, targets, robots)[0], None
@@ -371,13 +338,17 @@ def _reset(
 
 
 def _unroll(
-    learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array
-) -> tuple[envs.State, Any]:
+    learner: PPO,
+    fleet: envs.State,
+    params: PPONetworkParams,
+    normalizer: RunningStatisticsState,
+    keys: jax.Array,
+) -> tuple[envs.State, object]:
     fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
     return fleet, rest
 
 
-def _repeat(learner: PPO, observations: Any) -> Any:
+def _repeat(learner: PPO, observations: Observation) -> Observation:
     """Repeat observations over an unroll, to be passed as an argument: XLA must not see
     that they are equal."""
     length = learner.config.unroll_length
@@ -387,15 +358,19 @@ def _repeat(learner: PPO, observations: Any) -> Any:
     return jax.device_put(repeated, NamedSharding(learner.mesh, TIMES_ROBOTS))
 
 
-def _policy(
-    learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array
-) -> BenchPart:
+def _policy(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
     def act(
-        carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any
-    ) -> tuple[tuple[()], Any]:
+        carry: tuple[()],
+        params: PPONetworkParams,
+        normalizer: RunningStatisticsState,
+        observations: Observation,
+        keys: jax.Array,
+    ) -> tuple[tuple[()], object]:
         infer = jax.vmap(learner.infer((normalizer, params.policy)))
 
-        def control_step(time: jax.Array, observation: Any) -> tuple[jax.Array, Any]:
+        def control_step(
+            time: jax.Array, observation: Observation
+        ) -> tuple[jax.Array, object]:
             return time + 1, infer(
                 observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys)
             )
@@ -406,13 +381,23 @@ def _policy(
 
     in_specs = (EVERYWHERE, EVERYWHERE, EVERYWHERE, TIMES_ROBOTS, ROBOTS)
     program = _on_each_device(learner, act, in_specs, (EVERYWHERE, TIMES_ROBOTS))
-    return BenchPart("policy", program, (), (*networks, observations, keys))
+    observations = _repeat(learner, state.fleet.obs)
+    fixed = (state.params, state.normalizer, observations, keys)
+    return BenchPart("policy", program, (), fixed)
 
 
-def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
+def _sgd(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
+    """Return the gradient steps, on what the policy does in an unroll."""
+    policy = _policy(learner, state, keys)
+    _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
+    observations = _repeat(learner, state.fleet.obs)
+
     def improve(
-        carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array
-    ) -> tuple[Any, Any]:
+        carry: tuple[PPONetworkParams, optax.OptState],
+        normalizer: RunningStatisticsState,
+        data: Transition,
+        key: jax.Array,
+    ) -> tuple[tuple[PPONetworkParams, optax.OptState], object]:
         params, optimizer = carry
         before = state.replace(
             params=params, optimizer=optimizer, normalizer=normalizer
@@ -420,18 +405,24 @@ def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
         params, optimizer, metrics = learner.improve(before, data, key)
         return (params, optimizer), metrics
 
+    data = batch(learner, observations, actions, extras)
     fixed = (state.normalizer, data, state.key)
     program = jax.jit(improve, out_shardings=learner.everywhere)
     return BenchPart("sgd", program, (state.params, state.optimizer), fixed)
 
 
 def batch(
-    learner: PPO, observations: Any, actions: jax.Array, extras: Any
+    learner: PPO,
+    observations: Observation,
+    actions: jax.Array,
+    extras: Mapping[str, object],
 ) -> Transition:
     """The data of an unroll in which nothing happened, from arrays with axes (time,
     robot): the learner's shapes."""
 
-    def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
+    def build(
+        observations: Observation, actions: jax.Array, extras: Mapping[str, object]
+    ) -> Transition:
         observations, actions, extras = jax.tree.map(
             lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras)
         )
@@ -445,13 +436,15 @@ def batch(
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
 
-def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart:
+def _brax(learner: PPO, networks: Networks, keys: jax.Array) -> BenchPart:
     config = learner.config
     env = brax_training.wrap(learner.fleet.env, config.episode_length)
 
     def act(
-        carry: tuple[Any, jax.Array], params: Any, normalizer: Any
-    ) -> tuple[tuple[Any, jax.Array], Any]:
+        carry: tuple[envs.State, jax.Array],
+        params: PPONetworkParams,
+        normalizer: RunningStatisticsState,
+    ) -> tuple[tuple[envs.State, jax.Array], object]:
         fleet, key = carry
         key, now = jax.random.split(key)
         policy = learner.infer((normalizer, params.policy))
@@ -469,8 +462,10 @@ def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart
 
 
 def _program_bytes(program: jax.stages.Compiled) -> int | None:
-    """What a program needs on each device at most, its arguments and results included;
-    None where not known."""
+    """Return the bytes that a program needs on each device, or None if not known.
+
+    Its arguments and results are included.
+    """
     memory = program.memory_analysis()
     if memory is None:
         return None

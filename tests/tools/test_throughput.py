@@ -15,18 +15,17 @@ from bp2_rl.learning.ppo import PPO
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.presets import preset
-from bp2_rl.tools.throughput import measure as bench
-from bp2_rl.tools.throughput.measure import (
+from bp2_rl.tools import throughput
+from bp2_rl.tools.throughput import (
     COMPILED,
     OUT_OF_MEMORY,
     PARTS,
-    BenchOptions,
     BenchPart,
     compilations,
     make_parts,
-    measure,
     measure_case,
     share_out,
+    time_part,
 )
 
 STEP, RESET = 0.012, 0.04  # s, of the whole fleet
@@ -64,7 +63,8 @@ def sleepy():
         TINY,
         16,
         ONE,
-        BenchOptions(seconds=0.6, tell=told.append),
+        seconds=0.6,
+        tell=told.append,
     )
     assert case.error is None
     assert tuple(told) == case.measurements
@@ -111,7 +111,7 @@ def test_repeats_fill_the_time_given(sleepy):
     # 0.6 s of calls, each at least as long as its sleep; a busy machine fits in fewer.
     assert 3 <= repeats["environment"] <= 1 + 0.6 / (RESET + LENGTH * STEP)
     assert 5 <= repeats["resets"] <= 1 + 0.6 / RESET
-    assert repeats["resets"] < repeats["policy"] <= bench.MOST
+    assert repeats["resets"] < repeats["policy"] <= throughput.MOST
 
 
 def test_shares_of_a_train_step_add_up(sleepy):
@@ -135,39 +135,25 @@ def test_a_program_is_compiled_once_to_be_timed_and_called():
     add = jax.jit(lambda x: (x + 1.0, ()))
     learner, x = PPO(Aim(), TINY, ONE), jnp.zeros(3)
     with compilations() as compiled:
-        measure(BenchPart("policy", add, x, ()), learner, 1e-9)
+        time_part(BenchPart("policy", add, x, ()), learner, 1e-9)
     assert compiled[COMPILED] == 1
 
 
 def test_a_program_that_compiles_at_every_call_is_caught():
     grow = jax.jit(lambda x: (jnp.append(x, 0.0), ()))
-    measured = measure(
+    measured = time_part(
         BenchPart("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9
     )
-    assert measured.compilations >= measured.repeats == bench.FEWEST
+    assert measured.compilations >= measured.repeats == throughput.FEWEST
 
 
 def test_memory_is_that_of_the_arrays():
-    class Heavy(Aim):
-        def reset(self, rng):
-            state: Any = super().reset(rng)
-            return state.replace(info={**state.info, "ballast": jnp.zeros(100)})
-
-    light, heavy = (
-        measure_case(
-            lambda robots, env=env: env(), TINY, 16, ONE, BenchOptions(parts=[])
-        )
-        for env in (Aim, Heavy)
-    )
-    assert light.state_bytes_per_robot is not None
-    assert heavy.state_bytes_per_robot == light.state_bytes_per_robot + 400
     add = jax.jit(lambda x, y: (x + y, ()))
     x = jnp.zeros(1000)
-    measured = measure(BenchPart("policy", add, x, (x,)), PPO(Aim(), TINY, ONE), 1e-9)
+    measured = time_part(BenchPart("policy", add, x, (x,)), PPO(Aim(), TINY, ONE), 1e-9)
     # Two arguments and one result, 4 bytes a number; the rest is bookkeeping.
     assert measured.program_bytes is not None
     assert measured.program_bytes == pytest.approx(3 * 4000, abs=64)
-    assert measured.bytes_per_robot == measured.program_bytes / 16
 
 
 def test_gradient_steps_are_timed_on_data_like_the_learners():
@@ -217,7 +203,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
 
 
 def test_a_number_of_robots_that_does_not_fit_is_an_error_of_its_own():
-    case = measure_case(lambda robots: Aim(), TINY, 15, ONE, BenchOptions())
+    case = measure_case(lambda robots: Aim(), TINY, 15, ONE)
     assert case.measurements == ()
     assert "15" in str(case.error)
     assert "num_minibatches" in str(case.error)
@@ -231,7 +217,7 @@ def test_memory_that_runs_out_ends_a_size_and_keeps_what_was_measured():
             return super().step(state, action + jnp.sort(rows, axis=0)[0, 0])
 
     case = measure_case(
-        lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "acting"], 0.01)
+        lambda robots: Huge(), TINY, 16, ONE, ["resets", "acting"], 0.01
     )
     assert case.error == OUT_OF_MEMORY
     assert [m.part for m in case.measurements] == ["resets"]
@@ -248,6 +234,4 @@ def test_other_failures_are_not_taken_for_a_lack_of_memory():
             return super().step(state, action).replace(obs=obs)
 
     with pytest.raises(jax.errors.JaxRuntimeError, match="wrong"):
-        measure_case(
-            lambda robots: Failing(), TINY, 16, ONE, BenchOptions(["environment"], 0.01)
-        )
+        measure_case(lambda robots: Failing(), TINY, 16, ONE, ["environment"], 0.01)

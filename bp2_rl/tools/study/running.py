@@ -1,5 +1,9 @@
-"""Where trainings run: as processes of this machine, one on each GPU, or as jobs that
-submitit hands to a cluster."""
+"""The trainings of a study, run: as processes of this machine, one on each GPU, or as
+jobs that submitit hands to a cluster.
+
+A study is a folder of runs, VARIANT-SEED-STAGE. What is finished is not done again, so
+that a study can be stopped and gone on with.
+"""
 
 import contextlib
 import dataclasses
@@ -11,18 +15,34 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place
-from bp2_rl.base.folders import lock_folder
-from bp2_rl.base.processes import NPROC_IS_OURS, PARENT, spawned
-from bp2_rl.base.serialization import utc_now
+from bp2_rl.base.folders import lock_folder, make_folder
+from bp2_rl.base.processes import command_environment, spawned
+from bp2_rl.base.serialization import claim_folder, config_hash, utc_now
+from bp2_rl.learning.checkpoint import latest_step
 from bp2_rl.learning.judged import POLICIES
+from bp2_rl.learning.loop import is_finished
 from bp2_rl.settings.jobs import JobsConfig
+from bp2_rl.settings.presets import preset
+from bp2_rl.settings.training import Preset
 from bp2_rl.simulation.parallel import compute_here
+from bp2_rl.tools.study.outcome import measure_policies
+from bp2_rl.tools.study.plan import STAGES, Plan, Training
+
+if TYPE_CHECKING:
+    import submitit
+    from submitit.helpers import DelayedSubmission
 
 TRAIN = ("-m", "bp2_rl", "train")
 GRACE = 120
@@ -30,25 +50,6 @@ GRACE = 120
 OFTEN = 1000
 """Times that a job may be queued again because its time was over."""
 POLL = 0.5  # s
-
-
-@runtime_checkable
-class Place(Protocol):
-    """Where trainings run, several at a time."""
-
-    slots: int
-
-    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """Train a run, anew by train.py's `arguments` or from where it was stopped;
-        whether it came to its end.
-
-        Waits for it; called from as many threads as there are slots.
-        """
-        ...
-
-    def stop(self) -> None:
-        """Ask all trainings to save and end, and begin no other."""
-        ...
 
 
 def begin(
@@ -72,8 +73,6 @@ def begin(
     Raises:
         UserError: another process trains the run, or it lies elsewhere.
     """
-    from bp2_rl.learning.checkpoint import latest_step
-
     if run_dir.is_symlink():
         raise UserError(f"{run_dir} is a link to elsewhere: remove it")
     if latest_step(run_dir) is not None:
@@ -82,9 +81,7 @@ def begin(
         with lock_folder(run_dir, f"{run_dir.name}: another process trains it"):
             # killed before its first checkpoint: nothing to go on from
             shutil.rmtree(run_dir)
-    environment = os.environ | {PARENT: str(os.getpid())}
-    if NPROC_IS_OURS:
-        environment.pop("NPROC", None)  # it sets its own
+    environment = command_environment()
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = gpu
     with open_in_place(run_dir.with_suffix(".txt")) as log:
@@ -102,7 +99,7 @@ def begin(
 
 @dataclasses.dataclass(frozen=True)
 class Resources:
-    """What the trainings of a study or a search run on."""
+    """The GPUs, processes and jobs that a study's trainings may use."""
 
     # of this machine, as CUDA_VISIBLE_DEVICES names them; none: one training on what
     # JAX finds
@@ -115,7 +112,7 @@ class Resources:
     @contextlib.contextmanager
     def open(
         self, folder: Path, lock: int
-    ) -> Generator[tuple["Place", Executor, ThreadPoolExecutor]]:
+    ) -> Generator[tuple["Here | Jobs", Executor, ThreadPoolExecutor]]:
         """Open the place of the trainings, the processes that measure policies, and a
         thread for each slot.
 
@@ -129,7 +126,7 @@ class Resources:
                 hold as well.
         """
         here = self.jobs.executor == "here"
-        place: Place = (
+        place = (
             Here(self.gpus, lock, self.say)
             if here
             else Jobs(self.jobs, folder, self.say)
@@ -178,7 +175,11 @@ class Here:
         self._stopped = threading.Event()
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """See `Place`."""
+        """Train a run, anew by train.py's `arguments` or from where it was stopped;
+        return whether it came to its end.
+
+        Waits for it; called from as many threads as there are slots.
+        """
         if self._stopped.is_set():
             return False
         gpu = self._gpus.get()
@@ -201,7 +202,7 @@ class Here:
             self._gpus.put(gpu)
 
     def stop(self) -> None:
-        """See `Place`."""
+        """Ask all trainings to save and end, and begin no other."""
         self._stopped.set()
         for process in list(self._processes):
             process.terminate()
@@ -222,7 +223,7 @@ class Jobs:
 
         self.slots, self._say = config.most, say
         self._lock = threading.Lock()  # submitit is not made for threads
-        self._jobs: set[Any] = set()
+        self._jobs: set["submitit.Job[bool]"] = set()
         self._stopped = threading.Event()
         try:
             self._executor = submitit.AutoExecutor(
@@ -241,7 +242,7 @@ class Jobs:
         )
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """See `Place`."""
+        """See `Here`."""
         with self._lock:
             if self._stopped.is_set():
                 return False
@@ -263,7 +264,7 @@ class Jobs:
         return False
 
     def stop(self) -> None:
-        """See `Place`; Slurm tells the trainings to save."""
+        """See `Here`; Slurm tells the trainings to save."""
         self._stopped.set()
         with self._lock:
             for job in self._jobs:
@@ -286,13 +287,11 @@ class Job:
         if self._process.wait() != 0:
             return False
         self._process = None
-        from bp2_rl.tools.study.measuring import measure_policies
-
         compute_here()
         measure_policies(self._run_dir)
         return True
 
-    def checkpoint(self) -> Any:
+    def checkpoint(self) -> "DelayedSubmission":
         """The scheduler wants the machine back: let the training save, and be queued
         again as it is.
 
@@ -306,3 +305,97 @@ class Job:
                 os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
             self._process = None
         return DelayedSubmission(self)
+
+
+# --- The study ------------------------------------------------------------------------
+
+RECIPE = "recipe.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Recipe:
+    """The settings that all runs of a study share."""
+
+    preset: Preset
+    steps: tuple[int, int]
+    # hashes of the stages' settings, by which a change of the defaults is seen
+    settings: tuple[str, ...]
+    robot: str
+
+
+def run_study(
+    plan: Plan,
+    folder: Path,
+    resources: Resources,
+    measured: Callable[[Training], object] = lambda training: None,
+) -> list[Training]:
+    """Train and measure what is not there yet; return the trainings that failed, with
+    those that needed them.
+
+    An interruption ends the trainings, too, which save what they have.
+
+    Args:
+        plan: what to do.
+        folder: of the study, made if need be.
+        resources: what the trainings run on.
+        measured: called with each training whose policies have been measured, while
+            others train.
+
+    Raises:
+        UserError: the folder holds a study of another recipe or size, or another
+            process is at work on it.
+    """
+    make_folder(folder)
+    busy = f"another study is at work in {folder}: wait for it, or name another --out"
+    with lock_folder(folder, busy) as lock:
+        settings = tuple(
+            config_hash(preset(stage, plan.preset, robot=plan.robot))
+            for stage in STAGES
+        )
+        claim_folder(
+            folder,
+            RECIPE,
+            _Recipe(plan.preset, plan.steps, settings, plan.robot),
+            "a study",
+        )
+        with resources.open(folder, lock) as (place, measuring, threads):
+            waiting, failed = plan.chains, []
+            # at work -> what is left of its chain, itself included
+            trainings: dict[Future[bool], list[Training]] = {}
+            measurements: dict[Future[Any], Training] = {}
+            while waiting or trainings or measurements:
+                while waiting and len(trainings) < place.slots:
+                    chain = waiting.pop(0)
+                    trainings[threads.submit(_train, plan, folder, place, chain[0])] = (
+                        chain
+                    )
+                for one in wait(
+                    [*trainings, *measurements], return_when=FIRST_COMPLETED
+                ).done:
+                    if one in measurements:
+                        one.result()
+                        measured(measurements.pop(one))
+                        continue
+                    this, *later = trainings.pop(one)
+                    if one.result():
+                        resources.say(f"{this.name} trained")
+                        measurements[
+                            measuring.submit(measure_policies, folder / this.name)
+                        ] = this
+                    else:
+                        resources.say(
+                            f"{this.name} failed: see {folder / this.name}.txt"
+                        )
+                        failed.append(this)
+                        # the others of its chain go on from it
+                        if this.stage == "imitation":
+                            failed, later = failed + later, []
+                    if later:
+                        waiting.insert(0, later)
+    return failed
+
+
+def _train(plan: Plan, folder: Path, place: Here | Jobs, training: Training) -> bool:
+    """Train a run, unless it is finished already; return whether it came to its end."""
+    run_dir = folder / training.name
+    return is_finished(run_dir) or place.train(plan.command(training, folder), run_dir)

@@ -17,7 +17,7 @@ from brax.training.agents.ppo import networks
 from brax.training.agents.ppo import train as ppo_train
 
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.tools.throughput.measure import MOST, WARM_UP
+from bp2_rl.tools.throughput import MOST, WARM_UP
 
 TASK = "Go1JoystickFlatTerrain"
 TRAIN_STEPS = 5  # between two looks at the clock
@@ -25,7 +25,7 @@ TRAIN_STEPS = 5  # between two looks at the clock
 
 @dataclasses.dataclass(frozen=True)
 class PlaygroundRate:
-    """What was timed, on one device."""
+    """The rate of Playground's training on one device."""
 
     # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
     impl: str
@@ -41,7 +41,7 @@ class _TimedEnoughError(Exception):
 
 
 def playground_settings(robots: int | None = None) -> dict[str, Any]:
-    """Return Playground's own settings of Brax's PPO, for so many robots.
+    """Return Playground's settings of Brax's PPO for a number of robots.
 
     Args:
         robots: how many, a multiple of Playground's 32 minibatches; by default
@@ -66,10 +66,10 @@ def playground_settings(robots: int | None = None) -> dict[str, Any]:
 
 
 def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRate:
-    """Train Playground's Go1 with those settings for so many seconds, in at least two
-    spans of `TRAIN_STEPS`.
+    """Train Playground's Go1 for some seconds, and return its rate.
 
-    What Playground resets between evaluations is left out, as are the evaluations.
+    It trains in at least two spans of `TRAIN_STEPS`. What Playground resets between
+    evaluations is left out, as are the evaluations.
     """
     from mujoco_playground import locomotion, wrapper
 

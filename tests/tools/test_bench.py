@@ -2,23 +2,20 @@
 
 import io
 
-import numpy as np
 import pytest
-from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.presets import preset
-from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
-from bp2_rl.tools.throughput.playground import PlaygroundRate
-from bp2_rl.tools.throughput.report import (
+from bp2_rl.tools.bench import (
     Bench,
     Startup,
     peer_ratio,
     print_table,
     remarks,
-    scaling_figure,
 )
+from bp2_rl.tools.playground import PlaygroundRate
+from bp2_rl.tools.throughput import Case, PartName, PartTiming
 
 BASE = preset("imitation", "gpu").ppo.num_envs
 
@@ -36,7 +33,6 @@ def measurement(
         "compile_seconds": 41.2,
         "from_cache": False,
         "program_bytes": 1_250_000_000,
-        "bytes_per_robot": 1.25e9 / robots,
     } | others
     return PartTiming(part, robots, devices, rate, 5 * rate, **values)
 
@@ -46,7 +42,7 @@ def case(robots: int, devices: int, **rates: float) -> Case:
         measurement(part, robots, devices, rate)  # pyright: ignore[reportArgumentType]
         for part, rate in rates.items()
     )
-    return Case(robots, devices, rows, state_bytes_per_robot=1572.0)
+    return Case(robots, devices, rows)
 
 
 def bench(*cases: Case, **others) -> Bench:
@@ -65,57 +61,8 @@ def bench(*cases: Case, **others) -> Bench:
 
 
 @pytest.fixture
-def scaled():
-    """Rates that saturate at 400,000 steps a second, and devices that lose a tenth at
-    each doubling."""
-    robots = [2**k for k in range(9, 17)]
-    alone = [
-        case(n, 1, training=4e5 * n / (n + 4096), environment=6e5 * n / (n + 4096))
-        for n in robots
-    ]
-    weak = [
-        case(BASE * d, d, training=4e5 / 1.5 * d * 0.9 ** np.log2(d)) for d in (2, 4)
-    ]
-    strong = [case(BASE, d, training=4e5 / 1.5 * d * 0.8 ** np.log2(d)) for d in (2, 4)]
-    return bench(*alone, *weak, *strong)
-
-
-def lines(axes):
-    return {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
-
-
-def test_the_picture_shows_every_size_and_the_speed_up(scaled):
-    over_robots, over_devices = scaling_figure(scaled).axes
-    drawn = lines(over_robots)
-    assert set(drawn) == {"training", "environment"}
-    np.testing.assert_allclose(drawn["training"][:, 0], [2**k for k in range(9, 17)])
-    np.testing.assert_allclose(drawn["training"][4], (8192, 4e5 * 8192 / (8192 + 4096)))
-    drawn = lines(over_devices)
-    np.testing.assert_allclose(drawn["ideal"], [(1, 1), (2, 2), (4, 4)])
-    np.testing.assert_allclose(
-        drawn["8192 robots a device"], [(1, 1), (2, 1.8), (4, 3.24)]
-    )
-    np.testing.assert_allclose(
-        drawn["8192 robots in all"], [(1, 1), (2, 1.6), (4, 2.56)]
-    )
-
-
-def test_every_axis_is_named_with_its_unit_and_the_picture_is_legible(scaled):
-    figure = scaling_figure(scaled)
-    for axes in figure.axes:
-        assert "[" in axes.get_xlabel()
-        assert "[" in axes.get_ylabel()
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).size[0] >= 1200
-
-
-def test_one_device_and_sizes_that_failed_can_be_drawn():
-    failed = Case(2 * BASE, 1, error="out of memory")
-    (axes,) = scaling_figure(bench(case(BASE, 1, training=1e5), failed)).axes
-    np.testing.assert_allclose(lines(axes)["training"], [(BASE, 1e5)])
-    for cases in ((failed,), (failed, Case(BASE, 2, error="out of memory"))):
-        scaling_figure(bench(*cases)).savefig(io.BytesIO(), format="png")
+def report():
+    return bench(case(BASE, 1, training=267e3, environment=400e3))
 
 
 def show(report: Bench) -> str:
@@ -124,9 +71,9 @@ def show(report: Bench) -> str:
     return console.export_text()
 
 
-def test_the_table_fits_a_terminal_and_has_every_row(scaled):
+def test_the_table_fits_a_terminal_and_has_every_row(report):
     failed = Case(131072, 1, error="out of memory")
-    text = show(bench(*scaled.cases, failed))
+    text = show(bench(*report.cases, failed))
     table = text.split("all robots together")[0].splitlines()
     assert max(map(len, table)) <= 80
     assert "…" not in text
@@ -154,7 +101,6 @@ def test_a_program_from_the_cache_is_marked():
                 1e3,
                 from_cache=True,
                 program_bytes=None,
-                bytes_per_robot=None,
             ),
         ),
     )
@@ -166,20 +112,16 @@ def test_the_remarks_say_what_the_table_does_not():
         64,
         2,
         (measurement("training", 64, 2, 1e3, compilations=3),),
-        state_bytes_per_robot=1572.0,
-        device_peak_bytes=2_000_000_000,
         shares={"physics": 0.75, "bookkeeping": 0.25},
     )
     starts = {
         "cold_start": Startup(5, 15, 85, 90, 91),
         "warm_start": Startup(5, 6, 9, 18, 18.2),
     }
-    said = remarks(bench(odd, host_peak_bytes=3_000_000_000, **starts))
+    said = remarks(bench(odd, **starts))
     assert said == [
         "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
         "64 robots on 2 devices, training: compiled 3 programs while it was timed",
-        "memory a robot: 1.57kB kept, 19.5MB within a train step",
-        "peak memory: 2.00GB on a device, 3.00GB on the host",
         "cold start: imported 5.0 s, traced 15.0 s, compiled 85.0 s, first step 90.0 s, first policy 91.0 s "
         "after the process began",
         "warm start: imported 5.0 s, traced 6.0 s, compiled 9.0 s, first step 18.0 s, first policy 18.2 s "
@@ -208,10 +150,10 @@ def test_the_peer_is_a_ratio_of_acting_loops():
     assert peer_ratio(bench(peer=case(64, 1, acting=300.0))) is None
 
 
-def test_a_report_is_read_as_it_was_written(scaled):
-    report = bench(
-        *scaled.cases,
+def test_a_report_is_read_as_it_was_written(report):
+    whole = bench(
+        *report.cases,
         peer=case(64, 1, brax=1.0),
         cold_start=Startup(1.0, 2.0, 3.0, 4.0, 5.0),
     )
-    assert from_json(Bench, to_json(report)) == report
+    assert from_json(Bench, to_json(whole)) == whole

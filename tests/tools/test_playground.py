@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.tools.throughput import playground
+from bp2_rl.tools import playground
 
 
 def test_the_go1_has_its_masses_and_contacts_without_its_meshes():

@@ -20,7 +20,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import study as command
-from bp2_rl.cli.train import TrainArguments, _parse
+from bp2_rl.cli.train import TrainArguments, read_arguments
 from bp2_rl.evaluation import judge
 from bp2_rl.learning.judged import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
@@ -29,8 +29,8 @@ from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.presets.rewards import PAPER
 from bp2_rl.settings.training import RunConfig, Stage, TrainConfig
-from bp2_rl.tools.study import measuring, outcome, places, training
-from bp2_rl.tools.study.measuring import PolicyMeasurement
+from bp2_rl.tools.study import outcome, running
+from bp2_rl.tools.study.outcome import PolicyMeasurement
 from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
 
 PLAN = Plan(
@@ -87,10 +87,10 @@ SETS_LATER = {
 def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
     plan = dataclasses.replace(PLAN, variants=(name,), preset="gpu")
     first, second = plan.chains[0]
-    imitation = _parse(plan.command(first, tmp_path))
+    imitation = read_arguments(plan.command(first, tmp_path))
     (tmp_path / first.name).mkdir()
     save_config(tmp_path / first.name / "config.json", _config(imitation, "imitation"))
-    relaxed = _parse(plan.command(second, tmp_path))
+    relaxed = read_arguments(plan.command(second, tmp_path))
     assert (imitation.run.steps, relaxed.run.steps) == PLAN.steps
     for stage, parsed in zip(STAGES, (imitation, relaxed), strict=True):
         config, recipe = _config(parsed, stage), preset(stage, "gpu")
@@ -160,18 +160,18 @@ def trained(tmp_path, monkeypatch, make_card):
         return PolicyMeasurement(steps, policy.card.weights_sha256, steps / 128, 0)
 
     failing: set[str] = set()
-    monkeypatch.setattr(places.Here, "train", run_train)
+    monkeypatch.setattr(running.Here, "train", run_train)
     monkeypatch.setattr(
-        places, "spawned", lambda count, initializer: ThreadPoolExecutor(count)
+        running, "spawned", lambda count, initializer: ThreadPoolExecutor(count)
     )
-    monkeypatch.setattr(measuring, "_measure", measure)
+    monkeypatch.setattr(outcome, "_measure", measure)
     return tmp_path / "study", started, failing
 
 
 def run(folder, plan=PLAN):
     said: list[str] = []
-    return training.run(
-        plan, folder, places.Resources(("0", "1"), 1, said.append)
+    return running.run_study(
+        plan, folder, running.Resources(("0", "1"), 1, said.append)
     ), said
 
 
@@ -181,7 +181,7 @@ def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
     assert sorted(started) == sorted(
         training.name for chain in PLAN.chains for training in chain
     )
-    judged = measuring.read_measurements(folder / "paper-1-relaxed")
+    judged = outcome.read_measurements(folder / "paper-1-relaxed")
     assert [(j.control_steps, j.top_speed) for j in judged] == [
         (1024, 8.0),
         (2048, 16.0),
@@ -196,7 +196,7 @@ def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
     run(folder)
     (run_dir,) = folder.glob("paper-1-relaxed")
     save_policy(run_dir / POLICIES / "1024", load_policy(run_dir / POLICIES / "2048"))
-    assert [j.control_steps for j in measuring.measure_policies(run_dir)] == [
+    assert [j.control_steps for j in outcome.measure_policies(run_dir)] == [
         2048,
         2048,
     ]
@@ -247,7 +247,7 @@ def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch)
     with pytest.raises(UserError, match="holds a study with another steps "):
         run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
     monkeypatch.setattr(
-        training, "preset", lambda stage, _, robot: preset(stage, "cpu", robot=robot)
+        running, "preset", lambda stage, _, robot: preset(stage, "cpu", robot=robot)
     )
     with pytest.raises(UserError, match="holds a study with another settings "):
         run(folder)
@@ -266,9 +266,9 @@ def test_two_studies_do_not_work_on_one_folder(trained):
 
 def test_variants_that_all_fall_are_not_compared(trained, monkeypatch, capsys):
     folder, *_ = trained
-    measured = measuring._measure
+    measured = outcome._measure
     monkeypatch.setattr(
-        measuring,
+        outcome,
         "_measure",
         lambda *a: dataclasses.replace(measured(*a), top_speed=0.0, falls=3),
     )
@@ -357,8 +357,8 @@ def here(tmp_path, monkeypatch):
             f"print(os.environ['CUDA_VISIBLE_DEVICES'], sys.argv[1:], flush=True)\n{code}\n"
         )
         script.chmod(0o755)
-        monkeypatch.setattr(places.sys, "executable", str(script))
-        return places.Here(("3",), lock.fileno(), print)
+        monkeypatch.setattr(running.sys, "executable", str(script))
+        return running.Here(("3",), lock.fileno(), print)
 
     yield make
     lock.close()
@@ -430,7 +430,7 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
     trained, monkeypatch
 ):
     folder, started, _ = trained
-    train, stopped = places.Here.train, []
+    train, stopped = running.Here.train, []
 
     def interrupt(self, arguments, run_dir):
         if run_dir.name == "ours-1-relaxed":
@@ -438,8 +438,8 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
         return train(self, arguments, run_dir)
 
     with monkeypatch.context() as patch:
-        patch.setattr(places.Here, "train", interrupt)
-        patch.setattr(places.Here, "stop", lambda self: stopped.append(True))
+        patch.setattr(running.Here, "train", interrupt)
+        patch.setattr(running.Here, "stop", lambda self: stopped.append(True))
         with pytest.raises(KeyboardInterrupt):
             run(folder)
     assert stopped == [True]
@@ -451,13 +451,13 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
 STUDY = """
 import sys
 from pathlib import Path
-from bp2_rl.tools.study import places, training
+from bp2_rl.tools.study import running
 from bp2_rl.tools.study.plan import Plan
 
 if __name__ == "__main__":
-    places.sys.executable = sys.argv[1]
+    running.sys.executable = sys.argv[1]
     plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
-    training.run(plan, Path(sys.argv[2]), places.Resources((), 1, print))
+    running.run_study(plan, Path(sys.argv[2]), running.Resources((), 1, print))
 """
 TRAINING = """
 import os, signal, time
@@ -482,7 +482,7 @@ def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_befo
     study.write_text(STUDY)
     fake.write_text(f"#!{PYTHON}\n{TRAINING}")
     fake.chmod(0o755)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     log = folder / "ours-0-imitation.txt"
     with subprocess.Popen(
         [PYTHON, study, fake, folder], cwd=tmp_path, env=environment
@@ -541,12 +541,12 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(
     plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
     run(folder, plan)
     monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
-    monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setattr(running, "TRAIN", ("-c", JOB))
     gathered: list[str] = []
     jobs = JobsConfig(executor="local", gpus=0, cpus=1)
-    resources = places.Resources((), 1, print, jobs)
-    missing = training.run(
+    resources = running.Resources((), 1, print, jobs)
+    missing = running.run_study(
         plan, folder, resources, lambda training: gathered.append(training.name)
     )
     assert missing == []
@@ -572,7 +572,7 @@ def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(
         ]
 
     monkeypatch.setattr(judge, "simulate", simulate)
-    measured = measuring._measure(make_policy())
+    measured = outcome._measure(make_policy())
     assert measured.top_speed == pytest.approx(9.0)
     assert measured.falls == 2
 
@@ -581,7 +581,7 @@ def test_a_policy_that_always_falls_has_no_top_speed(
     monkeypatch, make_policy, make_run
 ):
     monkeypatch.setattr(judge, "simulate", lambda *_: [make_run(fell_at=7.9)])
-    measured = measuring._measure(make_policy())
+    measured = outcome._measure(make_policy())
     assert (measured.top_speed, measured.falls) == (0.0, 3)
 
 
@@ -595,7 +595,7 @@ def test_a_command_that_can_make_no_faster_run_is_not_tried(
         return [make_run(speed=0.8001 * told[-1], acceleration=5.0)]
 
     monkeypatch.setattr(judge, "simulate", simulate)
-    measuring._measure(make_policy())
+    outcome._measure(make_policy())
     assert told == [15.5]  # at which it runs 12.4
 
 

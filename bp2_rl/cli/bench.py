@@ -1,0 +1,210 @@
+"""`bp2 bench`: how fast training is on this machine."""
+
+import contextlib
+import dataclasses
+import datetime
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.errors import UserError
+from bp2_rl.cli import app
+from bp2_rl.cli.train import (
+    EarlyFlags,
+    find_preset,
+    read_early_flags,
+    unused_left_out,
+    use_processors,
+)
+from bp2_rl.settings import presets
+from bp2_rl.settings.env import EnvConfig, Impl
+from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
+
+PROG = "bp2 bench"
+FIRST_STEP = "from bp2_rl.cli import bench; bench.first_step()"
+"""The program whose start `--startup` times."""
+Size = Annotated[int, Within(1, 2**24)]
+OwnPart = Literal[
+    "physics", "environment", "resets", "policy", "sgd", "acting", "training"
+]
+STEP: tuple[OwnPart, ...] = (
+    "physics",
+    "environment",
+    "resets",
+    "policy",
+    "sgd",
+    "training",
+)
+SCREEN = """usage: {prog} [FLAGS]
+
+Measure how fast training is on this machine, part by part: steps a second, memory,
+compilation. The presets set the sizes, as for train.py.
+
+flags:
+  --preset {gpu,cpu,first,smoke,auto}
+                        auto: gpu where JAX sees an accelerator, else cpu [auto]
+  --robot NAME|FILE     which is simulated: built, ideal, go1, ... or a file [built]
+  --impl {kernel,jax,warp}
+                        the physics, as for train.py
+  --robots INT ...      numbers of robots, all devices together [the preset's]
+  --devices INT ...     numbers of devices [all there are]
+  --parts NAME ...      physics, environment, resets, policy, sgd, acting, training
+                        [the parts of a train step]
+  --peer {brax,playground}
+                        brax: also run stock Brax's acting loop, on one device;
+                        playground: also train MuJoCo Playground's Go1, on one device
+  --startup             also time fresh processes up to their first policy, with an
+                        empty compilation cache and with a full one
+  --seconds FLOAT       of timed calls, for each part [2]
+  --out DIR             the report's folder [reports/bench-DATE-TIME]
+
+all flags, with --env.* and --ppo.*: {prog} --help-all
+
+examples:
+  bp2 bench                               # this machine, its preset
+  bp2 bench --preset cpu"""
+"""What `--help` prints."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchArguments(Bounded, path="--"):
+    """Measure how fast training is on this machine, part by part: steps a second,
+    memory, compilation.
+
+    The presets set the sizes, as for train.py.
+    """
+
+    preset: Preset | Literal["auto"] = "auto"
+    """auto: gpu where JAX sees an accelerator, else cpu"""
+    robot: RobotWish = None
+    """which is simulated: built, ideal, go1 or another that ships, or a file [built]"""
+    impl: Impl = "jax"
+    """the physics, as for train.py"""
+    robots: tuple[Size, ...] = ()
+    """numbers of robots, all devices together; by default the preset's"""
+    devices: tuple[Size, ...] = ()
+    """numbers of devices; by default all there are"""
+    parts: tuple[OwnPart, ...] = STEP
+    """what to measure"""
+    peer: Literal["brax", "playground"] | None = None
+    """brax: also run stock Brax's acting loop on the same environment and networks, one
+    device. playground: also train MuJoCo Playground's Go1 as Playground does, one
+    device"""
+    startup: bool = False
+    """also time fresh processes up to their first policy, with an empty compilation
+    cache and with a full one"""
+    seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
+    """of timed calls, for each part"""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """the report's folder [reports/bench-DATE-TIME]"""
+    env: EnvConfig = EnvConfig()
+    ppo: PPOConfig = PPOConfig()
+
+    @property
+    def config(self) -> TrainConfig:
+        """The training that is measured."""
+        return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Read the flags, measure, and return the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    return app.run(lambda: _bench(words))
+
+
+def _bench(words: list[str]) -> None:
+    flags = read_early_flags(words, PROG, SCREEN)
+    known = app.HELP_ALL in words or flags.known_without_jax
+    arguments = read_arguments(words, flags) if known else None
+    _import_jax(flags, words)
+    from bp2_rl.base.processes import keep_compiled
+    from bp2_rl.cli.runtime import find_backend, require_accelerator
+    from bp2_rl.tools.bench import BenchRequest, run_bench
+
+    keep_compiled()
+    find_backend()
+    arguments = arguments or read_arguments(words, flags)
+    if not arguments.startup:  # whose training refuses by itself
+        require_accelerator(arguments.preset)
+    now = datetime.datetime.now()
+    run_bench(
+        BenchRequest(
+            config=arguments.config,
+            sizes=choose_sizes(arguments),
+            parts=arguments.parts,
+            seconds=arguments.seconds,
+            peer=arguments.peer,
+            peer_robots=arguments.robots[0] if arguments.robots else None,
+            start=(sys.executable, "-c", FIRST_STEP, *words)
+            if arguments.startup
+            else (),
+            folder=arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
+        )
+    )
+
+
+def read_arguments(words: list[str], flags: EarlyFlags) -> BenchArguments:
+    """Return all arguments of a command line, with the defaults of the preset and the
+    robot that its early flags name."""
+    preset = find_preset(flags)
+    defaults = presets.preset("imitation", preset, robot=flags.robot or "built")
+    default = BenchArguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
+    arguments = app.parse(BenchArguments, words, PROG, default)
+    return dataclasses.replace(arguments, preset=preset)
+
+
+def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
+    """Return (robots, devices) of all that is measured, each once.
+
+    Raises:
+        UserError: there are fewer devices than asked for.
+    """
+    import jax
+
+    there = jax.device_count()
+    if max(arguments.devices, default=1) > there:
+        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
+    sizes = {
+        (robots, devices): None
+        for robots in arguments.robots or (arguments.ppo.num_envs,)
+        for devices in arguments.devices or (there,)
+    }
+    return tuple(sizes)
+
+
+def first_step() -> None:
+    """Start the training that the process's command line describes, as train.py does,
+    and print when what was done."""
+    words = sys.argv[1:]
+    flags = app.parse_known(EarlyFlags, words, PROG)
+    _import_jax(flags, words)
+    from bp2_rl.base.processes import keep_compiled
+    from bp2_rl.cli.runtime import wake_device
+
+    keep_compiled()
+    wake_device()
+    from bp2_rl.tools.bench import start_training
+
+    imported = time.time()
+    arguments = read_arguments(words, flags)
+    robots, _ = choose_sizes(arguments)[0]
+    ppo = dataclasses.replace(arguments.ppo, num_envs=robots)
+    start_training(dataclasses.replace(arguments.config, ppo=ppo), imported)
+
+
+def _import_jax(flags: EarlyFlags, words: list[str]) -> None:
+    """Import JAX and MuJoCo as a training with these flags does, or as Playground,
+    which may want Warp."""
+    playground = "--peer playground" in " ".join(words).replace("=", " ")
+    with contextlib.nullcontext() if playground else unused_left_out(flags):
+        from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    # Playground's MJX may hang where XLA has more than one thread, to which importing
+    # MJX keeps it.
+    if not playground:
+        use_processors(flags)
