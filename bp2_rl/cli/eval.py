@@ -19,9 +19,9 @@ from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.training import RobotWish
 from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"

@@ -51,16 +51,15 @@ from bp2_rl.robot import (
     bp2_body,
     conventions,
     coordinates,
-    easing,
     hardware,
     losses,
+    operator,
 )
-from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
+from bp2_rl.robot.operator import COMMAND_LIMITS, HEADING_HOLD
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 MOTORS = (
@@ -86,9 +85,9 @@ LAWS = [
             bp2_body,
             conventions,
             coordinates,
-            easing,
             hardware,
             losses,
+            operator,
             stepping,
             trot_law,
         ),

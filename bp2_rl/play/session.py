@@ -15,12 +15,11 @@ from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs
-from bp2_rl.robot.easing import launch_rate
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import foot_forces, foot_geom_ids
+from bp2_rl.robot.operator import HEADING_HOLD
 from bp2_rl.settings.env import CommandConfig
-from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.policy_runner import PolicyRunner
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
@@ -241,7 +240,7 @@ class Session:
         launching = COMMAND_ACCELERATION
         # as fast as the policy will be told, and no faster: a stop comes at once
         if math.isfinite(control.launching):
-            launching = launch_rate(now[0], control, np)
+            launching = control.launch_rate(now[0])
         speed = now[0] + np.clip(
             self.wish.speed - now[0], -braking * dt, launching * dt
         )

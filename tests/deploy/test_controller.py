@@ -14,7 +14,6 @@ from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.watchdog import SensorReading
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
-from bp2_rl.robot.easing import eased
 
 TICKS = 2000
 DT = 0.005
@@ -165,7 +164,7 @@ def apart(loop, policy, double):
 
     def tick(carry, seen):
         (state, told), (measured, asked) = carry, seen
-        told = eased(told, asked, env.control)
+        told = env.control.tell(told, asked)
         state, observation = trained.observe(
             state, told, Seen(*jnp.split(measured, [12, 24, 27]))
         )
@@ -225,7 +224,7 @@ def told_alike(controller, control, speeds):
     """The forward commands that a policy is told, tick by tick, where these are asked
     for: here as by JAX."""
     ease, told, forward = (
-        jax.jit(lambda told, asked: eased(told, asked, control)),
+        jax.jit(control.tell),
         jnp.zeros(3),
         [],
     )

@@ -14,7 +14,6 @@ from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.readings import readings
 from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish
 from bp2_rl.robot.conventions import CONTROL_STEP
-from bp2_rl.robot.easing import eased
 from bp2_rl.settings.presets import preset
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
@@ -86,7 +85,7 @@ def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_sto
     try:
         told, tell = (
             np.zeros(3, np.float32),
-            jax.jit(lambda told, asked: eased(told, asked, control)),
+            jax.jit(control.tell),
         )
         for wish, steps in ((15.0, 520), (0.0, 40)):
             session.wish = Wish(wish)

@@ -10,7 +10,6 @@ say what cannot be, the joints are led to the standing pose and kept there until
 policy.
 """
 
-import dataclasses
 import math
 import time
 from collections import deque
@@ -22,7 +21,7 @@ import numpy as np
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import read_npz
-from bp2_rl.robot.easing import COMMAND_LIMITS, eased
+from bp2_rl.robot.operator import COMMAND_LIMITS, CommandLaw
 
 from .contents import NETWORK, REFERENCE, Settings, loading, read_bundle
 from .joints import JointFrame
@@ -41,16 +40,6 @@ class DriveTargets(NamedTuple):
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
-
-
-@dataclasses.dataclass(frozen=True)
-class ForwardLimits:
-    """How fast the forward command rises and falls at most, as `eased` wants it."""
-
-    braking: float  # m/s2
-    stopping_time: float  # s
-    launching: float  # m/s2
-    launching_speed: float  # m/s
 
 
 Command = Sequence[float] | np.ndarray | None
@@ -143,7 +132,7 @@ class OnboardController:
             control["mode"] == "residual",
             control["clock_at_rest"],
         )
-        self._limits = command_limits(self.settings)
+        self._law = command_law(self.settings)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
 
@@ -251,7 +240,7 @@ class OnboardController:
                 else 0.0
             )
             told = self.command * np.float32(slower)
-        self.command = eased(self.command, told, self._limits)
+        self.command = self._law.tell(self.command, told)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
         """Compute the joint targets of one tick: observation, network, reference
@@ -318,10 +307,10 @@ def numbers(values: Settings) -> dict[str, Any]:
     return {name: number(value) for name, value in values.items()}
 
 
-def command_limits(settings: Settings) -> ForwardLimits:
-    """Return how fast the forward command rises and falls at most, from
-    `deploy.json`."""
-    return ForwardLimits(
+def command_law(settings: Settings) -> CommandLaw:
+    """Return the limits of `deploy.json` on the forward command that the policy is
+    told."""
+    return CommandLaw(
         **numbers({name: settings["control"][name] for name in COMMAND_LIMITS})
     )
 

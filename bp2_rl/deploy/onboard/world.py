@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bp2_rl.robot.easing import eased
+from bp2_rl.robot.operator import COMMAND_ACCELERATION, HeadingHold
 
 from .contents import read_bundle
-from .controller import DriveTargets, command_limits
+from .controller import DriveTargets, command_law
 from .link import COMMAND, SENSORS, BadLink
 from .robot import DT, SimulatedRobot
 
@@ -23,7 +23,7 @@ class RehearsalPlan:
     may occur on the way."""
 
     speed: float  # m/s
-    acceleration: float = 2.4  # m/s2
+    acceleration: float = COMMAND_ACCELERATION  # m/s2
     hold: float = 20.0  # s
     loss: float = 0.05  # share of the datagrams that are lost, in each direction
     late: float = 0.005  # s, by which joint targets come into force late
@@ -44,10 +44,6 @@ class RehearsalPlan:
         """Duration of the rehearsal, s."""
         return self.fault_at + self.after if self.fault else self.ramp + self.hold
 
-    def forward(self, time: float) -> float:
-        """The operator's forward command, m/s."""
-        return min(self.acceleration * time, self.speed)
-
 
 class RehearsalWorld:
     """The simulated surroundings of a controller in one rehearsal, advanced millisecond
@@ -62,7 +58,7 @@ class RehearsalWorld:
     def __init__(self, folder: Path | str, robot: str, plan: RehearsalPlan):
         settings, _ = read_bundle(folder)
         self.robot, self.plan = SimulatedRobot(folder, robot), plan
-        self._operator, self._most = settings["operator"], settings["command"]["most"]
+        self._operator = HeadingHold(**settings["operator"])
         control = settings["control"]
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(
             plan.loss, 0.0, plan.seed
@@ -75,7 +71,7 @@ class RehearsalWorld:
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
-        self._limits = command_limits(settings)
+        self._law = command_law(settings)
         self._told = np.zeros(3)
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
@@ -85,7 +81,7 @@ class RehearsalWorld:
             return []
         fault = self.plan.fault if k * DT >= self.plan.fault_at else ""
         if fault != "operator":
-            self._out.put((COMMAND, self._steer(k * DT)), now)
+            self._out.put((COMMAND, self._ask(k * DT)), now)
         if fault != "silence":
             sensors = self.robot.sensors()
             if fault == "nan":
@@ -122,24 +118,18 @@ class RehearsalWorld:
             "sent": float(self._out.put_in + self._in.put_in),
         }
 
-    def _steer(self, time: float) -> np.ndarray:
-        """The operator's command: the plan's speed, trimmed until the robot runs it,
-        and a yaw rate along the line."""
+    def _ask(self, time: float) -> np.ndarray:
+        """Return the operator's command at a time: the plan's speed, trimmed until the
+        robot runs it, and a yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
-        hold, forward = self._operator, self.plan.forward(time)
+        forward = min(self.plan.acceleration * time, self.plan.speed)
         # as the controller takes it
-        self._told = eased(self._told, np.array([forward, 0.0, 0.0]), self._limits)
+        self._told = self._law.tell(self._told, np.array([forward, 0.0, 0.0]))
         if self._told[0] >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)
-        rate = -hold["heading_gain"] * yaw - hold["lane_gain"] * y
-        return np.array(
-            [
-                max(forward + self._trim, 0.0),
-                0.0,
-                min(max(rate, -hold["limit"]), hold["limit"]),
-            ]
-        )
+        asked = np.array([max(forward + self._trim, 0.0), 0.0, 0.0])
+        return self._operator.steer(asked, y, yaw)
 
 
 def _least_mean(values: np.ndarray, window: int) -> float | None:

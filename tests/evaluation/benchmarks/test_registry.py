@@ -15,9 +15,9 @@ from bp2_rl.evaluation.benchmarks.topspeed import (
     topspeed,
     verdict,
 )
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.metrics import measure
-from bp2_rl.simulation.operator import HeadingHold
 
 
 @pytest.fixture

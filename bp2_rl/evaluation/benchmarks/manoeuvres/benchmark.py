@@ -53,8 +53,8 @@ from bp2_rl.evaluation.benchmarks.outcome import (
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp

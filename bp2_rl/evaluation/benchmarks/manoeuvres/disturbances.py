@@ -38,7 +38,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, round
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp

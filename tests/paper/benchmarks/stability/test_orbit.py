@@ -12,8 +12,8 @@ from bp2_rl.paper.benchmarks.stability.group import RobotGroup
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit, whole_strides
 from bp2_rl.paper.benchmarks.stability.tries import _of_deviations, pushed_by
 from bp2_rl.robot.hardware import IDEAL
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import ControlConfig, EnvConfig
-from bp2_rl.simulation.operator import HeadingHold
 
 
 def clock(command):
