@@ -78,10 +78,10 @@ def loop(onboard, bundle, shipped, controller):
     Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is
     shown afterwards.
     """
-    plan = onboard.world.RehearsalPlan(
+    plan = onboard.robot.RehearsalPlan(
         10.74, hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0
     )
-    world = onboard.world.RehearsalWorld(bundle, "built", plan)
+    world = onboard.robot.RehearsalWorld(bundle, "built", plan)
     found = rehearsed(onboard, world, controller, TICKS)
     assert world.fell_at is None
     assert world.outcome()["mean_speed"] > 10.0
@@ -146,9 +146,9 @@ def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, name):
     policy nobody trained."""
     policy, folder = another(name)
     ticks, controller = 300, onboard.controller.OnboardController(folder)
-    plan = onboard.world.RehearsalPlan(0.8, loss=0.0, late=0.0)
+    plan = onboard.robot.RehearsalPlan(0.8, loss=0.0, late=0.0)
     loop = rehearsed(
-        onboard, onboard.world.RehearsalWorld(folder, "own", plan), controller, ticks
+        onboard, onboard.robot.RehearsalWorld(folder, "own", plan), controller, ticks
     )
     assert np.ptp(loop[2][:, 0], axis=0).max() > 0.2  # it trots
     position, velocity = apart(loop, policy, double=True)
