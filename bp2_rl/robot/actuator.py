@@ -34,6 +34,9 @@ import numpy as np
 from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
+GAINS = 250.0, 3.0
+"""Nm/rad and Nm s/rad of BP2's position loop (ASSUMED), which training scales by a
+robot's size whatever its file says."""
 ENDLESS = 1e9
 """W: more than any bus; computes better than infinity."""
 LEAST_VOLTAGE = 0.3
@@ -72,8 +75,8 @@ class Actuator:
         cls,
         hardware: HardwareSpec = IDEAL,
         *,
-        stiffness: Number = 250.0,
-        damping: Number = 3.0,
+        stiffness: Number = GAINS[0],
+        damping: Number = GAINS[1],
         strength: Number = 1.0,
         torque_rate: Number = float("inf"),
     ) -> "Actuator":

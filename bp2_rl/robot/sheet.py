@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.actuator import GAINS, Actuator, joint_torque
 from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES, PHYSICS_STEP
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.hardware import HardwareSpec, at_joints
@@ -23,9 +23,6 @@ STAND_TIME = 5.0
 FALLEN = 0.7
 """Share of the standing height below which it has fallen; and cosine of the trunk's
 tilt."""
-GAINS = 250.0, 3.0
-"""Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size
-whatever its file says."""
 LIKE = 0.1
 """Relative difference up to which two loops count as one."""
 DRAG = 0.2

@@ -9,6 +9,7 @@ import tyro
 
 from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
+from bp2_rl.robot.actuator import GAINS
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import CommandLaw
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
@@ -35,8 +36,8 @@ class ControlConfig(CommandLaw):
     mode: Literal["residual", "absolute"] = "residual"
     action_scale: Extent = 0.5  # rad a unit of action
     action_limit: Extent = 3.0  # actions are clipped to +- this
-    stiffness: Annotated[float, Within(0.1, 1e5)] = 250.0  # Nm/rad
-    damping: Annotated[float, Within(0.0, 1e4)] = 3.0  # Nm s/rad
+    stiffness: Annotated[float, Within(0.1, 1e5)] = GAINS[0]  # Nm/rad
+    damping: Annotated[float, Within(0.0, 1e4)] = GAINS[1]  # Nm s/rad
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
     # Nm/s

@@ -37,7 +37,7 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     spring_rows,
 )
 from bp2_rl.evaluation.benchmarks.sprint_figure import caption, sprint_figure
-from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, TRACK
+from bp2_rl.evaluation.races import BOLT_SPLITS, LAUNCH_DISTANCE, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
@@ -53,7 +53,6 @@ from bp2_rl.simulation.track import (
 )
 from bp2_rl.simulation.trajectory import Trajectory
 
-LAUNCH_DISTANCE = 5.0  # m, as in the paper
 # s; more for another robot than BP2 that is told a speed at which that is short
 TIME_LIMIT = 30.0
 SLOWNESS = 1.5  # times the time that the track takes at the speed commanded

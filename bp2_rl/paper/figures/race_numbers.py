@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import root_scalar
 
 from bp2_rl.evaluation import races
-from bp2_rl.evaluation.races import TRACK
+from bp2_rl.evaluation.races import LAUNCH_DISTANCE, TRACK
 from bp2_rl.paper import published_races
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import RaceSettings
@@ -23,7 +23,6 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"
-LAUNCH_DISTANCE = 5.0  # m, as in the paper
 WINDOW = 0.5  # s, of the start's best mean acceleration
 HELD = 60.0  # m, from where on speed should be held
 STEP = 1e-3  # s, of profiles drawn from formulas
