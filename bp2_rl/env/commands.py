@@ -38,7 +38,8 @@ def sideways_limits(forward: ArrayT, config: CommandConfig) -> tuple[ArrayT, Arr
     The yaw rate times the speed is the turn's lateral acceleration. NumPy and JAX
     alike.
     """
-    xp, speed = forward.__array_namespace__(), abs(forward)
+    xp = forward.__array_namespace__()
+    speed = xp.abs(forward)
     lateral = config.max_lateral * (1.0 - 0.5 * speed / config.max_forward)
     turn = config.max_turn / xp.maximum(speed, 1e-6)
     return lateral, xp.minimum(config.max_yaw_rate, turn)

@@ -147,7 +147,7 @@ def observe(
     entries: Sequence[Entry[Source]], source: Source
 ) -> Float[Array, " observation"]:
     """Return the vector of these entries, read from what they are made of."""
-    return jnp.concatenate([jnp.ravel(entry.read(source)) for entry in entries])
+    return jnp.concatenate([entry.read(source).reshape(-1) for entry in entries])
 
 
 class TrunkMotion(struct.PyTreeNode):

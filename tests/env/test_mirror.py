@@ -1,4 +1,5 @@
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -77,7 +78,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         seen = controller.frame(
             before, jnp.asarray(command), observations.sense(qpos, qvel)
         )
-        episode = SimpleNamespace(
+        episode: Any = SimpleNamespace(
             q=qpos,
             qd=qvel,
             command=SimpleNamespace(target=jnp.asarray(target)),

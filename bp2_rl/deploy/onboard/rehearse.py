@@ -52,7 +52,9 @@ class Inbox:
     def take(self, kind: bytes, values: np.ndarray, time: float) -> None:
         """Store the content of a datagram."""
         if kind == SENSORS:
-            self.measurement = SensorReading(*np.split(values, [12, 24, 27]), time)
+            self.measurement = SensorReading(
+                values[:12], values[12:24], values[24:27], values[27:30], time
+            )
         elif kind == COMMAND:
             self.command, self.command_time = values, time
 
