@@ -10,7 +10,7 @@ import tyro
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 from bp2_rl.learning.policy import find_policy
-from bp2_rl.robot.easing import COMMAND_LIMITS
+from bp2_rl.robot.operator import COMMAND_LIMITS
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,9 +1,8 @@
-"""`bp2 play`: the robot under your hands, in a browser or a window."""
+"""`bp2 play`: the robot under your hands, in a browser."""
 
 import contextlib
 import dataclasses
 import importlib.util
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -26,7 +25,7 @@ WEB = ("viser", "trimesh")  # packages that a page needs
 class PlayConfig(Bounded, path="--"):
     """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
 
-    In a window where there is a display, else in a browser. Ctrl-C ends it.
+    The page opens in a browser. Ctrl-C ends it.
 
     For example: bp2 play runs/RUN --robot ideal
     """
@@ -36,8 +35,6 @@ class PlayConfig(Bounded, path="--"):
     ] = None
     """A training run's folder or a policy folder; by default the policy that ships with
     bp2_rl."""
-    web: bool = False
-    """In a browser, though there is a display."""
     robot: RobotWish = None
     """built: BP2 with losses and solid legs; ideal: without; by default built, or the
     policy's own robot where that is neither"""
@@ -59,13 +56,9 @@ def play(config: PlayConfig) -> None:
     feet."""
     path = config.run or asset_path(DEFAULT_POLICY)
     find_policy(path)
-    web = config.web or not has_display()
-    if web and (
-        missing := next(
-            (name for name in WEB if importlib.util.find_spec(name) is None), None
-        )
-    ):
-        raise not_installed("bp2 play in a browser", missing, "play")
+    for name in WEB:
+        if importlib.util.find_spec(name) is None:
+            raise not_installed("bp2 play", name, "play")
     print(
         f"{path}: loading it and the simulator; compiling takes a minute at the first start",
         flush=True,
@@ -79,8 +72,10 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.learning.policy import load_policy
+    from bp2_rl.play.gate import OWN_NAMES
     from bp2_rl.play.pace import Pace, play_on
     from bp2_rl.play.session import Session, Wish, wish_limits
+    from bp2_rl.play.web import Page
     from bp2_rl.simulation.parallel import compute_here
 
     compute_here()
@@ -99,38 +94,20 @@ def play(config: PlayConfig) -> None:
         )
     session = Session(policy, robot)
     session.wish = Wish(config.speed)
-    if web:
-        from bp2_rl.play.gate import OWN_NAMES
-        from bp2_rl.play.web import Page
-
-        stage = Page(session, host=config.host, port=config.port)
-        place = f"open {stage.url}"
-        if config.host not in OWN_NAMES:
-            print(
-                f"--host {config.host}: anyone on the network who can reach this machine can steer the robot"
-            )
-    else:
-        from bp2_rl.play.native import Window
-
-        stage, place = Window(session), "arrow keys change speed and turn"
-    with contextlib.closing(stage):
-        print(f"{path} on the {title_of(robot)}: {place}; Ctrl-C ends it", flush=True)
+    page = Page(session, host=config.host, port=config.port)
+    if config.host not in OWN_NAMES:
+        print(
+            f"--host {config.host}: anyone on the network who can reach this machine can steer the robot"
+        )
+    with contextlib.closing(page):
+        print(
+            f"{path} on the {title_of(robot)}: open {page.url}; Ctrl-C ends it",
+            flush=True,
+        )
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
-            play_on(session.tick, stage, pace, seconds=config.seconds)
+            play_on(session.tick, page, pace, seconds=config.seconds)
         print(f"{pace} in {pace.elapsed:.1f} s", flush=True)
-
-
-def has_display() -> bool:
-    """Return whether a window can be opened.
-
-    On macOS MuJoCo has one only for its own Python.
-    """
-    if sys.platform == "darwin":
-        return False
-    return sys.platform == "win32" or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
 
 
 main = Command("bp2 play", PlayConfig, play)

@@ -35,10 +35,9 @@ from bp2_rl.deploy.onboard.contents import (
     REFERENCE,
     ROBOT_FOLDER,
     SETTINGS,
+    WatchdogLimits,
     seal,
 )
-from bp2_rl.deploy.onboard.controller import OBSERVATION, split_name
-from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
@@ -51,16 +50,17 @@ from bp2_rl.robot import (
     bp2_body,
     conventions,
     coordinates,
-    easing,
     hardware,
     losses,
+    observation,
+    operator,
 )
-from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
+from bp2_rl.robot.observation import ENTRIES
+from bp2_rl.robot.operator import COMMAND_LIMITS, HEADING_HOLD
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 MOTORS = (
@@ -86,9 +86,10 @@ LAWS = [
             bp2_body,
             conventions,
             coordinates,
-            easing,
             hardware,
             losses,
+            observation,
+            operator,
             stepping,
             trot_law,
         ),
@@ -161,15 +162,12 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         UserError: the controller of a bundle cannot run this policy.
     """
     card, env = policy.card, policy.card.env
-    unknown = [
-        name
-        for name, _ in card.observation_layout
-        if split_name(name)[0] not in OBSERVATION
-    ]
-    if unknown:
+    known = [entry.name for entry in ENTRIES]
+    seen = [name.partition("@")[0] for name, _ in card.observation_layout]
+    if unknown := [name for name in seen if name not in known]:
         raise UserError(
             f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
-            f"{', '.join(OBSERVATION)}"
+            f"{', '.join(known)}"
         )
     reference, arrays = playback(env)
     control, commands = env.control, env.commands

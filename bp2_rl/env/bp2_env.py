@@ -25,22 +25,17 @@ from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, Targets, motors_of
 from bp2_rl.env.episode import NUM_KEYS, EpisodeStarts, PipelineState
 from bp2_rl.env.metrics import StepOutcome, metrics
-from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Physics, PhysicsEngine
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.robot import conventions
-from bp2_rl.robot.coordinates import (
-    compression_rates,
-    compressions,
-    joint_positions,
-    joint_velocities,
-)
+from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
+from bp2_rl.robot.observation import Mirror
 from bp2_rl.settings.env import EnvConfig, Impl
 
 
@@ -139,15 +134,14 @@ class BP2Env(envs.Env):
     def observation_size(self) -> dict[str, int]:
         """Sizes of the policy's and of the critic's observation."""
         return {
-            name: observations.size_of(layout) for name, layout in self._layouts.items()
+            "state": observations.size_of(observations.layout_of(self.config.control)),
+            "privileged_state": observations.size_of(observations.CRITIC_LAYOUT),
         }
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
         """How a mirror, half a cycle on, changes both observations and the action."""
-        return {name: mirror_of(layout) for name, layout in self._layouts.items()} | {
-            "action": ACTION
-        }
+        return observations.mirrors_under(self.config.control)
 
     @property
     def action_size(self) -> int:
@@ -322,46 +316,27 @@ class BP2Env(envs.Env):
     ) -> tuple[PipelineState, dict[str, Array]]:
         """Return the state in which the controller remembers its observation, and both
         observations."""
-        config, physics, command = (
-            self.config.randomization,
-            state.physics,
-            state.command,
-        )
+        config, physics = self.config.randomization, state.physics
+        command = state.command.current
         measurement = observations.sense(physics.qpos, physics.qvel)
-        noiseless = self.controller.frame(
-            state.controller, command.current, measurement
-        )
+        noiseless = self.controller.frame(state.controller, command, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
         controller, noisy = self.controller.observe(
-            state.controller, command.current, measurement
+            state.controller, command, measurement
         )
-        privileged = observations.Privileged(
+        unsensed = observations.Unsensed(
+            episode=state,
             velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
-            height=physics.qpos[2],
-            spring_compression=compressions(physics.qpos),
-            spring_velocity=compression_rates(physics.qvel),
             foot_contact=foot_contact,
-            target_command=command.target,
-            friction=state.randomization.friction,
             trunk_mass=state.randomization.mass[self.trunk],
-            com_offset=state.randomization.com_offset,
-            strength=state.randomization.strength,
-            latency=state.randomization.latency,
-            tracking_error=state.tracking_error,
         )
+        privileged = observations.observe(observations.PRIVILEGED, unsensed)
         obs = {
             "state": noisy,
-            "privileged_state": observations.critic_observation(noiseless, privileged),
+            "privileged_state": jnp.concatenate([noiseless, privileged]),
         }
         return state.replace(controller=controller), obs
-
-    @property
-    def _layouts(self) -> dict[str, tuple[observations.Entry, ...]]:
-        return {
-            "state": observations.layout_of(self.config.control),
-            "privileged_state": observations.CRITIC_LAYOUT,
-        }
 
 
 def _make_engine(

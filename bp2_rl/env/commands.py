@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
+from bp2_rl.base.arrays import ArrayT
 from bp2_rl.robot import conventions
-from bp2_rl.robot.easing import eased
+from bp2_rl.robot.operator import approach
 from bp2_rl.settings.env import CommandConfig, EnvConfig
 
 
@@ -31,12 +32,17 @@ def max_forward_at(level: Float[Array, ""], config: EnvConfig) -> Float[Array, "
     return start + level * (top - start)
 
 
-def max_yaw_rate_at(
-    forward: Float[Array, ""], config: CommandConfig
-) -> Float[Array, ""]:
-    """Return the largest yaw rate at a forward speed, rad/s; their product is the
-    turn's lateral acceleration."""
-    return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
+def sideways_limits(forward: ArrayT, config: CommandConfig) -> tuple[ArrayT, ArrayT]:
+    """Return the largest lateral command (m/s) and yaw rate (rad/s) at a forward speed.
+
+    The yaw rate times the speed is the turn's lateral acceleration. NumPy and JAX
+    alike.
+    """
+    xp = forward.__array_namespace__()
+    speed = xp.abs(forward)
+    lateral = config.max_lateral * (1.0 - 0.5 * speed / config.max_forward)
+    turn = config.max_turn / xp.maximum(speed, 1e-6)
+    return lateral, xp.minimum(config.max_yaw_rate, turn)
 
 
 def draw_target(
@@ -60,8 +66,8 @@ def draw_target(
             jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward
         )
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
-    lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
-    yaw_rate *= jnp.minimum(config.max_yaw_rate, max_yaw_rate_at(forward, config))
+    most_lateral, most_yaw_rate = sideways_limits(forward, config)
+    lateral, yaw_rate = lateral * most_lateral, yaw_rate * most_yaw_rate
     turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
     stand = jax.random.bernoulli(keys[5], config.stand_fraction)
     return jnp.where(
@@ -152,13 +158,12 @@ def advance(
     )
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
-    current = state.current + jnp.clip(
-        state.target - state.current, -rate * dt, rate * dt
-    )
-    current = eased(state.current, current, config.control)
+    asked = approach(state.current, state.target, rate * dt)
+    current = config.control.tell(state.current, asked)
+    # The target's yaw rate may be too much on the way to its speed.
+    _, turn = sideways_limits(current[0], config.commands)
     moved = state.replace(
-        # The target's yaw rate may be too much on the way to its speed.
-        current=_turn_limited(current, config.commands),
+        current=current.at[2].set(jnp.clip(current[2], -turn, turn)),
         time_left=state.time_left - dt * reached,
         error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
         time=state.time + dt * near,
@@ -174,10 +179,3 @@ def advance(
     return jax.tree.map(
         lambda new, old: jnp.where(expired, new, old), fresh, moved
     ), level
-
-
-def _turn_limited(
-    command: Float[Array, "3"], config: CommandConfig
-) -> Float[Array, "3"]:
-    turn = max_yaw_rate_at(command[0], config)
-    return command.at[2].set(jnp.clip(command[2], -turn, turn))

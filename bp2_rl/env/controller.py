@@ -14,13 +14,14 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.observations import LAYOUT, Measurement, actor_observation, size_of
+from bp2_rl.env.observations import LAYOUT, Measurement, observe, size_of
 from bp2_rl.reference.interface import Reference, ReferenceMotion
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.observation import ENTRIES, Moment
 from bp2_rl.settings.env import EnvConfig
 
 
@@ -93,17 +94,16 @@ class Controller:
         measurement: Measurement,
     ) -> Float[Array, "... 47"]:
         """Return the observation of this moment alone, without a history."""
-        phase_amplitude = (
-            1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        angle = 2.0 * jnp.pi * state.phase
+        now = Moment(
+            command=command,
+            clock=hand * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            **vars(measurement),
+            last_action=state.last_action,
+            stand=self._stand,
         )
-        return actor_observation(
-            command,
-            state.phase,
-            measurement,
-            state.last_action,
-            self._stand,
-            phase_amplitude,
-        )
+        return observe(ENTRIES, now)
 
     def act(
         self,

@@ -1,7 +1,8 @@
 """What the robot senses, what the policy sees of it, and what the critic sees beyond
 that."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,67 +19,90 @@ from bp2_rl.robot.coordinates import (
 )
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, yaw_of
+from bp2_rl.robot.observation import (
+    COMMAND,
+    ENTRIES,
+    JOINTS,
+    LEG,
+    MOTORS,
+    SCALAR,
+    VECTOR,
+    Entry,
+    Mirror,
+    Source,
+)
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
+
+if TYPE_CHECKING:
+    from bp2_rl.env.episode import PipelineState
 
 UP = np.array([0.0, 0.0, 1.0], np.float32)
 
 
-class Entry(NamedTuple):
-    """One named part of the observation vector."""
-
-    name: str
-    size: int
+Layout = tuple[tuple[str, int], ...]
+"""The names and sizes of an observation's entries, in order."""
 
 
-LAYOUT = (
-    Entry("command", 3),
-    Entry("phase", 2),
-    Entry("joint_position", 12),
-    Entry("joint_velocity", 12),
-    Entry("up", 3),
-    Entry("angular_velocity", 3),
-    Entry("last_action", 12),
+class Unsensed(NamedTuple):
+    """What the critic sees beyond the policy's observation is made of: the episode, and
+    what the last control step says of it."""
+
+    episode: "PipelineState"
+    velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
+    foot_contact: Float[Array, "4"]  # 1 for each foot that touches the ground
+    trunk_mass: Float[Array, ""]  # factor
+
+
+PRIVILEGED: tuple[Entry[Unsensed], ...] = (
+    Entry("velocity", VECTOR, lambda now: now.velocity),
+    Entry("height", SCALAR, lambda now: now.episode.q[2]),
+    Entry("spring_compression", LEG, lambda now: compressions(now.episode.q)),
+    Entry("spring_velocity", LEG, lambda now: compression_rates(now.episode.qd)),
+    Entry("foot_contact", LEG, lambda now: now.foot_contact),
+    Entry("target_command", COMMAND, lambda now: now.episode.command.target),
+    Entry("friction", SCALAR, lambda now: now.episode.randomization.friction),
+    Entry("trunk_mass", SCALAR, lambda now: now.trunk_mass),
+    Entry("com_offset", VECTOR, lambda now: now.episode.randomization.com_offset),
+    Entry("strength", MOTORS, lambda now: now.episode.randomization.strength),
+    Entry("latency", SCALAR, lambda now: now.episode.randomization.latency),
+    # averaged where the reward asks for it
+    Entry("tracking_error", COMMAND, lambda now: now.episode.tracking_error),
 )
-"""The policy's observation, in order: what the paper lists (section RL training) plus
-the last action."""
+"""What the critic sees beyond the policy's observation, in order: what no sensor tells,
+where the command goes, the draw of the robot, and the errors that the reward looks
+at."""
 
-PRIVILEGED = (
-    Entry("velocity", 3),
-    Entry("height", 1),
-    Entry("spring_compression", 4),
-    Entry("spring_velocity", 4),
-    Entry("foot_contact", 4),
-    Entry("target_command", 3),
-    Entry("friction", 1),
-    Entry("trunk_mass", 1),
-    Entry("com_offset", 3),
-    Entry("strength", 12),
-    Entry("latency", 1),
-    Entry("tracking_error", 3),
-)
-"""What the critic sees beyond that, in order: what no sensor tells, where the command
-goes, the draw of the robot, and the errors that the reward looks at."""
-CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
+
+def mirrors_under(control: ControlConfig) -> dict[str, Mirror]:
+    """Return how a mirror, half a cycle on, changes both observations and the
+    action."""
+    own = [entry.mirror for entry in ENTRIES]
+    return {
+        "state": Mirror.joined(own * (1 + len(control.history))),
+        "privileged_state": Mirror.joined([*own, *(e.mirror for e in PRIVILEGED)]),
+        "action": JOINTS,
+    }
+
+
+def layout_of(control: ControlConfig) -> Layout:
+    """Return the policy's observation under a controller: the present one, and
+    `NAME@K`, its change in K steps."""
+    return (
+        *LAYOUT,
+        *((f"{name}@{k}", size) for k in control.history for name, size in LAYOUT),
+    )
+
+
+LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
+"""The policy's observation of one moment."""
+CRITIC_LAYOUT: Layout = (*LAYOUT, *((entry.name, entry.size) for entry in PRIVILEGED))
 """All that the critic sees: the policy's observation of the moment, without noise, and
 more."""
 
 
-def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
-    """Return the policy's observation under this controller: the present one, and
-    `NAME@K`, its change in K steps."""
-    return (
-        *LAYOUT,
-        *(
-            Entry(f"{name}@{steps}", size)
-            for steps in control.history
-            for name, size in LAYOUT
-        ),
-    )
-
-
-def size_of(layout: tuple[Entry, ...]) -> int:
+def size_of(layout: Layout) -> int:
     """Return the length of the observation that a layout describes."""
-    return sum(entry.size for entry in layout)
+    return sum(size for _, size in layout)
 
 
 class Measurement(struct.PyTreeNode):
@@ -119,58 +143,11 @@ def add_noise(
     )
 
 
-def actor_observation(
-    command: Float[Array, "3"],
-    phase: Float[Array, ""],
-    measurement: Measurement,
-    last_action: Float[Array, "12"],
-    stand: Float[np.ndarray, "12"],
-    phase_amplitude: Float[Array, ""] | float = 1.0,
-) -> Float[Array, "47"]:
-    """Return the observation that `LAYOUT` describes.
-
-    Joint positions are relative to `stand`, the standing pose (rad); the phase is
-    encoded as `phase_amplitude` x (sin, cos).
-    """
-    angle = 2.0 * jnp.pi * phase
-    return jnp.concatenate(
-        [
-            command,
-            phase_amplitude * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
-            measurement.joint_position - np.asarray(stand, np.float32),
-            measurement.joint_velocity,
-            measurement.up,
-            measurement.angular_velocity,
-            last_action,
-        ]
-    )
-
-
-class Privileged(NamedTuple):
-    """The critic's observation beyond the policy's: the entries of `PRIVILEGED`, in
-    their order."""
-
-    velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
-    height: Float[Array, ""]  # m, of the trunk
-    spring_compression: Float[Array, "4"]  # m
-    spring_velocity: Float[Array, "4"]  # m/s
-    foot_contact: Float[Array, "4"]  # 1 for each foot that touches the ground
-    target_command: Float[Array, "3"]  # that the present command is on its way to
-    friction: Float[Array, ""]
-    trunk_mass: Float[Array, ""]  # factor
-    com_offset: Float[Array, "3"]  # m, of the trunk
-    strength: Float[Array, "12"]  # factor
-    latency: Float[Array, ""]  # s
-    # m/s and rad/s, averaged where the reward asks for it
-    tracking_error: Float[Array, "3"]
-
-
-def critic_observation(
-    policy_observation: Float[Array, "47"], privileged: Privileged
-) -> Float[Array, "87"]:
-    """Return the vector that `CRITIC_LAYOUT` describes, from what the policy would see
-    without noise and more."""
-    return jnp.concatenate([policy_observation, *(jnp.ravel(x) for x in privileged)])
+def observe(
+    entries: Sequence[Entry[Source]], source: Source
+) -> Float[Array, " observation"]:
+    """Return the vector of these entries, read from what they are made of."""
+    return jnp.concatenate([entry.read(source).reshape(-1) for entry in entries])
 
 
 class TrunkMotion(struct.PyTreeNode):

@@ -3,6 +3,7 @@
 from bp2_rl.robot import bp2
 
 TRACK = 100.0  # m
+LAUNCH_DISTANCE = 5.0  # m, as in the paper
 MARKS = tuple(range(10, 101, 10))  # m, of the splits
 
 BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)

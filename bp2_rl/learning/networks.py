@@ -26,7 +26,7 @@ from brax.training.agents.ppo import networks
 from flax import linen
 from jaxtyping import Array, Float
 
-from bp2_rl.env.mirror import Mirror
+from bp2_rl.robot.observation import Mirror
 from bp2_rl.settings.ppo import PPOConfig
 
 ACTIVATIONS = {

@@ -41,7 +41,7 @@ from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.programs import use_kept
 from bp2_rl.learning.writers import Writer, open_tracker
-from bp2_rl.robot.easing import COMMAND_LIMITS
+from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config

@@ -16,15 +16,15 @@ PATIENCE = 0.1
 
 @runtime_checkable
 class Stage(Protocol):
-    """A page or a window."""
+    """A page that shows a session."""
 
     def watched(self) -> bool:
         """Return whether anybody looks; where nobody does, wait a moment for somebody
         who comes."""
         ...
 
-    def show(self, pace: "Pace") -> bool:
-        """Show the session as it is now; return False once the stage has been shut."""
+    def show(self, pace: "Pace") -> None:
+        """Show the session as it is now."""
         ...
 
 
@@ -34,20 +34,17 @@ class Pace:
     Args:
         clock: seconds.
         sleep: waits so many seconds.
-        work: seconds of processor time that this process has had.
     """
 
     def __init__(
         self,
         clock: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
-        work: Callable[[], float] = time.process_time,
     ):
-        self._clock, self._sleep, self._work = clock, sleep, work
+        self._clock, self._sleep = clock, sleep
         self.slow = 1.0
         """How many times slower than the world the simulation is to go."""
         self._began = self._due = clock()
-        self._worked_before = work()
         self._shown = self._idle = 0.0
 
     def wait(self, simulated: float) -> None:
@@ -77,24 +74,15 @@ class Pace:
         asked for."""
         return self._shown / max(self.elapsed - self._idle, 1e-9)
 
-    @property
-    def load(self) -> float:
-        """Seconds of processor time a second shown: where that is more than 1, one core
-        is too few."""
-        return (self._work() - self._worked_before) / max(self._shown, 1e-9)
-
     def __str__(self) -> str:
-        """Return real-time factor and processor load in words."""
-        if not self._shown:
-            return "nobody looked"
-        return f"real-time factor {self.factor:.2f}, {self.load:.2f} cores busy"
+        """Return the real-time factor in words."""
+        return f"real-time factor {self.factor:.2f}" if self._shown else "nobody looked"
 
 
 def play_on(
     tick: Callable[[], None], stage: Stage, pace: Pace, *, seconds: float = math.inf
 ) -> None:
-    """Go on in real time until the stage is shut, or for so many seconds; stand still
-    while nobody looks.
+    """Go on in real time for so many seconds; stand still while nobody looks.
 
     On a machine that is too slow for it pictures get fewer, so that the robot gets the
     time.
@@ -111,8 +99,7 @@ def play_on(
             pace.idle(now)
             continue
         if now >= next_frame:
-            if not stage.show(pace):
-                break
+            stage.show(pace)
             cost = pace.elapsed - now
             next_frame = max(next_frame + 1.0 / FRAMES, now + cost / SHOWING)
         tick()

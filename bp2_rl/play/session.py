@@ -3,27 +3,32 @@ neither clock nor screen."""
 
 import collections
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within
+from bp2_rl.env.commands import sideways_limits
 from bp2_rl.env.termination import fall
-from bp2_rl.evaluation.races import TRACK
+from bp2_rl.evaluation.races import PAPER_BP2, TIMES, TRACK
 from bp2_rl.learning.policy import Policy
+from bp2_rl.play.pace import Pace
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs
-from bp2_rl.robot.easing import launch_rate
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import foot_forces, foot_geom_ids
+from bp2_rl.robot.operator import (
+    COMMAND_ACCELERATION,
+    HEADING_HOLD,
+    HeadingHold,
+    approach,
+)
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.policy_runner import PolicyRunner
-from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import shove
 
@@ -86,7 +91,7 @@ class Session:
         self._runner = PolicyRunner(
             self._policy,
             self.config,
-            operators=[HEADING_HOLD],
+            operators=[HeadingHold(limit=0.0)],  # `_steered` steers
             latencies=[self.hardware.losses.latency],
             commands=np.zeros((1, 3)),
         )
@@ -157,7 +162,7 @@ class Session:
             self._began = self.time
         simulator.read(0)  # hands may have changed it
         targets = self._runner.tick(
-            self._seen_from_line()[None], simulator.qvel, self._asked[None]
+            self.qpos[None], simulator.qvel, self._steered()[None]
         )
         for position, velocity in targets:
             self._worked[:-1] = self._worked[1:]
@@ -227,34 +232,32 @@ class Session:
     # --- Within -----------------------------------------------------------------------
 
     def _lead(self) -> None:
-        """Change what is asked by as much as a policy can follow in a control step,
-        within what it was trained for."""
-        limits, control, now, dt = (
-            self.config.commands,
-            self.config.control,
-            self._asked,
-            conventions.CONTROL_STEP,
+        """Move what is asked toward the wish, at rates and within limits that policies
+        can follow."""
+        commands, control, now = self.config.commands, self.config.control, self._asked
+        turning, dt = commands.turn_acceleration, conventions.CONTROL_STEP
+        launches = math.isfinite(control.launching)  # then the controller's law says
+        rise = np.array(
+            [math.inf if launches else COMMAND_ACCELERATION, *2 * [turning]]
         )
-        braking = min(
-            control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING
-        )
-        launching = COMMAND_ACCELERATION
-        # as fast as the policy will be told, and no faster: a stop comes at once
-        if math.isfinite(control.launching):
-            launching = launch_rate(now[0], control, np)
-        speed = now[0] + np.clip(
-            self.wish.speed - now[0], -braking * dt, launching * dt
-        )
-        # As in training: less sideways at speed, and turns that friction holds.
-        most = np.array(
-            [
-                limits.max_lateral * (1.0 - 0.5 * abs(speed) / limits.max_forward),
-                min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6)),
-            ]
-        )
-        step = limits.turn_acceleration * dt
-        change = np.clip(np.clip(self.wish[1:], -most, most) - now[1:], -step, step)
-        self._asked = np.append(speed, now[1:] + change)
+        braking = COMMAND_ACCELERATION if control.stopping_time else BRAKING
+        fall = np.array([braking, turning, turning])
+        asked = approach(now, np.array(self.wish), rise * dt, fall * dt)
+        asked = control.tell(now, asked)
+        # as in training: less sideways at speed, and turns that friction holds
+        most = np.array(sideways_limits(asked[0], commands))
+        self._asked = np.append(asked[0], np.clip(asked[1:], -most, most))
+
+    def _steered(self) -> Float[np.ndarray, "3"]:
+        """Return what is asked, and on a straight run the way back to the line on which
+        the robot was when it last turned."""
+        (x, y), yaw = self.qpos[:2], float(yaw_of(self.qpos[3:7]))
+        if self._asked[1:].any():
+            self._line[:] = x, y, yaw
+        x0, y0, along = self._line
+        across = np.cos(along) * (y - y0) - np.sin(along) * (x - x0)
+        off = math.remainder(yaw - along, 2.0 * math.pi)
+        return HEADING_HOLD.steer(self._asked, across, off)
 
     def _run_clock(self) -> None:
         """Let the clock of the sprint go on until the robot is at the finish, or
@@ -266,30 +269,31 @@ class Session:
         if self.finished:
             self.best = min(self.best, self.sprint)
 
-    def _seen_from_line(self) -> Float[np.ndarray, " nq"]:
-        """The state in the frame of the line that the robot is to keep to: the operator
-        steers along its x axis."""
-        qpos = self.qpos
-        if self._asked[1:].any():
-            self._line[:] = *qpos[:2], yaw_of(qpos[3:7])
-        x, y, yaw = self._line
-        seen, back = qpos.copy(), np.zeros(4)
-        seen[:2] = _turned(qpos[:2] - (x, y), -yaw)
-        mujoco.mju_axisAngle2Quat(back, np.array([0.0, 0.0, 1.0]), -yaw)
-        mujoco.mju_mulQuat(seen[3:7], back, qpos[3:7].copy())
-        return seen
-
     def _velocity_now(self) -> Float[np.ndarray, "3"]:
-        """m/s forward and to the left of the heading, and rad/s about the world's
-        vertical."""
-        rate = np.zeros(3)
+        """Return the velocity (m/s) forward and to the left of the heading, and the yaw
+        rate (rad/s)."""
+        (vx, vy), rate, yaw = self.data.qvel[:2], np.zeros(3), yaw_of(self.qpos[3:7])
         mujoco.mju_rotVecQuat(rate, self.data.qvel[3:6], self.qpos[3:7])
-        return np.append(_turned(self.data.qvel[:2], -yaw_of(self.qpos[3:7])), rate[2])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return np.array([cos * vx + sin * vy, cos * vy - sin * vx, rate[2]])
 
 
-def _turned(vector: Float[np.ndarray, "2"], angle: Any) -> Float[np.ndarray, "2"]:
-    """Return a vector on the ground turned to the left by an angle, rad."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array(
-        [cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]]
-    )
+def readings(session: Session, pace: Pace) -> dict[str, str]:
+    """Return what the robot does and is told, how its sprint goes, and how well the
+    time is kept: names and values."""
+    (forward, left, turn), told = session.velocity, session.command
+    best = f"{session.best:.2f} s" if math.isfinite(session.best) else "none yet"
+    paper = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
+    fallen = "" if session.down_since is None else "fell; "
+    sprint = f"{session.sprint:.2f} s, {max(TRACK - session.qpos[0], 0.0):.0f} m left"
+    if session.finished:
+        sprint = f"{session.sprint:.2f} s; reset for another"
+    return {
+        "speed": f"{forward:z.2f} m/s, told {told[0]:z.2f}",
+        "sideways": f"{left:z.2f} m/s, told {told[1]:z.2f}",
+        "turn": f"{turn:z.2f} rad/s, told {told[2]:z.2f}",
+        f"{TRACK:g} m": sprint if session.sprint else "ready",
+        "best": best + (paper if session.hardware.is_bp2 else ""),
+        "run": f"{fallen}{session.distance:.0f} m in {session.time:.1f} s; falls: {session.falls}",
+        "pace": str(pace),
+    }

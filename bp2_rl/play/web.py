@@ -22,12 +22,10 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.races import TRACK
-from bp2_rl.play.chart import TorqueSpeed
 from bp2_rl.play.gate import OWN_NAMES, guarding
-from bp2_rl.play.looks import Looks
+from bp2_rl.play.looks import Looks, TorqueSpeed
 from bp2_rl.play.pace import Pace
-from bp2_rl.play.readings import readings
-from bp2_rl.play.session import Session, Wish, wish_limits
+from bp2_rl.play.session import Session, Wish, readings, wish_limits
 from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
 CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
@@ -131,7 +129,7 @@ class Page:
         one."""
         return self._somebody.wait(POLLING)
 
-    def show(self, pace: Pace) -> bool:
+    def show(self, pace: Pace) -> None:
         """Do what the page asked for since the last time, and renew what it shows."""
         session = self._session
         # not what comes meanwhile, or a flood would never let the robot run
@@ -149,7 +147,6 @@ class Page:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
                 self._chart_place.content = self._drawn()
-        return True
 
     def _agree_on_the_wish(self) -> None:
         """Wish what the sliders say, unless the wish has changed otherwise, as by a

@@ -11,6 +11,7 @@ from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import CommandLaw
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
@@ -18,8 +19,6 @@ Extent = Annotated[float, Within(0.001, 1000.0)]
 """`Amount` may be zero, `Extent` may not. A thousand metres, seconds or radians are
 more than any setting needs."""
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
-Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
-"""A limit; infinity means that there is none."""
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
 Schedule = Literal["text", "literal", "off"]
@@ -29,9 +28,9 @@ Impl = Literal["jax", "kernel", "warp"]
 
 
 @dataclasses.dataclass(frozen=True)
-class ControlConfig:
-    """Meaning of the policy's action, and the joint PD loop under it (gains
-    ASSUMED)."""
+class ControlConfig(CommandLaw):
+    """What the policy's action means, the joint PD loop under it (gains ASSUMED), and
+    the limits on its command."""
 
     # around the reference motion, or around the standing pose
     mode: Literal["residual", "absolute"] = "residual"
@@ -47,18 +46,6 @@ class ControlConfig:
     """whether the policy sees the gait's phase also where the reference stands still;
     if not, the phase vector that it sees is as long as the reference's steps, zero in a
     stand"""
-    braking: Limit = float("inf")
-    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked
-    for"""
-    stopping_time: Amount = 0.0
-    """s, least time in which that command falls by its own size and 0.5 m/s: a robot
-    that stands while its trunk still moves falls over"""
-    launching: Limit = float("inf")
-    """m/s2, fastest rise of that command from a stand: a robot far behind its command
-    gathers speed more slowly"""
-    launching_speed: Limit = float("inf")
-    """m/s, speed at which that command would rise no more: the rate falls linearly from
-    `launching`"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
     """control steps: the policy also sees how much its observation has changed since so
     many steps ago (0 at first)"""

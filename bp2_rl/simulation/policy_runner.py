@@ -17,11 +17,10 @@ from bp2_rl.env.physics.interface import newest_active, target_ages
 from bp2_rl.learning.policy import NETWORKS, Policy
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import conventions
-from bp2_rl.robot.easing import eased
 from bp2_rl.robot.kinematics import yaw_of
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.laws import filled
-from bp2_rl.simulation.operator import HeadingHold
 
 # observation -> action, deterministic; arrays of NumPy or JAX
 ActionFunction = Callable[[Any], Any]
@@ -198,9 +197,8 @@ def control_step(
         action = policy(observation)
         # With the reference, though not everybody asks for it: without it XLA rounds
         # the targets otherwise.
-        return *controller.act(state, command, action), eased(
-            command, asked, config.control
-        )
+        told = config.control.tell(command, asked)
+        return *controller.act(state, command, action), told
 
     return control
 

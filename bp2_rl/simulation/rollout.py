@@ -27,11 +27,11 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
+from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.laws import SIZES
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import Ramp, Schedule
 from bp2_rl.simulation.simulator import (
@@ -198,10 +198,7 @@ def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> Env
             )
         return config
     config = config or policy.card.env
-    wanted, given = (
-        policy.card.observation_layout,
-        tuple(map(tuple, layout_of(config.control))),
-    )
+    wanted, given = policy.card.observation_layout, layout_of(config.control)
     if wanted != given:
         entry, other = next(
             pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1]

@@ -10,9 +10,8 @@ from jaxtyping import Float
 
 from bp2_rl.base.bounds import Bounded, Positive, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.settings.env import ControlConfig, Limit
+from bp2_rl.robot.operator import COMMAND_ACCELERATION, CommandLaw, LaunchLaw
 
-COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
 
 
@@ -36,20 +35,17 @@ class Schedule(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Ramp:
+class Ramp(LaunchLaw):
     """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at
     `acceleration` (m/s2); `hold` (s).
 
-    Where a controller tells its policy less, `launching` and `launching_speed` as in
-    `ControlConfig`, the speed v rises as dv/dt = launching (1 - v / launching_speed),
-    an exponential.
+    Where a controller tells its policy less, by the `LaunchLaw` of its settings, the
+    speed rises by that law.
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
     acceleration: Positive = COMMAND_ACCELERATION  # m/s2, along the target's direction
     hold: Positive = 20.0  # s
-    launching: Limit = math.inf  # m/s2, as `ControlConfig` has them
-    launching_speed: Limit = math.inf  # m/s
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
@@ -66,7 +62,7 @@ class Ramp:
                 f"{self.launching_speed:g} m/s"
             )
 
-    def under(self, control: ControlConfig) -> "Ramp":
+    def under(self, control: CommandLaw) -> "Ramp":
         """Return this ramp as the controller's policy is told it."""
         return dataclasses.replace(
             self, launching=control.launching, launching_speed=control.launching_speed
@@ -83,12 +79,7 @@ class Ramp:
     @property
     def steady_from(self) -> float:
         """When the target is reached, s; a pure turn has no ramp."""
-        if self._speed <= self._knee:
-            return self._speed / self._rate
-        left = (self.launching_speed - self._speed) / (
-            self.launching_speed - self._knee
-        )
-        return self._knee / self._rate - math.log(left) * self._time_constant
+        return self.rise_time(self._speed, self.acceleration)
 
     @property
     def duration(self) -> float:
@@ -99,35 +90,13 @@ class Ramp:
         """The command at a time."""
         if time >= self.steady_from:
             return np.array(self.target)
-        since = time - self._knee / self._rate
-        if since <= 0.0:
-            return time / (self._speed / self._rate) * np.array(self.target)
-        left = (self.launching_speed - self._knee) * math.exp(
-            -since / self._time_constant
-        )
-        return (self.launching_speed - left) / self._speed * np.array(self.target)
+        share = self.share_risen(time, self._speed, self.acceleration)
+        return share * np.array(self.target)
 
     @property
     def _speed(self) -> float:
         """m/s."""
         return math.hypot(*self.target[:2])
-
-    @property
-    def _rate(self) -> float:
-        """m/s2, at first."""
-        return min(self.acceleration, self.launching)
-
-    @property
-    def _knee(self) -> float:
-        """m/s, from which on it is the exponential."""
-        if self.launching == math.inf or self.launching_speed == math.inf:
-            return math.inf
-        return self.launching_speed * (1.0 - self._rate / self.launching)
-
-    @property
-    def _time_constant(self) -> float:
-        """s, of the exponential."""
-        return self.launching_speed / self.launching
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,11 +26,11 @@ def export(make_card):
     """Write a policy of zeros around the standing pose: it stands."""
 
     def export(folder, layout=LAYOUT, **results):
-        size = sum(entry.size for entry in layout)
+        size = sum(n for _, n in layout)
         layers = [(np.zeros((size, 4)), np.zeros(4)), (np.zeros((4, 12)), np.zeros(12))]
         card = make_card(
             results=results,
-            observation_layout=tuple((name, size) for name, size in layout),
+            observation_layout=tuple(layout),
         )
         normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
         save_policy(folder, make_policy(layers, normalizer, card))
@@ -246,7 +246,7 @@ def test_a_truncated_policy(policy, capsys):
 
 
 def test_a_policy_with_another_observation(here, export, capsys):
-    export(here / "blind", layout=[entry for entry in LAYOUT if entry.name != "phase"])
+    export(here / "blind", layout=[entry for entry in LAYOUT if entry[0] != "phase"])
     assert_refused(capsys, ["blind"], "other observations", "'phase'")
 
 

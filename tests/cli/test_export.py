@@ -16,7 +16,7 @@ from bp2_rl.evaluation.benchmarks.conditions import speed_to_command
 from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
-SIZE = sum(entry.size for entry in LAYOUT)
+SIZE = sum(size for _, size in LAYOUT)
 
 
 def standing_policy(seed: int = 0) -> Policy:
@@ -25,7 +25,7 @@ def standing_policy(seed: int = 0) -> Policy:
     kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
     card = PolicyCard(
         stage="imitation",
-        observation_layout=tuple((entry.name, entry.size) for entry in LAYOUT),
+        observation_layout=LAYOUT,
         action_size=12,
         activation="swish",
         hidden_layer_sizes=(4,),

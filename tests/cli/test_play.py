@@ -1,7 +1,6 @@
 """`bp2 play` as a user meets it: what it refuses, and how it ends."""
 
 import importlib.util
-import os
 
 import pytest
 
@@ -10,9 +9,6 @@ from bp2_rl.cli import play as command
 
 @pytest.fixture(autouse=True)
 def nowhere(monkeypatch):
-    """No display, and nothing of JAX's is changed."""
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
 
 
@@ -50,7 +46,7 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, ca
     )
     assert command.main([]) == 2
     assert capsys.readouterr().err == (
-        'error: bp2 play in a browser needs the package viser: pip install -c constraints.txt -e ".[play]"\n'
+        'error: bp2 play needs the package viser: pip install -c constraints.txt -e ".[play]"\n'
     )
 
 
@@ -70,7 +66,6 @@ def test_a_page_for_other_machines_says_who_can_steer_the_robot(
     assert (
         command.main(
             [
-                "--web",
                 "--robot",
                 "ideal",
                 "--host",
@@ -85,18 +80,3 @@ def test_a_page_for_other_machines_says_who_can_steer_the_robot(
     )
     line = f"--host {host}: anyone on the network who can reach this machine can steer the robot\n"
     assert (line in capsys.readouterr().out) is open_to_all
-
-
-@pytest.mark.parametrize(
-    ("platform", "display", "there"),
-    [
-        ("linux", "", False),
-        ("linux", ":0", True),
-        ("win32", "", True),
-        ("darwin", ":0", False),
-    ],
-)
-def test_a_window_needs_a_display(monkeypatch, platform, display, there):
-    monkeypatch.setattr("sys.platform", platform)
-    monkeypatch.setitem(os.environ, "DISPLAY", display)
-    assert command.has_display() is there

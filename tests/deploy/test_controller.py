@@ -14,7 +14,6 @@ from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.watchdog import SensorReading
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
-from bp2_rl.robot.easing import eased
 
 TICKS = 2000
 DT = 0.005
@@ -79,10 +78,10 @@ def loop(onboard, bundle, shipped, controller):
     Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is
     shown afterwards.
     """
-    plan = onboard.world.RehearsalPlan(
+    plan = onboard.robot.RehearsalPlan(
         10.74, hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0
     )
-    world = onboard.world.RehearsalWorld(bundle, "built", plan)
+    world = onboard.robot.RehearsalWorld(bundle, "built", plan)
     found = rehearsed(onboard, world, controller, TICKS)
     assert world.fell_at is None
     assert world.outcome()["mean_speed"] > 10.0
@@ -147,9 +146,9 @@ def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, name):
     policy nobody trained."""
     policy, folder = another(name)
     ticks, controller = 300, onboard.controller.OnboardController(folder)
-    plan = onboard.world.RehearsalPlan(0.8, loss=0.0, late=0.0)
+    plan = onboard.robot.RehearsalPlan(0.8, loss=0.0, late=0.0)
     loop = rehearsed(
-        onboard, onboard.world.RehearsalWorld(folder, "own", plan), controller, ticks
+        onboard, onboard.robot.RehearsalWorld(folder, "own", plan), controller, ticks
     )
     assert np.ptp(loop[2][:, 0], axis=0).max() > 0.2  # it trots
     position, velocity = apart(loop, policy, double=True)
@@ -165,7 +164,7 @@ def apart(loop, policy, double):
 
     def tick(carry, seen):
         (state, told), (measured, asked) = carry, seen
-        told = eased(told, asked, env.control)
+        told = env.control.tell(told, asked)
         state, observation = trained.observe(
             state, told, Seen(*jnp.split(measured, [12, 24, 27]))
         )
@@ -225,7 +224,7 @@ def told_alike(controller, control, speeds):
     """The forward commands that a policy is told, tick by tick, where these are asked
     for: here as by JAX."""
     ease, told, forward = (
-        jax.jit(lambda told, asked: eased(told, asked, control)),
+        jax.jit(control.tell),
         jnp.zeros(3),
         [],
     )

@@ -151,7 +151,7 @@ def test_the_controller_takes_and_gives_the_models_angles_where_asked(onboard, f
     theirs.step(
         (sign * (np.full(12, 9.0) - offset), qd, *imu, now + DT), None, now + DT
     )
-    assert theirs.fault.startswith(f"range: {names[0]} is at 9.00 rad")
+    assert theirs.fault.startswith(f"range: {names[2]} is at 9.00 rad")
 
 
 def test_another_word_for_a_convention_is_refused(onboard, bundle):

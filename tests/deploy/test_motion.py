@@ -123,7 +123,7 @@ def test_a_rate_is_the_derivative(onboard):
         )
 
     time, step = np.array([0.05, 0.25, 0.35, 0.7]), 3e-6
-    (value,), (rate,) = onboard.complex_step.differentiate(
+    (value,), (rate,) = onboard.motion.differentiate(
         lambda t: (law(t),), (time,), (np.ones(4),)
     )
     # complex powers round otherwise on some processors

@@ -11,10 +11,10 @@ from aim import Aim
 from brax.training.acme import running_statistics, specs
 
 from bp2_rl.deploy.network import to_onnx
-from bp2_rl.env.mirror import ACTION, mirror_of
-from bp2_rl.env.observations import LAYOUT, size_of
+from bp2_rl.env.observations import LAYOUT, mirrors_under, size_of
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of
 from bp2_rl.learning.policy import make_policy
+from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 SIZE = size_of(LAYOUT)
@@ -23,7 +23,7 @@ SIZE = size_of(LAYOUT)
 class Shapes(Aim):
     """An environment of which networks need the sizes alone."""
 
-    mirrors = {"state": mirror_of(LAYOUT), "action": ACTION}  # noqa: RUF012
+    mirrors = mirrors_under(ControlConfig())
 
     @property
     def observation_size(self):

@@ -244,7 +244,7 @@ def controller(onboard, bundle):
 def runs(onboard, bundle, controller):
     """What the controller was given in three runs: (measurement, command) of each
     tick."""
-    plan, recorded = onboard.world.RehearsalPlan, []
+    plan, recorded = onboard.robot.RehearsalPlan, []
     for seed, (robot, speed, sideways, turn) in enumerate(
         (
             ("built", 8.0, 0.0, 0.0),
@@ -253,7 +253,7 @@ def runs(onboard, bundle, controller):
             ("built", 0.0, 0.0, 0.0),
         )
     ):
-        world = onboard.world.RehearsalWorld(
+        world = onboard.robot.RehearsalWorld(
             bundle, robot, plan(speed=speed + 1e-6, acceleration=100.0, seed=seed)
         )
         inbox, rng, ticks = onboard.rehearse.Inbox(), np.random.default_rng(seed), []

@@ -13,7 +13,6 @@ from bp2_rl.env import commands
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of
 from bp2_rl.robot import conventions
-from bp2_rl.robot.easing import eased
 from bp2_rl.robot.hardware import HardwareSpec, Losses
 from bp2_rl.settings.env import (
     CommandConfig,
@@ -197,7 +196,7 @@ def told(asked, start, control=GENTLY, seconds=6.0):
     for."""
 
     def step(command, _):
-        after = eased(command, jnp.array([asked, 0.1, 0.2]), control)
+        after = control.tell(command, jnp.array([asked, 0.1, 0.2]))
         return after, after
 
     steps = round(seconds / conventions.CONTROL_STEP)

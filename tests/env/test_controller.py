@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.controller import Controller, motion_of
-from bp2_rl.env.observations import Measurement, layout_of
+from bp2_rl.env.observations import Measurement, layout_of, size_of
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
@@ -96,11 +96,7 @@ def test_history_is_what_changed_since_then_and_nothing_at_first():
         state, observation = controller.observe(state, COMMAND, measured)
         seen.append(np.asarray(observation))
         state, _, _ = controller.act(state, COMMAND, jnp.full(12, 0.1 * k))
-    assert (
-        sum(entry.size for entry in layout_of(ControlConfig(history=(1, 3))))
-        == len(seen[0])
-        == 3 * 47
-    )
+    assert size_of(layout_of(ControlConfig(history=(1, 3)))) == len(seen[0]) == 3 * 47
     for k, observation in enumerate(seen):
         now, one, three = np.split(observation, 3)
         np.testing.assert_array_equal(now, frames[k])

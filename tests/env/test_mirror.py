@@ -1,3 +1,6 @@
+from types import SimpleNamespace
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -5,8 +8,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env import observations, randomization
-from bp2_rl.env.controller import motion_of
-from bp2_rl.env.mirror import ACTION, JOINTS, LEG, Mirror, mirror_of
+from bp2_rl.env.controller import Controller, motion_of
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import (
     MOTOR_QPOS,
@@ -15,7 +17,11 @@ from bp2_rl.robot.model import (
     SPRING_QVEL,
     load_model,
 )
+from bp2_rl.robot.observation import JOINTS, LEG, Mirror
 from bp2_rl.settings.env import ControlConfig, EnvConfig
+
+MIRRORS = observations.mirrors_under(ControlConfig())
+CRITIC = MIRRORS["privileged_state"]
 
 # what a mirror on the x-z plane does to a vector; to a rotation the opposite
 WORLD = np.array([1.0, -1.0, 1.0])
@@ -61,34 +67,30 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         rng.normal(size=3),
     )
     robot = randomization.nominal(22, BUILT)
+    controller = Controller(EnvConfig(hardware=BUILT))
 
     def observe(state, command, phase, action, target, feet, strength, com, error):
         qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(
             strength=jnp.asarray(strength), com_offset=jnp.asarray(com)
         )
-        seen = observations.actor_observation(
-            jnp.asarray(command),
-            jnp.asarray(phase),
-            observations.sense(qpos, qvel),
-            jnp.asarray(action),
-            np.array(BUILT.anatomy.stand),
+        before = controller.init(phase).replace(last_action=jnp.asarray(action))
+        seen = controller.frame(
+            before, jnp.asarray(command), observations.sense(qpos, qvel)
         )
-        privileged = observations.Privileged(
-            observations.trunk_motion(qpos, qvel).velocity,
-            qpos[2],
-            qpos[SPRING_QPOS],
-            qvel[SPRING_QVEL],
-            jnp.asarray(feet),
-            jnp.asarray(target),
-            drawn.friction,
-            drawn.mass[1],
-            drawn.com_offset,
-            drawn.strength,
-            drawn.latency,
-            jnp.asarray(error),
+        episode: Any = SimpleNamespace(
+            q=qpos,
+            qd=qvel,
+            command=SimpleNamespace(target=jnp.asarray(target)),
+            randomization=drawn,
+            tracking_error=jnp.asarray(error),
         )
-        return observations.critic_observation(seen, privileged)
+        velocity = observations.trunk_motion(qpos, qvel).velocity
+        unsensed = observations.Unsensed(
+            episode, velocity, jnp.asarray(feet), drawn.mass[1]
+        )
+        rest = observations.observe(observations.PRIVILEGED, unsensed)
+        return jnp.concatenate([seen, rest])
 
     turned = [1.0, -1.0, -1.0]
     left = [strength[leg * 3 + i] for leg in (1, 0, 3, 2) for i in range(3)]
@@ -107,7 +109,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         mirrored_state(*state),
         turned * command,
         phase + 0.5,
-        image(ACTION, action),
+        image(JOINTS, action),
         turned * target,
         [0.0, 1.0, 0.5, 0.0],
         left,
@@ -115,9 +117,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         turned * error,
     )
     # float32, through the rotations of a heading.
-    np.testing.assert_allclose(
-        image(mirror_of(observations.CRITIC_LAYOUT), here), there, rtol=0, atol=2e-6
-    )
+    np.testing.assert_allclose(image(CRITIC, here), there, rtol=0, atol=2e-6)
 
 
 def test_physics_does_not_tell_the_robot_from_its_mirror_image():
@@ -134,7 +134,7 @@ def test_physics_does_not_tell_the_robot_from_its_mirror_image():
         data.qvel[:] = rng.normal(size=22)
         data.ctrl[:] = 20.0 * rng.normal(size=12)
         twin.qpos[:], twin.qvel[:] = mirrored_state(data.qpos, data.qvel)
-        twin.ctrl[:] = image(ACTION, data.ctrl)
+        twin.ctrl[:] = image(JOINTS, data.ctrl)
         mujoco.mj_step(model, data)
         mujoco.mj_step(model, twin)
         expected = mirrored_state(data.qpos, data.qvel)
@@ -167,7 +167,7 @@ def test_the_reference_is_its_own_mirror_image_half_a_cycle_later(reference, com
 
 
 def test_parities_are_what_a_reflection_keeps_and_turns():
-    mirror = mirror_of(observations.CRITIC_LAYOUT)
+    mirror = CRITIC
     even, odd = mirror.parities()
     basis = np.hstack([even, odd])
     np.testing.assert_allclose(basis.T @ basis, np.eye(len(mirror.order)), atol=1e-15)
@@ -176,11 +176,8 @@ def test_parities_are_what_a_reflection_keeps_and_turns():
 
 
 def test_a_reflection_twice_is_nothing():
-    remembered = observations.layout_of(ControlConfig(history=(2, 5)))
-    for mirror in (
-        ACTION,
-        mirror_of(remembered),
-        mirror_of(observations.CRITIC_LAYOUT),
-    ):
+    remembered = observations.mirrors_under(ControlConfig(history=(2, 5)))
+    assert len(remembered["state"].order) == 3 * len(MIRRORS["state"].order)
+    for mirror in remembered.values():
         x = jax.random.normal(jax.random.PRNGKey(0), (len(mirror.order),))
         np.testing.assert_array_equal(image(mirror, image(mirror, x)), np.asarray(x))

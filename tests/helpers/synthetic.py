@@ -62,7 +62,7 @@ def make_card(**changes) -> PolicyCard:
     """The card of a tiny policy that acts around the standing pose."""
     fields = {
         "stage": "imitation",
-        "observation_layout": tuple((entry.name, entry.size) for entry in LAYOUT),
+        "observation_layout": LAYOUT,
         "action_size": 12,
         "activation": "swish",
         "hidden_layer_sizes": (4,),

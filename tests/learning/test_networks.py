@@ -9,18 +9,14 @@ from aim import Aim
 from brax.training.acme import running_statistics, specs
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.mirror import ACTION, mirror_of
-from bp2_rl.env.observations import CRITIC_LAYOUT, LAYOUT
+from bp2_rl.env.observations import mirrors_under
 from bp2_rl.learning import networks as networks_module
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of, reflect
+from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 CONFIG = PPOConfig(policy_layers=(32, 16), value_layers=(16, 8), symmetric=True)
-MIRRORS = {
-    "state": mirror_of(LAYOUT),
-    "privileged_state": mirror_of(CRITIC_LAYOUT),
-    "action": ACTION,
-}
+MIRRORS = mirrors_under(ControlConfig())
 
 SIZES = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
 
@@ -80,7 +76,7 @@ def test_the_action_of_a_mirror_image_is_the_image_of_the_action(symmetric):
     np.testing.assert_allclose(
         reflect(MIRRORS, {"action": mean})["action"], mirrored_mean, rtol=0, atol=1e-5
     )
-    np.testing.assert_array_equal(std[..., list(ACTION.order)], mirrored_std)
+    np.testing.assert_array_equal(std[..., list(MIRRORS["action"].order)], mirrored_std)
 
 
 def test_the_value_of_a_mirror_image_is_the_value(symmetric):

@@ -21,7 +21,6 @@ from killer import killed_at_every_operation
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import to_json
-from bp2_rl.env.observations import Entry
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import (
     PolicyCard,
@@ -690,12 +689,3 @@ def test_another_observation_layout_names_the_first_difference(
     message = refusal(policy_dir, layout_of=lambda _: expected)
     assert words in message
     assert "use the bp2_rl that trained it (0.1.0)" in message
-
-
-def test_the_same_layout_of_named_tuples_is_accepted(exported: Path):
-    assert (
-        load_policy(
-            exported, layout_of=lambda _: [Entry(*entry) for entry in LAYOUT]
-        ).card.observation_size
-        == SIZE
-    )

@@ -18,8 +18,7 @@ pytest.importorskip(
     reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"',
 )
 
-from bp2_rl.play.chart import CENTER, COLORS, REACH, TorqueSpeed
-from bp2_rl.play.looks import Looks
+from bp2_rl.play.looks import CENTER, COLORS, REACH, Looks, TorqueSpeed
 
 
 @pytest.fixture(scope="module")

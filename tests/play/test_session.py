@@ -11,10 +11,8 @@ from runs import run_one
 
 from bp2_rl.learning.policy import Policy
 from bp2_rl.play.pace import FRAMES, Pace, play_on
-from bp2_rl.play.readings import readings
-from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish
+from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish, readings
 from bp2_rl.robot.conventions import CONTROL_STEP
-from bp2_rl.robot.easing import eased
 from bp2_rl.settings.presets import preset
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
@@ -86,7 +84,7 @@ def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_sto
     try:
         told, tell = (
             np.zeros(3, np.float32),
-            jax.jit(lambda told, asked: eased(told, asked, control)),
+            jax.jit(control.tell),
         )
         for wish, steps in ((15.0, 520), (0.0, 40)):
             session.wish = Wish(wish)
@@ -279,7 +277,6 @@ class Wall:
 
     now: float = 0.0
     step: float = 0.0  # s that a control step takes
-    shut: float = math.inf  # when the stage is shut
     away: tuple[float, float] = (0.0, 0.0)  # from when to when nobody looks
     frames: list[float] = dataclasses.field(default_factory=list)
     ticks: int = 0
@@ -299,10 +296,9 @@ class Wall:
 
     def show(self, pace):
         self.frames.append(self.now)
-        return self.now < self.shut
 
     def pace(self):
-        return Pace(lambda: self.now, self.sleep, work=lambda: 0.3 * self.now)
+        return Pace(lambda: self.now, self.sleep)
 
 
 @pytest.mark.parametrize(
@@ -315,14 +311,7 @@ def test_the_pace_is_the_walls_or_the_machines(step, slow, factor):
     pace.slow = slow
     play_on(wall.tick, wall, pace, seconds=4.0)
     assert pace.factor == pytest.approx(factor, abs=0.01)
-    assert pace.load == pytest.approx(0.3 / factor, abs=0.01)
     assert len(wall.frames) == pytest.approx(4.0 * FRAMES, rel=0.2)
-
-
-def test_closing_the_window_ends_it():
-    wall = Wall(step=0.002, shut=1.0)
-    play_on(wall.tick, wall, wall.pace())
-    assert wall.now == pytest.approx(1.0, abs=2.0 / FRAMES)
 
 
 def test_it_stands_still_while_nobody_looks_and_goes_on_at_once():

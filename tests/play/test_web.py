@@ -36,7 +36,6 @@ def served():
         "-m",
         "bp2_rl",
         "play",
-        "--web",
         "--robot",
         "ideal",
         "--port",

@@ -24,6 +24,7 @@ from bp2_rl.robot.model import (
     foot_geom_ids,
     load_model,
 )
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import (
     ControlConfig,
     EnvConfig,
@@ -32,7 +33,6 @@ from bp2_rl.settings.env import (
 )
 from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.measuring import envelope_use, run_metrics
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.easing import eased
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.schedule import Course, CourseLeg, Ramp
 
@@ -30,7 +29,7 @@ def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
     """Whatever is asked for, and from when on it is told no more than that; by the
     controller's own law."""
     control = ControlConfig(launching=6.0, launching_speed=18.0)
-    tell, dt = jax.jit(lambda told, asked: eased(told, asked, control)), 0.005
+    tell, dt = jax.jit(control.tell), 0.005
     for acceleration in (2.4, 8.0):
         asked = Ramp(15.5, acceleration, hold=1.0)
         ramp, told = asked.under(control), np.zeros(3, np.float32)

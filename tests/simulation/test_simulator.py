@@ -10,9 +10,9 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.mjx import MjxSimulator
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, Simulator

@@ -16,8 +16,8 @@ from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.hardware import IDEAL, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import ControlConfig, EnvConfig
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
 from bp2_rl.simulation.world import BEHIND, LEVEL, Push, World, sensed_pose

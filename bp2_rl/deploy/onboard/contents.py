@@ -7,18 +7,21 @@ another. `python -m onboard.seal` writes the manifest anew.
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from bp2_rl.base.errors import UserError, one_line, shown
+from bp2_rl.base.bounds import Bounded, Within, check_bounds
+from bp2_rl.base.errors import UserError, one_line, require_one_of, shown
 from bp2_rl.base.files import parse_json, read_bytes, write_text
-from bp2_rl.robot.conventions import POLICY_RATE
+from bp2_rl.robot.conventions import MOTOR_NAMES, POLICY_RATE
+from bp2_rl.robot.operator import COMMAND_LIMITS, CommandLaw
 
 FORMAT = 5
 SETTINGS, NETWORK, REFERENCE, MANIFEST = (
@@ -43,43 +46,69 @@ NUMBERS = {
     "control.action_limit": (0.001, 100.0),
     "control.feedforward": (-10.0, 10.0),
     "control.clock_at_rest": (0, 1),
-    "control.braking": (0.1, math.inf),
-    "control.stopping_time": (0.0, 1000.0),
-    "control.launching": (0.1, math.inf),
-    "control.launching_speed": (0.1, math.inf),
     "control.stand": (-10.0, 10.0, 12),
     "gains.stiffness": (0.1, 1e5),
     "gains.damping": (0.0, 1e4),
     "command.least": (-1000.0, 0.0, 3),
     "command.most": (0.0, 1000.0, 3),
-    "watchdog.silence": (0.01, 1.0),
-    "watchdog.ahead": (0.0, 1.0),
-    "watchdog.rate": (1.0, 10.0),
-    "watchdog.stand_time": (0.01, 10.0),
-    "watchdog.braking": (0.01, 100.0),
-    "watchdog.joint_margin": (0.0, 3.2),
-    "watchdog.joint_speed": (1.0, 1e4),
-    "watchdog.target_step": (0.01, 10.0),
-    "watchdog.turning": (1.0, 1e4),
-    "watchdog.up_length": (0.01, 0.9),
-    "watchdog.tilt": (0.1, math.pi),
-    "watchdog.frozen": (0.01, 10.0),
-    "watchdog.frozen_target": (0.001, 10.0),
-    "watchdog.window": (0.1, 10.0),
-    "watchdog.mismatch": (0.01, 1.0),
-    "watchdog.joint_noise": (0.001, 10.0),
-    "watchdog.turned": (0.001, 1.0),
-    "watchdog.unlike": (0.01, 1.0),
-    "watchdog.off_target": (0.01, 10.0),
-    "watchdog.opposed": (0.01, 1.0),
-    "watchdog.swing": (0.001, 10.0),
-    "watchdog.still": (0.001, 1.0),
     "rehearsal.speed": (0.001, 1000.0),
 }
-"""Least, most and shape of the numbers in `deploy.json` that bear on joint targets.
+"""Least, most and shape of the numbers in `deploy.json` that bear on joint targets, but
+for those of `CommandLaw` and `WatchdogLimits`."""
 
-Where `most` is infinite, null stands for infinity, which JSON does not have.
-"""
+
+@dataclasses.dataclass(frozen=True)
+class WatchdogLimits(Bounded, path="watchdog."):
+    """The limits of the watchdog, `watchdog` in `deploy.json`."""
+
+    silence: Annotated[float, Within(0.01, 1.0)]
+    """s without a new measurement, and s that a new one may be old"""
+    ahead: Annotated[float, Within(0.0, 1.0)]
+    """s, by which a measurement's time may be ahead of the controller's clock"""
+    rate: Annotated[float, Within(1.0, 10.0)]
+    """factor, by which the rate of the calls of `step` may differ from the policy's"""
+    stand_time: Annotated[float, Within(0.01, 10.0)]
+    """s, in which the joints are led to the standing pose"""
+    braking: Annotated[float, Within(0.01, 100.0)]
+    """m/s2, at which the command falls where the operator says nothing"""
+    joint_margin: Annotated[float, Within(0.0, 3.2)]
+    """rad, by which a joint may be beyond its range"""
+    joint_speed: Annotated[float, Within(1.0, 1e4)]
+    """rad/s, of a joint and of its target"""
+    target_step: Annotated[float, Within(0.01, 10.0)]
+    """rad, by which a target may change in a tick"""
+    turning: Annotated[float, Within(1.0, 1e4)]
+    """rad/s, of the trunk"""
+    up_length: Annotated[float, Within(0.01, 0.9)]
+    """by which the length of `up` may differ from 1"""
+    tilt: Annotated[float, Within(0.1, math.pi)]
+    """rad, between `up` and the trunk's z axis"""
+    frozen: Annotated[float, Within(0.01, 10.0)]
+    """s, for which a sensor may repeat its value with new stamps"""
+    frozen_target: Annotated[float, Within(0.001, 10.0)]
+    """rad, by which a joint's target moves before an encoder that repeats its value is
+    frozen"""
+    window: Annotated[float, Within(0.1, 10.0)]
+    """s, over which speeds, changes and targets are compared"""
+    mismatch: Annotated[float, Within(0.01, 1.0)]
+    """of an integrated speed from the joint's change that it belongs to: share of the
+    larger of both"""
+    joint_noise: Annotated[float, Within(0.001, 10.0)]
+    """rad, which is added to that share"""
+    turned: Annotated[float, Within(0.001, 1.0)]
+    """least standard deviation of the changes of `up` at which they are compared with
+    the gyro"""
+    unlike: Annotated[float, Within(0.01, 1.0)]
+    """share of what `up`, or the gyro, turns by that the other may not have"""
+    off_target: Annotated[float, Within(0.01, 10.0)]
+    """rad, of a joint's mean from its targets' mean"""
+    opposed: Annotated[float, Within(0.01, 1.0)]
+    """correlation of a joint with its target, as a negative number's size"""
+    swing: Annotated[float, Within(0.001, 10.0)]
+    """rad, the least standard deviation of both for which a correlation counts"""
+    still: Annotated[float, Within(0.001, 1.0)]
+    """least standard deviation of a joint over that of its target, where the target's
+    is 1.5 times `swing`"""
 
 
 class BundleError(UserError):
@@ -187,24 +216,42 @@ def _check(settings: Settings, path: Path) -> None:
     describe(settings)
     for name, (least, most, *shape) in NUMBERS.items():
         value = _find(settings, name)
-        numbers = np.asarray(most if value is None and most == math.inf else value)
+        numbers = np.asarray(value)
         right = numbers.dtype.kind in "biuf" and list(numbers.shape) == shape
         if not (right and np.all((numbers >= least) & (numbers <= most))):
             raise BundleError(
                 f"{path}: {name} must be from {least:g} to {most:g}, got {shown(value)}; mend and seal it"
             )
-    (low, high), stand = (
-        np.transpose(settings["joint_range"]),
-        settings["control"]["stand"],
-    )
-    if (
-        np.any(low > stand)
-        or np.any(stand > high)
-        or not {*_find(settings, "model_joints.sign")} <= {-1, 1}
-    ):
+    check_bounds(command_law(settings), "control.")
+    WatchdogLimits(**settings["watchdog"])
+    low, high = np.transpose(settings["joint_range"])
+    stand, signs = settings["control"]["stand"], _find(settings, "model_joints.sign")
+    if np.any(low > stand) or np.any(stand > high) or not {*signs} <= {-1, 1}:
         raise BundleError(
             f"{path}: control.stand is beyond joint_range, or a sign is neither 1 nor -1; export it anew"
         )
+
+
+def with_infinity(values: Settings) -> dict[str, Any]:
+    """Return limits by name, with infinity where `deploy.json` has null, because JSON
+    has no infinity.
+
+    A limit is a number, or an array of twelve where joints differ.
+    """
+
+    def number(value: Any) -> Any:
+        if isinstance(value, list):
+            return np.array([number(one) for one in value])
+        return math.inf if value is None else value
+
+    return {name: number(value) for name, value in values.items()}
+
+
+def command_law(settings: Settings) -> CommandLaw:
+    """Return the limits of `deploy.json` on the forward command that the policy is
+    told."""
+    control = settings["control"]
+    return CommandLaw(**with_infinity({name: control[name] for name in COMMAND_LIMITS}))
 
 
 def _find(settings: Settings, name: str) -> Any:
@@ -214,3 +261,41 @@ def _find(settings: Settings, name: str) -> Any:
     for part in name.split("."):
         value = [one[part] for one in value] if isinstance(value, list) else value[part]
     return value
+
+
+Convention = Literal["bundle", "model"]
+"""Whose signs and zeros joint angles have: the bundle's, or those of the robot's own
+model."""
+
+
+@dataclasses.dataclass(frozen=True)
+class JointFrame:
+    """The signs and zeros that a caller's joint angles have: the bundle's angle is sign
+    x the caller's + offset."""
+
+    names: Sequence[str]
+    sign: np.ndarray  # (12)
+    offset: np.ndarray  # (2 12), of angles (rad) and of speeds, which have none
+
+    @classmethod
+    def of(cls, settings: Settings, convention: Convention) -> "JointFrame":
+        """Return the frame of a convention, by the content of `deploy.json`.
+
+        Raises:
+            UserError: there is no such convention.
+        """
+        require_one_of("convention", convention, ("bundle", "model"))
+        if convention == "bundle":
+            return cls(MOTOR_NAMES, np.ones(12), np.zeros((2, 12)))
+        names, sign, offset = (
+            _find(settings, f"model_joints.{key}") for key in ("name", "sign", "offset")
+        )
+        return cls(names, np.array(sign), np.stack((offset, np.zeros(12))))
+
+    def inward(self, joints: np.ndarray) -> np.ndarray:
+        """Return a caller's joint angles and speeds (2 12) as the bundle has them."""
+        return self.sign * joints + self.offset
+
+    def outward(self, joints: np.ndarray) -> np.ndarray:
+        """Return the bundle's joint angles and speeds (2 12) as the caller has them."""
+        return self.sign * (joints - self.offset)

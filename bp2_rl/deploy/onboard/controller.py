@@ -10,23 +10,29 @@ say what cannot be, the joints are led to the standing pose and kept there until
 policy.
 """
 
-import dataclasses
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import read_npz
-from bp2_rl.robot.easing import COMMAND_LIMITS, eased
+from bp2_rl.robot.observation import ENTRIES, Moment
 
-from .contents import NETWORK, REFERENCE, Settings, loading, read_bundle
-from .joints import JointFrame
-from .motion import Pose, load_motion, specs_of
+from .contents import (
+    NETWORK,
+    REFERENCE,
+    Convention,
+    JointFrame,
+    command_law,
+    loading,
+    read_bundle,
+)
+from .motion import load_motion, specs_of
 from .watchdog import SensorFault, SensorReading, Watchdog
 
 WARMING = 20  # ticks before the first
@@ -43,51 +49,8 @@ class DriveTargets(NamedTuple):
     velocity: np.ndarray  # (12) rad/s
 
 
-@dataclasses.dataclass(frozen=True)
-class ForwardLimits:
-    """How fast the forward command rises and falls at most, as `eased` wants it."""
-
-    braking: float  # m/s2
-    stopping_time: float  # s
-    launching: float  # m/s2
-    launching_speed: float  # m/s
-
-
 Command = Sequence[float] | np.ndarray | None
 """m/s forward, m/s to the left, rad/s; None where the operator is silent."""
-
-
-class _Seen(NamedTuple):
-    """The values that an observation is computed from."""
-
-    command: np.ndarray
-    phase: float  # cycles
-    hand: float  # length of the clock's hand that shows the phase
-    measurement: SensorReading
-    last_action: np.ndarray
-
-
-OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
-    "command": lambda seen, stand: seen.command,
-    "phase": lambda seen, stand: (
-        seen.hand * math.sin(2.0 * math.pi * seen.phase),
-        seen.hand * math.cos(2.0 * math.pi * seen.phase),
-    ),
-    "joint_position": lambda seen, stand: seen.measurement.joint_position - stand,
-    "joint_velocity": lambda seen, stand: seen.measurement.joint_velocity,
-    "up": lambda seen, stand: seen.measurement.up,
-    "angular_velocity": lambda seen, stand: seen.measurement.angular_velocity,
-    "last_action": lambda seen, stand: seen.last_action,
-}
-"""How each entry of a policy's observation is made, by its name in the layout; `NAME@K`
-is by how much it has changed since K ticks ago."""
-
-
-def split_name(entry: str) -> tuple[str, int]:
-    """Split the name of an observation entry, `NAME@K`, into the name and K ticks; K is
-    0 where there is none."""
-    name, _, ticks = entry.partition("@")
-    return name, int(ticks or 0)
 
 
 class OnboardController:
@@ -109,7 +72,7 @@ class OnboardController:
         self,
         folder: Path | str,
         clock: Callable[[], float] = time.monotonic,
-        convention: Literal["bundle", "model"] = "bundle",
+        convention: Convention = "bundle",
     ):
         self.settings, files = read_bundle(folder)
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
@@ -143,21 +106,21 @@ class OnboardController:
             control["mode"] == "residual",
             control["clock_at_rest"],
         )
-        self._limits = command_limits(self.settings)
+        self._law = command_law(self.settings)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
 
     def _load_observation(self) -> None:
-        layout = [
-            (*split_name(name), size) for name, size in self.settings["observation"]
-        ]
-        self._entries = [name for name, ticks, _ in layout if not ticks]
-        ends = np.cumsum([0, *(size for _, ticks, size in layout if not ticks)])
-        places = {name: slice(*ends[i : i + 2]) for i, name in enumerate(self._entries)}
-        self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
-        self._past: deque[np.ndarray] = deque(
-            maxlen=max((ticks for _, ticks, _ in layout), default=0)
-        )
+        """Find how each entry is read; `NAME@K` is by how much it has changed since K
+        ticks ago."""
+        known, places, end = {entry.name: entry for entry in ENTRIES}, {}, 0
+        names = [name.partition("@") for name, _ in self.settings["observation"]]
+        self._entries = [known[name] for name, at, _ in names if not at]
+        for entry in self._entries:
+            places[entry.name] = slice(end, end := end + entry.size)
+        self._changes = [(int(ticks), places[name]) for name, at, ticks in names if at]
+        longest = max((ticks for ticks, _ in self._changes), default=0)
+        self._past: deque[np.ndarray] = deque(maxlen=longest)
 
     def _try_motion(self) -> None:
         """Play the reference motion at commands and phases of all sizes; raise
@@ -220,10 +183,8 @@ class OnboardController:
 
         Ticks are counted, because a clock may be what is at fault.
         """
-        time, fastest = (
-            self.watchdog.limits.stand_time,
-            self.watchdog.limits.joint_speed,
-        )
+        limits = self.watchdog.limits
+        time, fastest = limits.stand_time, limits.joint_speed
         s = min(self._ticks_stopped * self._dt / time, 1.0)
         self._ticks_stopped += 1
         way = self._stand - self._stopped_at
@@ -242,16 +203,12 @@ class OnboardController:
         except Exception:  # whatever the link to the operator brings
             asked = np.zeros(0)
         if asked.shape == (3,) and np.isfinite(asked).all():
-            told = np.clip(asked, self._least, self._most).astype(np.float32)
+            asked = np.clip(asked, self._least, self._most).astype(np.float32)
         else:
             speed = float(np.linalg.norm(self.command[:2]))
-            slower = (
-                max(speed - self.watchdog.limits.braking * self._dt, 0.0) / speed
-                if speed > 0.0
-                else 0.0
-            )
-            told = self.command * np.float32(slower)
-        self.command = eased(self.command, told, self._limits)
+            slower = max(speed - self.watchdog.limits.braking * self._dt, 0.0)
+            asked = self.command * np.float32(slower / speed if speed > 0.0 else 0.0)
+        self.command = self._law.tell(self.command, asked)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
         """Compute the joint targets of one tick: observation, network, reference
@@ -262,15 +219,19 @@ class OnboardController:
         """
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
-        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
-        frame = np.concatenate(
-            [OBSERVATION[name](seen, self._stand) for name in self._entries],
-            dtype=np.float32,
+        angle = 2.0 * math.pi * self._phase
+        now = Moment(
+            self.command,
+            np.array((hand * math.sin(angle), hand * math.cos(angle))),
+            *measurement[:4],
+            self._last_action,
+            self._stand,
         )
-        known = len(self._past)
+        read = [entry.read(now) for entry in self._entries]
+        frame: np.ndarray = np.concatenate(read, dtype=np.float32)
         changes = [
             frame[place] - self._past[-ticks][place]
-            if ticks <= known
+            if ticks <= len(self._past)
             else 0.0 * frame[place]
             for ticks, place in self._changes
         ]
@@ -288,11 +249,9 @@ class OnboardController:
         offset = self._scale * action.astype(float)
         position, velocity = self._stand + offset, np.zeros(12)
         if self._residual:
-            pose: Pose = self.motion(command, self._phase)
-            position, velocity = (
-                pose.position + self._feedforward * pose.torque + offset,
-                pose.velocity,
-            )
+            pose = self.motion(command, self._phase)
+            position = pose.position + self._feedforward * pose.torque + offset
+            velocity = pose.velocity
         targets = self._within_range(position, velocity)
         self.watchdog.check_targets(*targets, self._targets.position)
         return targets
@@ -301,29 +260,6 @@ class OnboardController:
         return DriveTargets(
             np.minimum(np.maximum(position, self._lowest), self._highest), velocity
         )
-
-
-def numbers(values: Settings) -> dict[str, Any]:
-    """Return limits by name as `deploy.json` has them, where None stands for infinity,
-    which JSON does not have.
-
-    A limit is a number, or an array of twelve where joints differ.
-    """
-
-    def number(value: Any) -> Any:
-        if isinstance(value, list):
-            return np.array([number(one) for one in value])
-        return math.inf if value is None else value
-
-    return {name: number(value) for name, value in values.items()}
-
-
-def command_limits(settings: Settings) -> ForwardLimits:
-    """Return how fast the forward command rises and falls at most, from
-    `deploy.json`."""
-    return ForwardLimits(
-        **numbers({name: settings["control"][name] for name in COMMAND_LIMITS})
-    )
 
 
 def _load_network(content: bytes) -> Any:

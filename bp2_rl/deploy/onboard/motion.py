@@ -2,28 +2,35 @@
 command and a phase.
 
 The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg
-in Python's own numbers, for which NumPy would be several times slower; time is complex
-there, so that rates come with the values (`complex_step`). The kinematic trot is the
-very law of training. All numbers come from `reference.npz` and `deploy.json`.
+in Python's own numbers, for which NumPy would be several times slower. The kinematic
+trot is the very law of training. All numbers come from `reference.npz` and
+`deploy.json`.
+
+Time is complex: the imaginary part of a value carries its rate through every operation
+(Squire and Trapp, "Using complex variables to estimate derivatives of real functions",
+SIAM Review 40, 1998). The rates are exact to rounding, as no numbers that are alike are
+subtracted. Comparisons are by the real part.
 """
 
 import math
 from cmath import cos, exp, sin, sqrt
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bp2_rl.base.arrays import hermite_and_rate
 from bp2_rl.base.files import ArraySpec
+from bp2_rl.reference.stepping import TROT
 from bp2_rl.reference.trot_law import TrotLaw
 from bp2_rl.robot.anatomy import LegGeometry
+from bp2_rl.robot.conventions import MIRRORED as IMAGE
 
-from .complex_step import STEP, differentiate
 from .contents import Settings
 
-LATER = (True, False, False, True)  # the legs that land half a cycle after the others
-IMAGE = (1, 0, 3, 2)  # each leg's mirror image
+LATER = (TROT > 0.0).tolist()  # the legs that land half a cycle after the others
+STEP = 1e-50  # s, imaginary; its square is nothing beside 1
 COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
 LEAST_SQUARE = 1e-8  # m2, of a length that is divided by
 LEAST_LEFT = 1e-7  # m, of reach
@@ -409,4 +416,51 @@ def _ground(
     c, s, c2, s2 = cos(half), sin(half), cos(2.0 * half), sin(2.0 * half)
     return c2 * x + s2 * y - chord * (c * vx + s * vy), c2 * y - s2 * x - chord * (
         c * vy - s * vx
+    )
+
+
+# --- Rates of functions of NumPy's arrays ---------------------------------------------
+
+
+def _atan2(y: Any, x: Any) -> Any:
+    """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no
+    complex numbers."""
+    a, b = x.real, y.real
+    return np.arctan2(b, a) + (y * a - x * b) / (a * a + b * b)
+
+
+FUNCTIONS = SimpleNamespace(**vars(np) | {"atan2": _atan2})
+
+
+class _ComplexStep(np.ndarray):
+    """An array with its rate."""
+
+    @property
+    def __array_priority__(self) -> float:
+        """Let an array of this class stay what it is where others are joined to it."""
+        return 1.0
+
+    def __array_namespace__(self, *, api_version: str | None = None) -> Any:
+        del api_version
+        return FUNCTIONS
+
+
+def differentiate(
+    function: Callable[..., tuple[Any, ...]],
+    values: tuple[np.ndarray, ...],
+    rates: tuple[np.ndarray, ...],
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Return the values of a function of arrays that have these rates, and the values'
+    rates, as `jax.jvp` does.
+
+    The function takes its own functions from the `__array_namespace__()` of its
+    arguments.
+    """
+    steps = (
+        (value + 1j * STEP * rate).view(_ComplexStep)
+        for value, rate in zip(values, rates, strict=True)
+    )
+    found: list[Any] = [np.asarray(result) for result in function(*steps)]
+    return tuple(result.real for result in found), tuple(
+        result.imag / STEP for result in found
     )

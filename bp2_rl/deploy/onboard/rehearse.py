@@ -18,7 +18,7 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -30,9 +30,8 @@ from bp2_rl.base.errors import require_one_of
 from .contents import describe, read_bundle
 from .controller import DriveTargets, OnboardController
 from .link import COMMAND, SENSORS, TARGETS, Radio
-from .robot import DT
+from .robot import DT, FAULTS, TICK, RehearsalPlan, RehearsalWorld
 from .watchdog import SensorReading
-from .world import FAULTS, TICK, RehearsalPlan, RehearsalWorld
 
 GRACE = 0.001  # s, for which a measurement that is due is waited for
 OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
@@ -78,74 +77,65 @@ def in_real_time(
     """
     _pin(core)
     controller, radio = OnboardController(folder), Radio()
-    ours, theirs = multiprocessing.get_context("spawn").Pipe()
-    process = multiprocessing.get_context("spawn").Process(
-        target=_live,
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe()
+    process = spawn.Process(
+        target=_run_robot,
         args=(Path(folder), robot, plan, core, radio.port, theirs),
         daemon=True,
     )
     process.start()
     theirs.close()
+    gc.collect()
+    # a collection would stop a tick; there is little to collect in half a minute
+    gc.disable()
     try:
         radio.connect(ours.recv())
-        ticks = _drive(controller, radio, ours)
+        ours.send("ready")
+        ticks = _run_computer(controller, radio, ours)
         outcome = ours.recv()
     except EOFError:
         raise RuntimeError("the robot's process ended before the rehearsal") from None
     finally:
+        gc.enable()
         radio.close()
         process.join(5.0)
         process.kill()
-    wall, cpu = (
-        np.percentile(1e3 * np.array(times), PERCENTILES).tolist()
-        for times in zip(*ticks, strict=True)
-    )
+    wall, cpu = np.percentile(1e3 * np.array(ticks), PERCENTILES, axis=0).T.tolist()
+    late = outcome["behind_ms"] > LONGEST_DELAY
     return {
         **outcome,
         "ticks": len(ticks),
         "wall_ms": wall,
         "cpu_ms": cpu,
         "fault": controller.fault,
-        "too_slow": outcome["real_time"] < LEAST_SHARE
-        or outcome["behind_ms"] > LONGEST_DELAY,
+        "too_slow": outcome["real_time"] < LEAST_SHARE or late,
         "used": controller.watchdog.used,
     }
 
 
-def _drive(
+def _run_computer(
     controller: OnboardController, radio: Radio, world: Connection
 ) -> list[tuple[float, float]]:
     """Tick until the world ends; (wall, processor) seconds from each measurement's
     arrival to the answer's sending."""
-    inbox, ticks = Inbox(), []
-    gc.collect()
-    # a collection would stop a tick; there is little to collect in half a minute
-    gc.disable()
-    world.send("ready")
-    packets = radio.wait(30.0)
-    try:
-        while True:
-            start, used = time.perf_counter(), time.thread_time()
-            last = time.monotonic()
-            for packet in packets:
-                inbox.take(packet.kind, packet.values, packet.time)
-            targets = inbox.tick(controller, last)
-            radio.send(TARGETS, np.concatenate(targets))
-            ticks.append((time.perf_counter() - start, time.thread_time() - used))
-            packets = []
-            deadline = last + TICK * DT + GRACE
-            while (
-                not any(packet.kind == SENSORS for packet in packets)
-                and time.monotonic() < deadline
-            ):
-                packets += radio.wait(deadline - time.monotonic())
-            if not packets and world.poll():
-                return ticks
-    finally:
-        gc.enable()
+    inbox, ticks, packets = Inbox(), [], radio.wait(30.0)
+    while packets or not world.poll():
+        start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
+        for kind, values in packets:
+            inbox.take(kind, values, now)
+        targets = inbox.tick(controller, now)
+        radio.send(TARGETS, np.concatenate(targets))
+        ticks.append((time.perf_counter() - start, time.thread_time() - used))
+        packets, deadline = [], now + TICK * DT + GRACE
+        while (left := deadline - time.monotonic()) > 0.0:
+            packets += radio.wait(left)
+            if any(kind == SENSORS for kind, _ in packets):
+                break
+    return ticks
 
 
-def _live(
+def _run_robot(
     folder: Path,
     robot: str,
     plan: RehearsalPlan,
@@ -169,20 +159,12 @@ def _live(
         now = time.monotonic()
         for kind, values in world.says(k, now):
             radio.send(kind, values)
-        for packet in radio.receive():
-            if packet.kind == TARGETS:
-                world.hears(
-                    DriveTargets(packet.values[:12], packet.values[12:]), packet.time
-                )
+        for kind, values in radio.receive():
+            if kind == TARGETS:
+                world.hears(DriveTargets(*np.split(values, 2)), now)
         world.millisecond(k, now)
-    took = time.monotonic() - start
-    computer.send(
-        {
-            **world.outcome(),
-            "real_time": world.milliseconds * DT / took,
-            "behind_ms": 1e3 * behind,
-        }
-    )
+    share = world.milliseconds * DT / (time.monotonic() - start)
+    computer.send({**world.outcome(), "real_time": share, "behind_ms": 1e3 * behind})
 
 
 def _pin(core: int | None) -> None:
@@ -190,85 +172,50 @@ def _pin(core: int | None) -> None:
         os.sched_setaffinity(0, {core})
 
 
-def show(result: dict[str, Any], plan: RehearsalPlan) -> str:
+def show(result: Mapping[str, Any], plan: RehearsalPlan) -> str:
     """Describe the outcome, one line for each subject."""
-
-    def row(times: Sequence[float]) -> str:
-        return " / ".join(f"{ms:.3f}" for ms in times)
-
-    fell = (
-        "did not fall"
-        if result["fell_at"] is None
-        else f"fell after {result['fell_at']:.2f} s"
+    fault, fell = result["fault"] or "silent", "did not fall"
+    if result["fell_at"] is not None:
+        fell = f"fell after {result['fell_at']:.2f} s"
+    wall, cpu = (
+        " / ".join(f"{ms:.3f}" for ms in result[name]) for name in ("wall_ms", "cpu_ms")
     )
-    lines = [
-        f"real time   {result['real_time']:.3f} of it; the robot was {result['behind_ms']:.1f} ms behind at most",
-        f"datagrams   {result['lost']:.0f} of {result['sent']:.0f} lost, targets {1e3 * plan.late:g} ms late",
-        f"ticks       {result['ticks']}; p50 / p99 / max {row(result['wall_ms'])} ms ({row(result['cpu_ms'])} ms of "
-        "processor)",
-        f"robot       {fell}, {result['distance']:.1f} m run, {result['beside_line']:.2f} m beside the line at most",
-    ]
+    used = (f"{name} {100 * share:.0f} %" for name, share in result["used"].items())
+    rows = {
+        "real time": f"{result['real_time']:.3f} of it; the robot was {result['behind_ms']:.1f} ms behind at most",
+        "datagrams": f"{result['lost']:.0f} of {result['sent']:.0f} lost, targets {1e3 * plan.late:g} ms late",
+        "ticks": f"{result['ticks']}; p50 / p99 / max {wall} ms ({cpu} ms of processor)",
+        "robot": f"{fell}, {result['distance']:.1f} m run, {result['beside_line']:.2f} m beside the line at most",
+    }
     if result["mean_speed"] is not None:
-        slowest = (
-            ""
-            if result["least_second"] is None
-            else f", slowest second {result['least_second']:.2f} m/s"
-        )
-        lines.append(
-            f"speed       {result['mean_speed']:.2f} m/s over {plan.hold:g} s{slowest}"
-        )
-    fault = result["fault"] or "silent"
+        rows["speed"] = f"{result['mean_speed']:.2f} m/s over {plan.hold:g} s"
+    if result.get("least_second") is not None:
+        rows["speed"] += f", slowest second {result['least_second']:.2f} m/s"
     if result["too_slow"]:
-        lines.insert(
-            0,
-            "TOO SLOW    is this machine: nothing below is the robot's fault; try --core -1 on idle cores",
-        )
+        slow = "is this machine: nothing below is the robot's fault; try --core -1 on idle cores"
+        rows = {"TOO SLOW": slow} | rows
         fault = fault.partition(":")[0]  # whose line would blame the sensors
-    lines.append(
-        f"watchdog    {fault}; speed at the end {result['final_speed']:.2f} m/s"
-    )
-    lines.append(
-        "limits used "
-        + ", ".join(
-            f"{name} {100 * used:.0f} %" for name, used in result["used"].items()
-        )
-    )
-    return "\n".join(lines)
+    rows["watchdog"] = f"{fault}; speed at the end {result['final_speed']:.2f} m/s"
+    rows["limits used"] = ", ".join(used)
+    return "\n".join(f"{name:11} {said}" for name, said in rows.items())
 
 
 def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """The command line."""
-    here = Path(__file__).resolve().parent.parent
+    """Read the command line; flags that are not given are None."""
     parser = argparse.ArgumentParser(
         prog="python -m onboard.rehearse", description=(__doc__ or "").split("\n\n")[0]
     )
-    parser.add_argument(
-        "folder",
-        nargs="?",
-        type=Path,
-        default=here,
-        help="the bundle (default: that of this code)",
-    )
-    parser.add_argument(
-        "--robot", help="one of deploy.json's robots (default: the first)"
-    )
+    add, here = parser.add_argument, Path(__file__).resolve().parent.parent
+    bundle = "the bundle (default: that of this code)"
+    add("folder", nargs="?", type=Path, default=here, help=bundle)
+    add("--robot", help="one of deploy.json's robots (default: the first)")
     for field in dataclasses.fields(RehearsalPlan):
-        flag = f"--{field.name.replace('_', '-')}"
-        # deploy.json has the robot's
-        default = None if field.name == "speed" else field.default
+        kind = float if field.name == "speed" else type(field.default)
         choices = FAULTS[1:] if field.name == "fault" else None
-        parser.add_argument(
-            flag,
-            type=float if default is None else type(default),
-            default=default,
-            choices=choices,
-        )
-    parser.add_argument(
-        "--core",
-        type=int,
-        help="the core for both processes (default: the last; -1: any)",
-    )
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON")
+        add(f"--{field.name.replace('_', '-')}", type=kind, choices=choices)
+    cores = "the core for both processes (default: the last; -1: any)"
+    add("--core", type=int, help=cores)
+    add("--json", action="store_true", help="print the outcome as JSON")
     return parser.parse_args(argv)
 
 
@@ -276,10 +223,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if the robot fell or the watchdog stopped it
     unexpectedly, 2 if the input is wrong."""
     args = parse(argv)
-    plan = {
-        field.name: getattr(args, field.name)
-        for field in dataclasses.fields(RehearsalPlan)
-    }
     core = args.core
     if core is None and hasattr(os, "sched_getaffinity"):
         core = max(os.sched_getaffinity(0))
@@ -287,14 +230,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings, _ = read_bundle(args.folder)
         robot = args.robot or next(iter(settings["robots"]), "")
         require_one_of("robot", robot, settings["robots"])
-        plan = RehearsalPlan(
-            **plan
-            | (
-                {}
-                if args.speed is not None
-                else {"speed": settings["rehearsal"]["speed"]}
-            )
-        )
+        names = [field.name for field in dataclasses.fields(RehearsalPlan)]
+        given = {name: x for name in names if (x := getattr(args, name)) is not None}
+        plan = RehearsalPlan(**{"speed": settings["rehearsal"]["speed"], **given})
         print(
             f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s",
             file=sys.stderr,
@@ -304,10 +242,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(json.dumps(result) if args.json else show(result, plan))
-    return int(
-        result["fell_at"] is not None
-        or bool(result["fault"]) != (plan.fault in ("nan", "silence"))
-    )
+    expected = plan.fault in ("nan", "silence")
+    return int(result["fell_at"] is not None or bool(result["fault"]) != expected)
 
 
 if __name__ == "__main__":

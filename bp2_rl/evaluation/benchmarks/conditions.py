@@ -11,12 +11,11 @@ from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
-from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.hardware import BUILT, IDEAL, ByJoint, HardwareSpec, robot_name
 from bp2_rl.robot.named import find_robot
+from bp2_rl.robot.operator import EASE, HeadingHold
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot

@@ -10,9 +10,9 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
+from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
 from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 

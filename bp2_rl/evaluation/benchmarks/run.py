@@ -31,7 +31,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
-from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, TRACK
+from bp2_rl.evaluation.races import BOLT_SPLITS, LAUNCH_DISTANCE, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.account import account
@@ -142,7 +142,6 @@ def summarise_topspeed(metrics: RunMetrics) -> str:
 
 # --- Sprint ---------------------------------------------------------------------------
 
-LAUNCH_DISTANCE = 5.0  # m, as in the paper
 # s; more for another robot than BP2 that is told a speed at which that is short
 TIME_LIMIT = 30.0
 SLOWNESS = 1.5  # times the time that the track takes at the speed commanded

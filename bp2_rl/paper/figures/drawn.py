@@ -24,7 +24,7 @@ class Drawn(NamedTuple):
     """A figure, and all that it shows."""
 
     # every number in pictures and tables, not rounded: a dataclass, or several by name
-    results: object
+    results: Any
     tables: tuple[Table, ...]
     pictures: Mapping[str, Figure]  # by name
 
@@ -57,9 +57,8 @@ def note(
     **style: Any,
 ) -> None:
     """Write a small text beside a point of the data; `away` is in points of the page."""
-    axes.annotate(
-        text, at, away, textcoords="offset points", **{"fontsize": 8.5, **style}
-    )
+    look: dict[str, Any] = {"fontsize": 8.5, **style}
+    axes.annotate(text, at, away, textcoords="offset points", **look)
 
 
 def swatch(color: str, label: str, **style: Any) -> Line2D:

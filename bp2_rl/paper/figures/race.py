@@ -17,7 +17,7 @@ from scipy.optimize import root_scalar
 from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation import races
-from bp2_rl.evaluation.races import TRACK
+from bp2_rl.evaluation.races import LAUNCH_DISTANCE, TRACK
 from bp2_rl.paper import published
 from bp2_rl.paper.figures.drawn import DASHES, ON_WHITE, Drawn, name_rows, note
 from bp2_rl.paper.figures.settings import RaceSettings
@@ -28,7 +28,6 @@ from bp2_rl.simulation.track import track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"
-LAUNCH_DISTANCE = 5.0  # m, as in the paper
 HELD = 60.0  # m, from where on speed should be held
 STEP = 1e-3  # s, of profiles drawn from formulas
 DOTS = (0, (1.2, 1.2))

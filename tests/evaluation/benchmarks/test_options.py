@@ -9,8 +9,8 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig, EnvConfig
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 

@@ -15,8 +15,8 @@ from bp2_rl.evaluation.benchmarks.run import (
     summarise_topspeed,
     topspeed,
 )
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.backend import DrakeContact
-from bp2_rl.simulation.operator import HeadingHold
 
 
 @pytest.fixture

@@ -54,8 +54,8 @@ from bp2_rl.evaluation.benchmarks.tries.tasks import (
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.samples import best_window

@@ -11,8 +11,8 @@ from bp2_rl.evaluation.benchmarks.tries.rules import Assessment
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.samples import Samples
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp

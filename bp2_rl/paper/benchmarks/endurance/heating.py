@@ -21,9 +21,9 @@ from bp2_rl.paper.motor_heat import Network, Temperatures, advance, heated
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.measuring import envelope_use
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp

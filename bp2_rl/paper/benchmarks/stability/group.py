@@ -12,8 +12,8 @@ from bp2_rl.env.controller import ControllerState
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import (
     ActionFunction,
     PolicyRunner,

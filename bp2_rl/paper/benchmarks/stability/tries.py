@@ -23,8 +23,8 @@ from bp2_rl.paper.benchmarks.stability.orbit import TICK, Coordinates, Orbit
 from bp2_rl.paper.orbits import returns
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import RandomizationConfig
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
 

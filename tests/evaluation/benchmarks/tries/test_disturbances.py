@@ -13,7 +13,7 @@ from bp2_rl.evaluation.benchmarks.tries.benchmark import (
 from bp2_rl.evaluation.benchmarks.tries.tasks import all_disturbances
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.named import find_robot
-from bp2_rl.simulation.operator import HEADING_HOLD
+from bp2_rl.robot.operator import HEADING_HOLD
 
 STRIDE = 0.32  # s
 

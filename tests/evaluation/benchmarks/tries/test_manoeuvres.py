@@ -32,7 +32,7 @@ from bp2_rl.evaluation.benchmarks.tries.rules import (
 from bp2_rl.evaluation.benchmarks.tries.tasks import all_manoeuvres
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.hardware import BUILT, IDEAL
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp
 
 TOP, LEVEL_SPEED = Ramp(15.0), 14.0

@@ -21,8 +21,8 @@ from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.operator import HEADING_HOLD
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import RobotSetup, Simulator
 

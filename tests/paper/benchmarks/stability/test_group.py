@@ -9,8 +9,8 @@ from runs import run_one
 from bp2_rl.paper.benchmarks.stability.group import RobotGroup, join
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
-from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
 

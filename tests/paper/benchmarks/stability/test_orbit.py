@@ -24,8 +24,8 @@ from bp2_rl.paper.benchmarks.stability.tries import (
     push,
 )
 from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import ControlConfig, EnvConfig
-from bp2_rl.simulation.operator import HeadingHold
 
 
 def clock(command):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.robot.operator import HeadingHold
 
 
 def test_operator_turns_back_to_the_line():

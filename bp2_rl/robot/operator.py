@@ -1,0 +1,152 @@
+"""The way of a velocity command: asked by an operator, told to a policy.
+
+What is *asked* comes from a person, a schedule or a draw of training; what a policy is
+*told* it reads in its observation; what the robot does is *measured*. Training, the
+judge, play and the robot's own computer take the same three steps:
+
+    asked = approach(told, target, rise, fall)    # no faster than a person would ask
+    asked = HEADING_HOLD.steer(asked, y, yaw)     # back to the line, on a straight run
+    told = law.tell(told, asked)                  # no faster than the robot can follow
+
+Functions take numbers of NumPy or JAX and import neither JAX nor jaxtyping, so that a
+robot's own computer shares them.
+"""
+
+import dataclasses
+import math
+from typing import Annotated
+
+from bp2_rl.base.arrays import ArrayT, Number
+from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.robot.conventions import CONTROL_STEP
+
+COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+EASE = 0.5
+"""m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to
+rest."""
+Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
+"""A limit; infinity means that there is none."""
+
+
+def approach(
+    now: ArrayT, target: ArrayT, rise: Number, fall: Number | None = None
+) -> ArrayT:
+    """Move a command toward its target, by at most `rise` up and `fall` (or `rise`)
+    down."""
+    xp = now.__array_namespace__()
+    return now + xp.clip(target - now, -(rise if fall is None else fall), rise)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LaunchLaw:
+    """The fastest rise of a forward command v: dv/dt = launching (1 - v /
+    launching_speed)."""
+
+    launching: Limit = math.inf
+    """m/s2, fastest rise from a stand of the forward command that the policy sees: a
+    robot far behind its command gathers speed more slowly"""
+    launching_speed: Limit = math.inf
+    """m/s, speed at which that command would rise no more: the rate falls linearly from
+    `launching`"""
+
+    def launch_rate(self, speed: ArrayT) -> ArrayT:
+        """Return how fast the command rises at most where it is `speed` (m/s), m/s2."""
+        xp = speed.__array_namespace__()
+        return self.launching * xp.clip(1.0 - speed / self.launching_speed, 0.0, 1.0)
+
+    def rise_time(self, speed: float, acceleration: float) -> float:
+        """Return when a command from rest that is asked to rise at `acceleration`
+        (m/s2) is at `speed`, s."""
+        rate, knee = self._knee(acceleration)
+        if speed <= knee:
+            return speed / rate
+        left = (self.launching_speed - speed) / (self.launching_speed - knee)
+        return knee / rate - math.log(left) * (self.launching_speed / self.launching)
+
+    def share_risen(self, time: float, speed: float, acceleration: float) -> float:
+        """Return the share of `speed` (m/s) that such a command has at a time before
+        `rise_time`."""
+        rate, knee = self._knee(acceleration)
+        since = time - knee / rate
+        if since <= 0.0:
+            return time / (speed / rate)
+        decay = math.exp(-since / (self.launching_speed / self.launching))
+        left = (self.launching_speed - knee) * decay
+        return (self.launching_speed - left) / speed
+
+    def _knee(self, acceleration: float) -> tuple[float, float]:
+        """Return the rate at first (m/s2), and the speed (m/s) from which the law is
+        slower: an exponential."""
+        rate = min(acceleration, self.launching)
+        if math.inf in (self.launching, self.launching_speed):
+            return rate, math.inf
+        return rate, self.launching_speed * (1.0 - rate / self.launching)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CommandLaw(LaunchLaw):
+    """A controller's limits on the forward command that its policy is told, whatever is
+    asked for."""
+
+    braking: Limit = math.inf
+    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked
+    for"""
+    stopping_time: Annotated[float, Within(0.0, 1000.0)] = 0.0
+    """s, least time in which that command falls by its own size and 0.5 m/s: a robot
+    that stands while its trunk still moves falls over"""
+
+    def tell(self, told: ArrayT, asked: ArrayT) -> ArrayT:
+        """Return the command (3) that the policy is told a control step after `told`.
+
+        It is `asked`, but that a robot on its way forward gathers and loses speed no
+        faster than the limits.
+        """
+        xp, before, forward = told.__array_namespace__(), told[0], asked[0]
+        if self.launching < math.inf:
+            risen = CONTROL_STEP * self.launch_rate(before)
+            forward = xp.minimum(forward, xp.maximum(before, 0.0) + risen)
+        if self.braking < math.inf or self.stopping_time:
+            rate = self.braking
+            if self.stopping_time:
+                rate = xp.minimum(rate, (before + EASE) / self.stopping_time)
+            least = xp.maximum(before - CONTROL_STEP * rate, 0.0)
+            forward = xp.where(before > 0.0, xp.maximum(forward, least), forward)
+        return xp.concat([xp.reshape(forward, (1,)), asked[1:]])
+
+
+COMMAND_LIMITS = tuple(field.name for field in dataclasses.fields(CommandLaw))
+"""The names of the limits in settings and on a robot's computer."""
+
+
+@dataclasses.dataclass(frozen=True)
+class HeadingHold(Bounded, path="--operator."):
+    """Keeps a robot on the line through its start, because a policy knows neither its
+    place nor its heading.
+
+    yaw-rate command = -heading_gain x yaw - lane_gain x y, clipped; y is the distance
+    to the left of the line. Added only to commands that ask for straight running (no
+    lateral and no yaw part).
+    """
+
+    heading_gain: Annotated[float, Within(-1000.0, 1000.0)] = 4.0
+    """yaw rate that a radian of wrong heading is answered with, 1/s"""
+    lane_gain: Annotated[float, Within(-1000.0, 1000.0)] = 0.4
+    """yaw rate for each metre beside the line, 1/(m s); heading_gain^2 / (4 v) is
+    critical damping at a speed v"""
+    limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
+    """largest yaw rate commanded, rad/s; 0: nobody steers"""
+
+    def steer(self, command: ArrayT, y: Number, yaw: Number) -> ArrayT:
+        """Add the operator's yaw rate to a command ("... 3") at a place and heading
+        ("...")."""
+        xp = command.__array_namespace__()
+        rate = xp.clip(
+            -self.heading_gain * yaw - self.lane_gain * y, -self.limit, self.limit
+        )
+        straight = (command[..., 1] == 0.0) & (command[..., 2] == 0.0)
+        return command + xp.where(straight, rate, 0.0)[..., None] * xp.asarray(
+            [0.0, 0.0, 1.0], dtype=command.dtype
+        )
+
+
+HEADING_HOLD = HeadingHold()
