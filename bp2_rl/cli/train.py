@@ -80,7 +80,7 @@ by what:
                                warp: MJX-Warp
   --ppo.num-envs INT           robots that are simulated at once
   --deterministic              a GPU, too, repeats the same bits; slower
-  --track {wandb,mlflow}       send the metrics to this tracker, too
+  --track wandb                send the metrics to this tracker, too
   --cluster.coordinator STR    HOST:PORT of process 0, told to all processes;
                                auto: ask Slurm or Open MPI
 

@@ -54,7 +54,7 @@ Instants = Float[np.ndarray, "instants _"]
 ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
-class Moment(NamedTuple):
+class StrideMoment(NamedTuple):
     """A motion at instants of one segment; the columns are those of `Motion`."""
 
     q: Float[np.ndarray, "instants nq"]
@@ -117,7 +117,7 @@ def sample(
     motion: Motion,
     segment: int,
     share: Float[np.ndarray, " instants"],
-) -> Moment:
+) -> StrideMoment:
     """The motion at shares (0 to 1) of a segment, by the polynomials that its scheme
     stands for.
 
@@ -151,7 +151,7 @@ def sample(
     rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[
         problem.scheme
     ]
-    return Moment(
+    return StrideMoment(
         q=cubic(motion.q, motion.v),
         v=linear(motion.v) if problem.scheme == "paper" else cubic(motion.v, motion.a),
         a=rule(motion.a),

@@ -22,7 +22,7 @@ from bp2_rl.base.metric import metric
 from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, contact_rows
-from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
+from bp2_rl.optimiser.solution import Motion, Solution, StrideMoment, sample
 
 UNITS = {
     "speed": "m/s",
@@ -382,7 +382,9 @@ def _states_before(
     yield from zip(motion.q[:-1, -1], motion.v[:-1, -1], strict=True)
 
 
-def _on_fine_grid(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
+def _on_fine_grid(
+    problem: Problem, motion: Motion
+) -> Iterator[tuple[int, StrideMoment]]:
     """Yield each segment on a grid `FINER` times as fine as the mesh."""
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):

@@ -22,7 +22,7 @@ COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 
 @dataclasses.dataclass(frozen=True)
-class JudgedPolicy:
+class CurvePoint:
     """One policy under the judge's launches from a stand."""
 
     steps: int  # control steps before it
@@ -36,7 +36,7 @@ class Curve:
     """The judged policies of a training, in order."""
 
     run: str
-    judged: tuple[JudgedPolicy, ...]
+    judged: tuple[CurvePoint, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +76,7 @@ def summarise_curve(curve: Curve) -> CurveSummary:
     )
 
 
-def _speed(policy: JudgedPolicy) -> float:
+def _speed(policy: CurvePoint) -> float:
     return policy.speed
 
 
@@ -88,7 +88,7 @@ def read_curve(run: Path) -> Curve:
             damaged.
     """
     judged = [
-        JudgedPolicy(one.control_steps, one.seconds, one.result.speed, one.result.falls)
+        CurvePoint(one.control_steps, one.seconds, one.result.speed, one.result.falls)
         for one in read_judged(run).policies
     ]
     if not judged:

@@ -3,7 +3,7 @@
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.learning.judged import Judged, JudgedPolicy, JudgeResult, write_judged
+from bp2_rl.learning.judged import CurvePoint, Judged, JudgeResult, write_judged
 from bp2_rl.paper.figures.learning import learning, read_curve
 from bp2_rl.paper.figures.settings import LearningSettings
 
@@ -11,7 +11,7 @@ from bp2_rl.paper.figures.settings import LearningSettings
 def run_in(folder, *verdicts):
     folder.mkdir()
     judged = [
-        JudgedPolicy(step, seconds, JudgeResult(speed, falls, 3, speed))
+        CurvePoint(step, seconds, JudgeResult(speed, falls, 3, speed))
         for step, seconds, speed, falls in verdicts
     ]
     write_judged(folder, Judged(1795383470.0, tuple(judged)))
