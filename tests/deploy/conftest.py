@@ -4,15 +4,16 @@ computer has it."""
 import functools
 import importlib
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from synthetic import make_card
+from synthetic import make_card, still_policy
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.deploy.bundle import write_bundle
-from bp2_rl.learning.policy import Policy, load_policy
+from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.presets import preset
 
 
@@ -49,22 +50,44 @@ def another(tmp_path_factory):
 
     @functools.cache
     def make(name):
-        card, draws = (
-            make_card(env=preset("imitation", "smoke", robot=name).env),
-            np.random.default_rng(0),
-        )
-        shapes = (card.observation_size, 16), (16, 12)
-        layers = tuple(
-            (
-                draws.normal(0.0, 0.03, shape).astype(np.float32),
-                np.zeros(shape[1], np.float32),
-            )
-            for shape in shapes
-        )
-        scale = np.ones(card.observation_size, np.float32)
-        policy = Policy(card, 0.0 * scale, scale, layers)
+        card = make_card(env=preset("imitation", "smoke", robot=name).env)
+        drawn = partial(np.random.default_rng(0).normal, 0.0, 0.03)
+        policy = still_policy(card, drawn, width=16)
         folder = tmp_path_factory.mktemp("deploy") / name
         write_bundle(folder, policy)
         return policy, folder
 
     return make
+
+
+@pytest.fixture(scope="session")
+def controller(onboard, bundle):
+    return onboard.controller.OnboardController(bundle)
+
+
+@pytest.fixture(scope="session")
+def rehearse(onboard):
+    """Rehearse without sockets and clocks, as fast as possible and each time alike;
+    return (measurement, command, targets) of each tick.
+
+    `heard` makes of a datagram's kind and numbers what is heard; `before` is called
+    with each millisecond's time.
+    """
+
+    def run(world, controller, heard=lambda _, values: values, before=None):
+        inbox, ticks = onboard.rehearse.Inbox(), []
+        controller.reset()
+        for k in range(world.milliseconds):
+            now = k * onboard.robot.DT
+            if before:
+                before(now)
+            for kind, values in world.says(k, now):
+                inbox.take(kind, heard(kind, values), now)
+            if k % onboard.robot.TICK == 0:
+                targets = inbox.tick(controller, now)
+                world.hears(targets, now)
+                ticks.append((inbox.measurement, inbox.command, targets))
+            world.millisecond(k, now)
+        return ticks
+
+    return run

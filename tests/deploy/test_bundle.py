@@ -3,12 +3,12 @@
 import dataclasses
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import python
+from synthetic import still_policy
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
@@ -35,11 +35,7 @@ print(controller.fault, np.isfinite(targets.position).all(), np.abs(targets.posi
 
 
 def tiny(make_card, **changes) -> Policy:
-    card = make_card(**changes)
-    size = card.observation_size
-    weight, bias = np.zeros((size, 4), np.float32), np.zeros(4, np.float32)
-    layers = (weight, bias), (np.zeros((4, 12), np.float32), np.zeros(12, np.float32))
-    return Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
+    return still_policy(make_card(**changes))
 
 
 def test_friction_by_joint_is_written_by_joint():
@@ -70,30 +66,13 @@ def here(tmp_path, monkeypatch):
 
 
 def test_it_runs_without_jax_and_without_bp2_rl(bundle):
-    done = subprocess.run(
-        [sys.executable, "-c", ALONE],
-        cwd=bundle,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.stdout.split(), done.stderr) == (["True", "True"], "")
+    assert python(bundle, "-c", ALONE) == (0, " True True\n", "")
 
 
 def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
-    (script,) = re.findall(
-        r"```python\n(.*?)```",
-        (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(),
-        re.S,
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=bundle,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.stdout, done.stderr) == ("1.8 m run\n", "")
+    page = Path(__file__).parents[2] / "docs" / "deploy.md"
+    (script,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    assert python(bundle, "-c", script) == (0, "1.8 m run\n", "")
 
 
 def test_its_settings_say_what_a_robot_needs(bundle, shipped):
@@ -192,14 +171,13 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
 def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
     save_policy(here / "run" / "policies" / "64", tiny(make_card))
     code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
-    line = [sys.executable, "-c", code, "run", "--to", "robot", "--format", "onnx"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
+    words = "-c", code, "run", "--to", "robot", "--format", "onnx"
+    status, out, error = python(here, *words)
+    assert (status, out, error.count("\n")) == (2, "", 1)
     assert (
         '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"'
-        in done.stderr
+        in error
     )
-    assert done.stderr.count("\n") == 1
 
 
 def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):

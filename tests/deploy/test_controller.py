@@ -4,6 +4,7 @@ is for."""
 import dataclasses
 import time
 from types import SimpleNamespace
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +19,6 @@ from bp2_rl.env.observations import Measurement as Seen
 TICKS = 2000
 DT = 0.005
 STAND = np.array([0.0, 0.62, -1.24] * 4)
-
-
-@pytest.fixture(scope="module")
-def controller(onboard, bundle):
-    return onboard.controller.OnboardController(bundle)
 
 
 @pytest.fixture
@@ -71,7 +67,7 @@ def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
 
 
 @pytest.fixture(scope="module")
-def loop(onboard, bundle, shipped, controller):
+def loop(onboard, bundle, controller, rehearse):
     """What a robot's 2,000 ticks from a stand to 10.74 m/s were: (measurements,
     commands, targets), and how it ran.
 
@@ -82,34 +78,22 @@ def loop(onboard, bundle, shipped, controller):
         10.74, hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0
     )
     world = onboard.robot.RehearsalWorld(bundle, "built", plan)
-    found = rehearsed(onboard, world, controller, TICKS)
+    found = as_arrays(rehearse(world, controller))
+    assert controller.fault == ""
     assert world.fell_at is None
     assert world.outcome()["mean_speed"] > 10.0
     return found
 
 
-def rehearsed(onboard, world, controller, count):
-    """Run so many ticks of a robot's loop without loss; return measurements, commands
-    and targets."""
-    inbox, ticks = onboard.rehearse.Inbox(), []
-    controller.reset()
-    for k in range(5 * count):
-        now = 1e-3 * k
-        if k % 5 == 0:
-            for kind, values in world.says(k, now):
-                inbox.take(kind, values, now)
-            targets = inbox.tick(controller, now)
-            world.hears(targets, now)
-            ticks.append(
-                (
-                    np.concatenate(inbox.measurement[:4]),
-                    inbox.command,
-                    np.stack(targets),
-                )
-            )
-        world.millisecond(k, now)
-    assert controller.fault == ""
-    return [np.stack(part) for part in zip(*ticks, strict=True)]
+def as_arrays(ticks):
+    """Measurements (K 30), commands (K 3) and targets (K 2 12) of the ticks of a
+    rehearsal."""
+    measured, asked, targets = zip(*ticks, strict=True)
+    return (
+        np.stack([np.concatenate(one[:4]) for one in measured]),
+        np.stack(asked),
+        np.stack(targets),
+    )
 
 
 @pytest.mark.parametrize(
@@ -141,15 +125,15 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(
 
 
 @pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
-def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, name):
+def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, rehearse, name):
     """On the kinematic trot, from a stand to 0.8 m/s, as far as a robot comes whose
     policy nobody trained."""
     policy, folder = another(name)
-    ticks, controller = 300, onboard.controller.OnboardController(folder)
-    plan = onboard.robot.RehearsalPlan(0.8, loss=0.0, late=0.0)
-    loop = rehearsed(
-        onboard, onboard.robot.RehearsalWorld(folder, "own", plan), controller, ticks
-    )
+    controller = onboard.controller.OnboardController(folder)
+    plan = onboard.robot.RehearsalPlan(0.8, hold=1.5 - 0.8 / 2.4, loss=0.0, late=0.0)
+    world = onboard.robot.RehearsalWorld(folder, "own", plan)
+    loop = as_arrays(rehearse(world, controller))
+    assert controller.fault == ""
     assert np.ptp(loop[2][:, 0], axis=0).max() > 0.2  # it trots
     position, velocity = apart(loop, policy, double=True)
     assert position <= 1e-5  # rad: the network's float32
@@ -193,73 +177,68 @@ def apart(loop, policy, double):
     return np.abs(found - expected).max(axis=(0, 2))
 
 
-def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp_path):
-    at_once = {"launching": np.inf, "launching_speed": np.inf}
-    control = dataclasses.replace(
-        shipped.card.env.control, clock_at_rest=False, **at_once
+@pytest.fixture
+def altered(onboard, shipped, tmp_path):
+    """The shipped policy with other settings of its controller, and the controller of
+    its bundle."""
+
+    def make(**changes):
+        control = dataclasses.replace(shipped.card.env.control, **changes)
+        env = dataclasses.replace(shipped.card.env, control=control)
+        card = dataclasses.replace(shipped.card, env=env)
+        write_bundle(tmp_path / "bundle", dataclasses.replace(shipped, card=card))
+        return env, onboard.controller.OnboardController(tmp_path / "bundle")
+
+    return make
+
+
+def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(altered, shipped):
+    env, controller = altered(
+        clock_at_rest=False, launching=np.inf, launching_speed=np.inf
     )
-    env = dataclasses.replace(shipped.card.env, control=control)
-    policy = dataclasses.replace(
-        shipped, card=dataclasses.replace(shipped.card, env=env)
-    )
-    write_bundle(tmp_path / "bundle", policy)
-    controller, trained = (
-        onboard.controller.OnboardController(tmp_path / "bundle"),
-        Trained(env),
-    )
-    start, measured = (
-        trained.init(0.2),
-        Seen(*(jnp.asarray(x) for x in standing(0.0)[:4])),
-    )
+    trained = Trained(env)
+    start = trained.init(0.2)
+    measured = Seen(*(jnp.asarray(x) for x in standing(0.0)[:4]))
     for speed in (0.0, 0.2, 6.0):
         controller.reset(0.2)
         found = controller.step(standing(0.0), (speed, 0.0, 0.0), 0.0)
         command = jnp.array([speed, 0.0, 0.0])
         seen, observation = trained.observe(start, command, measured)
-        _, targets, _ = trained.act(seen, command, policy(observation))
+        _, targets, _ = trained.act(seen, command, shipped(observation))
         assert found.position == pytest.approx(np.asarray(targets.position), abs=2e-5)
 
 
-def told_alike(controller, control, speeds):
-    """The forward commands that a policy is told, tick by tick, where these are asked
-    for: here as by JAX."""
-    ease, told, forward = (
-        jax.jit(control.tell),
-        jnp.zeros(3),
-        [],
-    )
+@pytest.mark.parametrize(
+    ("changes", "speeds", "at", "told", "last"),
+    [
+        ({}, [10.0] * 500 + [6.0] * 300 + [0.0] * 700, 499, (10.0, 10.0), (0.0, 0.0)),
+        (
+            {"launching": 6.0, "launching_speed": 18.0},
+            [13.0] * 600 + [6.0] * 200 + [8.0] * 100,
+            500,
+            (10.0, 10.4),  # 18 (1 - exp(-2.5 / 3))
+            (7.9, 8.0),
+        ),
+    ],
+    ids=["stop", "launch"],
+)
+def test_a_stop_and_a_launch_are_as_gentle_here(
+    altered, changes, speeds, at, told, last
+):
+    """Tick by tick the policy is told what JAX's law tells it."""
+    env, controller = altered(**changes)
+    assert np.isfinite(env.control.braking)
+    assert env.control.stopping_time > 0.0
+    tell, expected, forward = jax.jit(env.control.tell), jnp.zeros(3), []
     measure = following(controller)
     for k, speed in enumerate(speeds):
         asked = (speed, 0.1, 0.2)
         controller.step(measure(k * DT), asked, k * DT)
-        told = ease(told, jnp.asarray(asked))
-        np.testing.assert_allclose(controller.command, told, atol=1e-5)
-        forward.append(float(told[0]))
-    return forward
-
-
-def test_a_stop_is_as_gentle_here(fresh, shipped):
-    control = shipped.card.env.control
-    assert np.isfinite(control.braking)
-    assert control.stopping_time > 0.0
-    forward = told_alike(fresh, control, [10.0] * 500 + [6.0] * 300 + [0.0] * 700)
-    assert forward[499] == 10.0
-    assert forward[-1] == 0.0
-
-
-def test_a_launch_is_as_gentle_here(onboard, shipped, tmp_path):
-    control = dataclasses.replace(
-        shipped.card.env.control, launching=6.0, launching_speed=18.0
-    )
-    env = dataclasses.replace(shipped.card.env, control=control)
-    policy = dataclasses.replace(
-        shipped, card=dataclasses.replace(shipped.card, env=env)
-    )
-    write_bundle(tmp_path / "bundle", policy)
-    controller = onboard.controller.OnboardController(tmp_path / "bundle")
-    forward = told_alike(controller, control, [13.0] * 600 + [6.0] * 200 + [8.0] * 100)
-    assert 10.0 < forward[500] < 10.4  # 18 (1 - exp(-2.5 / 3))
-    assert forward[-1] > 7.9
+        expected = tell(expected, jnp.asarray(asked))
+        np.testing.assert_allclose(controller.command, expected, atol=1e-5)
+        forward.append(float(expected[0]))
+    assert told[0] <= forward[at] <= told[1]
+    assert last[0] <= forward[-1] <= last[1]
 
 
 def test_a_tick_takes_less_than_a_millisecond(fresh):
@@ -407,79 +386,50 @@ def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
     assert led[-1].position == pytest.approx(STAND, abs=1e-12)
 
 
-@pytest.mark.parametrize("older", [0.0, 0.03], ids=["the_same", "an_older_one"])
-def test_a_measurement_that_is_not_newer_is_silence(fresh, older):
-    run(fresh, 0.0, 0.1, standing)
-    run(
-        fresh, 0.1, 0.2, lambda now: standing(0.095 - older, joint_position=STAND + now)
-    )
-    assert fresh.fault.startswith("silence: no new measurement for 5")
-
-
-def test_a_first_measurement_by_another_clock_is_refused(fresh):
-    """As by `time.monotonic` where `now` is since the epoch; and a clock that is asked
-    itself must go on."""
-    fresh.step(standing(100.0), None, 1e9)
-    assert fresh.fault.startswith("clock: a new measurement's time is 1e+09 s old; ")
-    for wrong in (0.4, np.nan, "noon"):
-        fresh.reset()
-        _, now = run(fresh, 0.0, 0.5, standing)
-        targets = fresh.step(standing(now), (2.0, 0.0, 0.0), wrong)
-        assert fresh.fault.startswith("clock: `now` went from 0.495 to ")
-        assert np.isfinite(targets.position).all()
-
-
-class Wild:
-    """A reference motion as it was, with other targets."""
-
-    def __init__(self, sound, play):
-        self.stepping, self.phase_rate, self.play = (
-            sound.stepping,
-            sound.phase_rate,
-            play,
-        )
-
-    def __call__(self, command, phase):
-        return self.play(command, phase)
-
-
-def targets_of(position=0.0, velocity=0.0):
-    return lambda command, phase: SimpleNamespace(
+def moving_to(position=0.0, velocity=0.0):
+    """A reference motion with these targets beside the stand."""
+    pose = SimpleNamespace(
         position=STAND + position, velocity=np.full(12, velocity), torque=np.zeros(12)
     )
-
-
-def broken(command, phase):
-    raise ZeroDivisionError("float division by zero")
+    return {"motion": {"return_value": pose}}
 
 
 @pytest.mark.parametrize(
-    ("motion", "fault"),
+    ("wild", "fault"),
     [
         (
-            targets_of(position=np.nan),
+            moving_to(position=np.nan),
             "targets: FR_abad is told nan of the largest step or speed; is reference.npz",
         ),
         (
-            targets_of(velocity=np.inf),
+            moving_to(velocity=np.inf),
             "targets: FR_abad is told inf of the largest step or speed; is reference.npz",
         ),
         (
-            targets_of(velocity=-101.0),
+            moving_to(velocity=-101.0),
             "targets: FR_abad is told 1.01 of the largest step or speed; ",
         ),
         (
-            broken,
+            {"motion": {"side_effect": ZeroDivisionError("float division by zero")}},
             "targets: they cannot be computed (ZeroDivisionError('float division by zero')); is the bundle",
         ),
+        *(
+            (
+                {"_network": {"run.return_value": [np.full((1, 12), answer)]}},
+                "network: its answer is not 12 finite numbers; is policy.onnx damaged?",
+            )
+            for answer in (np.nan, np.inf)
+        ),
     ],
-    ids=["not_finite", "endless", "fast", "no_number"],
+    ids=["not_finite", "endless", "fast", "no_number", "nan_network", "inf_network"],
 )
-def test_no_wild_target_leaves(fresh, monkeypatch, motion, fault):
-    """Whatever the reference motion says in mid-run, the joints are led to the
-    stand."""
+def test_no_wild_target_leaves(fresh, monkeypatch, wild, fault):
+    """Whatever the reference motion or the network says in mid-run, the joints are led
+    to the stand."""
     _, now = run(fresh, 0.0, 0.3, standing)
-    monkeypatch.setattr(fresh, "motion", Wild(fresh.motion, motion))
+    [(part, says)] = wild.items()
+    sound = getattr(fresh, part)
+    monkeypatch.setattr(fresh, part, mock.Mock(wraps=sound, **says))
     led, _ = run(fresh, now, 0.3, standing)
     assert fresh.fault.startswith(fault)
     assert np.isfinite(led).all()
@@ -499,102 +449,93 @@ def test_a_target_that_steps_too_far_does_not_leave(fresh):
         fresh.watchdog.check_targets(STAND + 1.01 * limit, np.zeros(12), STAND)
 
 
-@pytest.mark.parametrize("answer", [np.nan, np.inf])
-def test_a_network_without_an_answer_is_a_fault(fresh, monkeypatch, answer):
-    _, now = run(fresh, 0.0, 0.3, standing)
-    monkeypatch.setattr(
-        fresh, "_network", SimpleNamespace(run=lambda *_: [np.full((1, 12), answer)])
-    )
-    led, _ = run(fresh, now, 0.3, standing)
-    assert (
-        fresh.fault
-        == "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
-    )
-    assert led[-1].position == pytest.approx(STAND, abs=1e-12)
+def calls(start, every, count):
+    """So many calls, each with a measurement of that moment: (now, its stamp)."""
+    return [(start + every * k, start + every * k) for k in range(count)]
 
 
-def test_a_clock_that_stands_still_is_silence(fresh):
-    """Twenty calls without a new measurement: twice as many as 50 ms have at 200 Hz,
-    and as many as they may have."""
-    run(fresh, 0.0, 0.3, standing)
-    for calls in range(1, 22):
-        assert fresh.fault == "", calls
-        fresh.step(standing(0.295), (3.0, 0.0, 0.0), 0.295)
-    assert fresh.fault.startswith("silence: no new measurement for 0 ms and 21 calls; ")
+SOUND = calls(0.0, DT, 60)
+SILENT = "silence: no new measurement for "
+CALLS = {
+    "the same again": (
+        SOUND + [(0.3 + DT * k, 0.295) for k in range(40)],
+        f"{SILENT}5",
+    ),
+    "an older one": (
+        [*SOUND, *((0.3 + DT * k, 0.265) for k in range(40))],
+        f"{SILENT}5",
+    ),
+    "another clock's at first": (
+        [(1e9, 100.0)],
+        "clock: a new measurement's time is 1e+09 s old; ",
+    ),
+    **{
+        f"{now} as the time": ([*SOUND, (now, 0.3)], "clock: `now` went from 0.295 to ")
+        for now in (0.2, np.nan, "noon")
+    },
+    # Twenty calls without a new measurement: twice as many as 50 ms have at 200 Hz, and
+    # as many as they may have.
+    "a clock that stands still": (
+        SOUND + 21 * [(0.295, 0.295)],
+        f"{SILENT}0 ms and 21",
+    ),
+    "not yet": (SOUND + 20 * [(0.295, 0.295)], ""),
+    # At 400 Hz, with measurements that come every 45 ms.
+    "twice as often": (
+        [(k * DT / 2.0, None if k % 18 else k * DT / 2.0) for k in range(200)],
+        "",
+    ),
+    # A clock that all but stands still: each stamp is new, and the windows of the
+    # watchdog would never end.
+    "stamps that creep": (SOUND + calls(0.3, 1e-6, 260), "rate: `step` is called "),
+    # Before the first measurement the controller may wait for as long as it likes.
+    "an hour's wait": ([(0.0, None), *calls(3600.0, DT, 60)], ""),
+    "a jump of an hour": (
+        [*SOUND, (3600.3, 3600.3)],
+        "clock: `now` went from 0.295 to 3600.3 s between two calls; use a clock that",
+    ),
+    **{
+        f"{1.0 / every:.4g} Hz": (
+            calls(0.0, every, round(1.5 / every)),
+            f"rate: `step` is called {1.0 / every:.4g} times a",
+        )
+        for every in (0.001, 0.02, 0.06, 0.3)  # from 0.06 s on later than `silence`
+    },
+    # What is measured after a pause is new, and there are more than half of the calls.
+    **{
+        f"pauses of {pause} s": (
+            [call for n in range(times) for call in calls(n * (pause + 0.3), DT, 60)],
+            "",
+        )
+        for pause, times in ((0.06, 8), (0.2, 6), (0.45, 2))
+    },
+}
 
 
-def test_calls_twice_as_often_are_no_silence(fresh):
-    """At 400 Hz, with measurements that come every 45 ms."""
-    for k in range(200):
-        now = k * DT / 2.0
-        fresh.step(standing(now) if k % 18 == 0 else None, None, now)
-    assert fresh.fault == ""
-
-
-def test_stamps_that_creep_are_seen_by_the_calls(fresh):
-    """A clock that all but stands still: each stamp is new, and the windows of the
-    watchdog would never end."""
-    run(fresh, 0.0, 0.3, standing)
-    for k in range(260):
-        now = 0.3 + 1e-6 * k
-        fresh.step(standing(now), None, now)
-    assert fresh.fault.startswith("rate: `step` is called ")
-
-
-def test_a_clock_that_jumps_an_hour_is_a_fault(fresh):
-    """With the stamps, too; before the first measurement the controller may wait for as
-    long as it likes."""
-    fresh.step(None, None, 0.0)
-    _, now = run(fresh, 3600.0, 0.3, standing)
-    assert fresh.fault == ""
-    targets = fresh.step(standing(now + 3600.0), None, now + 3600.0)
-    assert fresh.fault.startswith(
-        "clock: `now` went from 3600.3 to 7200.3 s between two calls; use a clock that"
-    )
-    assert np.isfinite(targets).all()
+@pytest.mark.parametrize("name", CALLS)
+def test_clocks_stamps_and_rates_are_watched(fresh, name):
+    told, fault = CALLS[name]
+    for k, (now, stamp) in enumerate(told):
+        position = STAND + 1e-9 * k
+        given = None if stamp is None else standing(stamp, joint_position=position)
+        assert np.isfinite(fresh.step(given, None, now)).all()
+    assert fresh.fault[: len(fault) or None] == fault
 
 
 @pytest.mark.parametrize(
-    ("every", "says"),
-    [
-        (0.001, "rate: `step` is called 1000 times a"),
-        (0.02, "50 times a"),
-        (0.06, "16.67 times a"),  # each call is later than `silence`
-        (0.3, "3.333 times a"),
-    ],
+    "kind",
+    [list, tuple, lambda array: array.astype(np.longdouble).astype(float)],
+    ids=["list", "tuple", "array"],
 )
-def test_another_rate_of_calls_is_a_fault(fresh, every, says):
-    for k in range(round(1.5 / every)):
-        fresh.step(standing(k * every), None, k * every)
-    assert says in fresh.fault
-
-
-@pytest.mark.parametrize(("pause", "times"), [(0.06, 8), (0.2, 6), (0.45, 2)])
-def test_a_pause_of_the_computer_is_no_fault(fresh, pause, times):
-    """What is measured after a pause is new, and there are more than half of the calls:
-    the loop goes on."""
-    now = 0.0
-    for _ in range(times):
-        _, now = run(fresh, now + pause, 0.3, standing)
-        assert fresh.fault == ""
-
-
-def test_lists_and_other_dtypes_are_read_as_arrays(fresh):
-    expected = [
-        targets.position.tolist() for targets in run(fresh, 0.0, 0.1, standing)[0]
-    ]
-    for kind in (list, tuple, lambda array: array.astype(np.longdouble).astype(float)):
-        fresh.reset()
-        found, _ = run(
-            fresh,
-            0.0,
-            0.1,
-            lambda now, kind=kind: [*map(kind, standing(now)[:4]), np.float64(now)],
-        )
-        assert [targets.position.tolist() for targets in found] == expected
-    fresh.reset()
-    run(fresh, 0.0, 0.1, lambda now: standing(now, up=[0, 0, 1]))  # integers
+def test_lists_and_other_dtypes_are_read_as_arrays(fresh, kind):
+    expected, now = run(fresh, 0.0, 0.1, standing)
+    fresh.step(standing(now, up=[0, 0, 1]), None, now)  # integers
     assert fresh.fault == ""
+    fresh.reset()
+    found, _ = run(
+        fresh, 0.0, 0.1, lambda now: [*map(kind, standing(now)[:4]), np.float64(now)]
+    )
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_a_driver_may_use_its_arrays_again(fresh):

@@ -4,17 +4,18 @@ controller speaks both."""
 import dataclasses
 import json
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
 from odd_robots import anymal_like
-from synthetic import make_card
+from synthetic import make_card, still_policy
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.deploy.bundle import write_bundle
-from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.compiling import load_mjcf
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.model import foot_geom_ids
@@ -58,18 +59,11 @@ def folder(model, request):
     )
     env = preset("imitation", "smoke", robot=str(file)).env
     card = make_card(env=from_json(EnvConfig, json.loads(json.dumps(to_json(env)))))
-    draws, ones = np.random.default_rng(0), np.ones(card.observation_size, np.float32)
-    shapes = (card.observation_size, 4), (4, 12)
-    layers = tuple(
-        (draws.normal(0.0, 0.03, one).astype(np.float32), np.zeros(one[1], np.float32))
-        for one in shapes
-    )
-    save_policy(
-        model.with_name(f"{request.param} policy"),
-        Policy(card, 0.0 * ones, ones, layers),
-    )
+    drawn = partial(np.random.default_rng(0).normal, 0.0, 0.03)
+    policy = model.with_name(f"{request.param} policy")
+    save_policy(policy, still_policy(card, drawn))
     folder = model.with_name(f"{request.param} bundle")
-    write_bundle(folder, load_policy(model.with_name(f"{request.param} policy")))
+    write_bundle(folder, load_policy(policy))
     return folder
 
 

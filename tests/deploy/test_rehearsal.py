@@ -14,22 +14,17 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 STAND = np.array([0.0, 0.62, -1.24] * 4)
-
-
-@pytest.fixture(scope="module")
-def robots(onboard, bundle):
-    return {
-        name: onboard.robot.SimulatedRobot(bundle, name) for name in ("built", "ideal")
-    }
+BODIES = "body_mass", "body_inertia", "dof_armature"
 
 
 @pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
 def test_the_robot_of_a_bundle_moves_as_the_benchmarks_does(
-    robots, onboard, shipped, name, hardware
+    bundle, onboard, shipped, name, hardware
 ):
     """Under kicks whose torques reach the envelope and the bus's power, from the same
     stand."""
-    robot, rng, hardest = robots[name], np.random.default_rng(0), 0.0
+    robot = onboard.robot.SimulatedRobot(bundle, name)
+    rng, hardest = np.random.default_rng(0), 0.0
     start_only = dataclasses.replace(hardware, envelope="start")
     plain = PlainRobot(
         RobotSetup(dataclasses.replace(shipped.card.env, hardware=start_only))
@@ -76,19 +71,10 @@ def test_another_robot_of_a_bundle_moves_as_the_benchmarks_does(onboard, another
     simulator = settled([RobotSetup(start_only)])
     assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-12)
     ours, judges = robot.model, simulator.models[0]
-    for what in (
-        "body_mass",
-        "body_pos",
-        "body_inertia",
-        "body_iquat",
-        "dof_armature",
-        "jnt_range",
-        "dof_damping",
-    ):
+    for what in (*BODIES, "body_pos", "body_iquat", "jnt_range", "dof_damping"):
+        found, expected = getattr(ours, what), getattr(judges, what)
         # XML: six digits
-        assert getattr(ours, what) == pytest.approx(
-            getattr(judges, what), rel=2e-5, abs=1e-6
-        ), what
+        assert found == pytest.approx(expected, rel=2e-5, abs=1e-6), what
     # so that the laws alone are compared
     robot.model, robot.data = judges, mujoco.MjData(judges)
     robot.data.qpos[:], robot.data.ctrl[:] = (
@@ -114,58 +100,19 @@ def test_another_robot_of_a_bundle_moves_as_the_benchmarks_does(onboard, another
     assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
-def test_another_robot_whose_sensors_fall_silent_ends_in_its_own_stand(
-    onboard, another, name
+@pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
+def test_the_robot_of_a_bundle_is_the_judges_and_stands_still_at_first(
+    bundle, onboard, name, hardware
 ):
-    policy, folder = another(name)
-    plan = onboard.robot.RehearsalPlan(
-        0.02, acceleration=3.0, fault="silence", fault_at=0.6, after=0.9
-    )
-    world, controller = rehearse_in_steps(onboard, folder, plan, "own")
-    assert controller.fault.startswith("silence: ")
-    assert (
-        np.abs(
-            world.targets[-500:] - np.array(policy.card.env.hardware.anatomy.stand)
-        ).max()
-        < 1e-9
-    )
-    assert world.fell_at is None
-
-
-@pytest.mark.parametrize("name", ["built", "ideal"])
-def test_the_robot_of_a_bundle_stands_still_at_first(bundle, onboard, name):
-    robot = onboard.robot.SimulatedRobot(bundle, name)
+    robot, judges = onboard.robot.SimulatedRobot(bundle, name), load_model(hardware)
+    for what in (*BODIES, "jnt_stiffness", "geom_friction", "geom_solref"):
+        found, expected = getattr(robot.model, what), getattr(judges, what)
+        assert found == pytest.approx(expected, rel=1e-5), what
+    assert robot._q.tolist() == list(MOTOR_QPOS)
     for _ in range(200):
         robot.millisecond(onboard.controller.DriveTargets(STAND, np.zeros(12)))
     assert np.max(np.abs(robot.data.qvel)) < 0.01
     assert not robot.fallen
-
-
-@pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
-def test_the_stand_in_is_the_judges_robot(bundle, name, hardware):
-    ours, judges = (
-        mujoco.MjModel.from_xml_path(str(bundle / "robots" / f"{name}.xml")),
-        load_model(hardware),
-    )
-    for what in (
-        "body_mass",
-        "body_inertia",
-        "dof_armature",
-        "jnt_stiffness",
-        "geom_friction",
-        "geom_solref",
-    ):
-        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=1e-5), (
-            what
-        )
-    names = [
-        ours.joint(i).qposadr[0]
-        for i in range(1, ours.njnt)
-        if "spring" not in ours.joint(i).name
-    ]
-    assert names == list(MOTOR_QPOS)
-    assert len(MOTOR_QVEL) == 12
 
 
 def test_a_bad_link_loses_its_share_and_keeps_the_order(onboard):
@@ -191,40 +138,23 @@ def test_a_radio_hears_its_peer_alone_and_whole_datagrams(onboard):
         stranger.send(link.SENSORS, np.ones(30))
         robot.send(link.SENSORS, np.arange(30.0))
         robot.send(link.COMMAND, (1.0, 2.0, 3.0))
-        packets = computer.wait(2.0)
+        packets = computer.receive(2.0)
         while len(packets) < 2:
-            packets += computer.wait(2.0)
+            packets += computer.receive(2.0)
         assert [kind for kind, _ in packets] == [link.SENSORS, link.COMMAND]
         assert packets[0][1].tolist() == list(range(30))
         robot._socket.send(b"S\x01")  # torn
         stranger.send(link.COMMAND, (9.0, 9.0, 9.0))
-        assert computer.wait(0.2) == []
+        assert computer.receive(0.2) == []
     finally:
         for radio in (robot, computer, stranger):
             radio.close()
 
 
-def rehearse_in_steps(onboard, folder, plan, robot="built"):
-    """Run the rehearsal without sockets and clocks: as fast as possible, with the same
-    result each time."""
-    world, inbox = (
-        onboard.robot.RehearsalWorld(folder, robot, plan),
-        onboard.rehearse.Inbox(),
-    )
-    controller = onboard.controller.OnboardController(folder)
-    for k in range(world.milliseconds):
-        now = k * onboard.robot.DT
-        for kind, values in world.says(k, now):
-            inbox.take(kind, values, now)
-        if k % onboard.robot.TICK == 0:
-            world.hears(inbox.tick(controller, now), now)
-        world.millisecond(k, now)
-    return world, controller
-
-
-def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
+def test_it_runs_with_lost_and_late_datagrams(onboard, bundle, controller, rehearse):
     plan = onboard.robot.RehearsalPlan(speed=3.0, acceleration=3.0, hold=2.0)
-    world, controller = rehearse_in_steps(onboard, bundle, plan)
+    world = onboard.robot.RehearsalWorld(bundle, "built", plan)
+    rehearse(world, controller)
     outcome = world.outcome()
     assert controller.fault == ""
     assert outcome["fell_at"] is None
@@ -232,26 +162,39 @@ def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
     assert outcome["lost"] / outcome["sent"] == pytest.approx(0.05, abs=0.03)
 
 
-@pytest.mark.parametrize("fault", ["nan", "silence"])
-def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, fault):
-    """From a stand it stays up; from a run no stand can be had, but it is commanded all
-    the same."""
-    for speed, stays_up in ((0.02, True), (3.0, False)):
-        plan = onboard.robot.RehearsalPlan(
-            speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9
-        )
-        world, controller = rehearse_in_steps(onboard, bundle, plan)
-        assert controller.fault.startswith(
-            "not finite: joint_position" if fault == "nan" else "silence: "
-        )
-        assert (
-            np.ptp(world.targets[900:1100], axis=0).max() > 1e-3
-        )  # the policy was at work: a commanded stand is still
-        assert np.abs(world.targets[-500:] - STAND).max() < 1e-9
-        if stays_up:
-            assert world.fell_at is None
-            # m: on its feet, swaying on its springs
-            assert world.robot.data.qpos[2] == pytest.approx(0.55, abs=0.03)
+@pytest.mark.parametrize(
+    ("robot", "fault", "speed", "height"),
+    [
+        # m: on its feet, swaying on its springs
+        *(("built", fault, 0.02, 0.55) for fault in ("nan", "silence")),
+        # from a run no stand can be had, but it is commanded all the same
+        *(("built", fault, 3.0, None) for fault in ("nan", "silence")),
+        ("go1", "silence", 0.02, 0.27),
+        ("mini_cheetah", "silence", 0.02, 0.3),
+    ],
+)
+def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(
+    onboard, bundle, another, rehearse, robot, fault, speed, height
+):
+    folder, name = bundle, robot
+    if robot != "built":
+        (_, folder), name = another(robot), "own"
+    plan = onboard.robot.RehearsalPlan(
+        speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9
+    )
+    world = onboard.robot.RehearsalWorld(folder, name, plan)
+    controller = onboard.controller.OnboardController(folder)
+    rehearse(world, controller)
+    assert controller.fault.startswith(
+        "not finite: joint_position" if fault == "nan" else "silence: "
+    )
+    # the policy was at work: a commanded stand is still
+    assert np.ptp(world.targets[900:1100], axis=0).max() > 1e-3
+    stand = controller.settings["control"]["stand"]
+    assert np.abs(world.targets[-500:] - stand).max() < 1e-9
+    if height:
+        assert world.fell_at is None
+        assert world.robot.data.qpos[2] == pytest.approx(height, abs=0.03)
 
 
 def test_in_real_time_it_talks_over_udp(onboard, bundle):
@@ -288,7 +231,13 @@ def test_a_machine_that_is_too_slow_is_told_before_any_sensor(onboard, too_slow)
             "distance": 1.0,
             "beside_line": 0.1,
         },
-        **{"mean_speed": None, "final_speed": 0.0, "used": {}, "too_slow": too_slow},
+        **{
+            "mean_speed": None,
+            "least_second": None,
+            "final_speed": 0.0,
+            "used": {},
+            "too_slow": too_slow,
+        },
         "fault": "opposed: RL_knee moves against its targets; is its sign wrong, or are two joints exchanged?",
     }
     shown = onboard.rehearse.show(result, onboard.robot.RehearsalPlan(3.0))

@@ -42,11 +42,7 @@ def strange_json(data: Any, count: int, seed: int = 0) -> Iterator[str]:
     rng = random.Random(seed)
     places = list(_places(data))
     for _ in range(count):
-        copy = json.loads(json.dumps(data))
-        *path, last = rng.choice(places)
-        holder = copy
-        for key in path:
-            holder = holder[key]
+        copy, holder, last = _at(data, rng.choice(places))
         action = rng.random()
         if action < 0.8:
             holder[last] = rng.choice(STRANGE)
@@ -58,13 +54,18 @@ def strange_json(data: Any, count: int, seed: int = 0) -> Iterator[str]:
             holder.append(holder[last])
         yield json.dumps(copy)
     for depth in (45, 60, 900, 100_000):
-        *path, last = rng.choice(places)
-        copy = json.loads(json.dumps(data))
-        holder = copy
-        for key in path:
-            holder = holder[key]
+        copy, holder, last = _at(data, rng.choice(places))
         holder[last] = "here"
         yield json.dumps(copy).replace('"here"', "[" * depth + "]" * depth)
+
+
+def _at(data: Any, place: tuple) -> tuple[Any, Any, Any]:
+    """A copy of a JSON value, in it the list or object of a place, and the place's last
+    key."""
+    holder = copy = json.loads(json.dumps(data))
+    for key in place[:-1]:
+        holder = holder[key]
+    return copy, holder, place[-1]
 
 
 def flipped_bits(content: bytes, count: int, seed: int = 0) -> Iterator[bytes]:

@@ -1,4 +1,16 @@
-"""How a command refuses a user's mistake."""
+"""What a process says, and how a command refuses a user's mistake."""
+
+import subprocess
+import sys
+
+
+class AcceptedError(Exception):
+    """The command would begin its work."""
+
+
+def begin(*_, **__):
+    """Stand in for a command's work, which is not to begin."""
+    raise AcceptedError
 
 
 def is_told(error: str) -> bool:
@@ -6,3 +18,10 @@ def is_told(error: str) -> bool:
     cannot be read, in tyro's words."""
     one_line = error.startswith("error: ") and error.count("\n") == 1
     return one_line or ("error: " not in error and "Traceback" not in error)
+
+
+def python(folder, *words: str) -> tuple[int, str, str]:
+    """Run Python in a folder; return its exit status, output and errors."""
+    line = [sys.executable, *words]
+    done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr

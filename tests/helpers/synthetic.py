@@ -78,6 +78,17 @@ def make_card(**changes) -> PolicyCard:
     return PolicyCard(**(fields | changes))
 
 
+def still_policy(card: PolicyCard, draw=np.zeros, width: int = 4) -> Policy:
+    """A policy of one hidden layer whose weights are drawn of their shape, by default
+    zeros: it never acts."""
+    size = card.observation_size
+    layers = tuple(
+        (np.asarray(draw(shape), np.float32), np.zeros(shape[1], np.float32))
+        for shape in ((size, width), (width, 12))
+    )
+    return Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
+
+
 @pytest.fixture(name="make_card")
 def _make_card():
     return make_card
