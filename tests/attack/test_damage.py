@@ -2,17 +2,19 @@
 same, or refused in one line with status 2; and what was there is there still."""
 
 import importlib
-import itertools
 import os
 import random
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from aim import StandIn
 from aim_run import SMALL
+from damage import flipped_bits
+from refusals import begin
 from rich.progress import Progress
 
 from bp2_rl.base.serialization import save_config
@@ -36,14 +38,6 @@ RUN_FILES = (
     "run/checkpoints/2/metadata.json",
     "run/checkpoints/2/state.npz",
 )
-
-
-class AcceptedError(Exception):
-    """The command would begin its work."""
-
-
-def begin(*_, **__):
-    raise AcceptedError
 
 
 @pytest.fixture(scope="module")
@@ -103,22 +97,32 @@ def cut_off(monkeypatch):
     )
 
 
-def damages(content: bytes) -> Iterator[bytes | None]:
-    """What a file may have become; None: it is gone."""
+Damage = Callable[[Path], object]
+"""Puts something in the place of a file that is gone."""
+NO_FILES: dict[str, Damage] = {
+    "a pipe": os.mkfifo,
+    "a device": lambda path: path.symlink_to("/dev/zero"),
+    "a folder": os.mkdir,
+    "a link to itself": lambda path: path.symlink_to(path.name),
+    "nothing": lambda path: None,
+}
+
+
+def damages(content: bytes) -> Iterator[tuple[str, Damage]]:
+    """What a file may have become."""
     rng = random.Random(0)
-    for _ in range(FLIPS):
-        flipped = bytearray(content)
-        flipped[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
-        yield bytes(flipped)
-    yield from (
+    contents = (
+        *flipped_bits(content, FLIPS),
         content[: len(content) // 2],
         content[:-1],
         content + b"\0",
         b"",
         rng.randbytes(500),
         b"[" * 10_000,
-        None,
     )
+    for case, damaged in enumerate(contents):
+        yield f"case {case}", partial(Path.write_bytes, data=damaged)
+    yield from NO_FILES.items()
 
 
 COMMANDS = {
@@ -150,82 +154,55 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_files_that_are_whole_are_taken(
-    name, original, cut_off, tmp_path, monkeypatch, capsys
-):
-    module, words, _ = COMMANDS[name]
+@pytest.fixture
+def answer(original, cut_off, tmp_path, monkeypatch, capsys):
+    """Give a command of `COMMANDS` in a copy of the folder: its exit status and
+    errors."""
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    status = importlib.import_module(f"bp2_rl.{module}").main(list(words))
-    assert status == 0 or "AcceptedError" in capsys.readouterr().err
+
+    def give(name: str) -> tuple[int, str]:
+        module, words, _ = COMMANDS[name]
+        status = importlib.import_module(f"bp2_rl.{module}").main(list(words))
+        return status, capsys.readouterr().err
+
+    return give
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_files_that_are_whole_are_taken(name, answer):
+    status, error = answer(name)
+    assert status == 0 or "AcceptedError" in error
 
 
 @pytest.mark.parametrize(
     ("name", "file"),
-    [(name, file) for name, (*_, files) in COMMANDS.items() for file in files],
+    [(name, Path(file)) for name, (*_, files) in COMMANDS.items() for file in files],
 )
-def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(
-    name, file, original, cut_off, tmp_path, monkeypatch, capsys
-):
-    module, words, _ = COMMANDS[name]
-    main = importlib.import_module(f"bp2_rl.{module}").main
-    shutil.copytree(original, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
+def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(name, file, answer):
+    """What is no file is not waited for either."""
     wrong = []
-    for case, damaged in zip(
-        itertools.count(), damages((original / file).read_bytes())
-    ):
-        Path(file).unlink(missing_ok=True)
-        if damaged is not None:
-            Path(file).write_bytes(damaged)
-        before = snapshot()
-        began = time.monotonic()
-        status = main(list(words))
-        error = capsys.readouterr().err
+    for case, damage in damages(file.read_bytes()):
+        file.rmdir() if file.is_dir() else file.unlink(missing_ok=True)
+        damage(file)
+        before, began = snapshot(), time.monotonic()
+        status, error = answer(name)
+        took = time.monotonic() - began
         refused = status == 2 and error.startswith("error: ") and error.count("\n") == 1
-        if not (refused or "AcceptedError" in error or status == 0):
-            wrong.append(f"case {case}: status {status}, {error[:300]!a}")
-        if refused and snapshot() != before:
-            wrong.append(f"case {case}: something was lost or left behind")
-        if time.monotonic() - began > LONGEST:
-            wrong.append(f"case {case}: took {time.monotonic() - began:.0f} s")
+        mistakes = {
+            f"status {status}, {error[:300]!a}": not (
+                refused or "AcceptedError" in error or status == 0
+            ),
+            "something was lost or left behind": refused and snapshot() != before,
+            f"took {took:.0f} s": took > LONGEST,
+        }
+        wrong += [f"{case}: {what}" for what, so in mistakes.items() if so]
         shutil.rmtree("new", ignore_errors=True)
         shutil.rmtree("copy", ignore_errors=True)
     assert not wrong, "\n".join(wrong)
 
 
-NO_FILES = {
-    "a pipe": os.mkfifo,
-    "a device": lambda path: os.symlink("/dev/zero", path),
-    "a folder": os.mkdir,
-    "a link to itself": lambda path: os.symlink(os.path.basename(path), path),
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "file"),
-    [(name, file) for name, (*_, files) in COMMANDS.items() for file in files],
-)
-def test_what_is_no_file_is_not_waited_for_and_refused_in_one_line(
-    name, file, original, cut_off, tmp_path, monkeypatch, capsys
-):
-    module, words, _ = COMMANDS[name]
-    main = importlib.import_module(f"bp2_rl.{module}").main
-    shutil.copytree(original, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    for made in NO_FILES.values():
-        Path(file).rmdir() if Path(file).is_dir() else Path(file).unlink()
-        made(file)
-        began = time.monotonic()
-        status = main(list(words))
-        error = capsys.readouterr().err
-        refused = status == 2 and error.startswith("error: ") and error.count("\n") == 1
-        assert refused or "AcceptedError" in error or status == 0, error
-        assert time.monotonic() - began < LONGEST
-
-
 def snapshot() -> dict[str, int]:
     """Every file but locks, with its size."""
     found = (Path(folder, name) for folder, _, names in os.walk(".") for name in names)
-    return {str(path): path.stat().st_size for path in found if path.name != ".lock"}
+    return {str(path): path.lstat().st_size for path in found if path.name != ".lock"}

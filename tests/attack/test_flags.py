@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from refusals import is_told
+from refusals import begin, is_told
 
 pytestmark = pytest.mark.attack
 
@@ -35,14 +35,6 @@ ENDLESS = (
 )
 """How flags end of what may be infinite: then there is no limit, no widening, no
 decay."""
-
-
-class AcceptedError(Exception):
-    """The command would begin its work."""
-
-
-def begin(*_, **__):
-    raise AcceptedError
 
 
 COMMANDS = {
@@ -189,22 +181,16 @@ def test_no_value_of_any_flag_ends_in_a_traceback(command, capsys):
             ]
             status, error, seconds = run(capsys, module, case)
             accepted = "AcceptedError" in error or status == 0
-            if seconds > LONGEST:
-                wrong.append(f"{shown(case)}: {seconds:.0f} s")
-            endless = (
-                flag.endswith(ENDLESS) and float(value) == math.inf
-                if accepted
-                else False
-            )
-            if (
-                accepted
-                and value in REFUSED
-                and attacks(metavar) is NUMBERS
-                and not endless
-            ):
-                wrong.append(f"{shown(case)}: accepted")
-            if not accepted and set(Path.cwd().iterdir()) != before:
-                wrong.append(f"{shown(case)}: leaves something behind")
-            if not accepted and (status != 2 or not is_told(error)):
-                wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
+            number = value in REFUSED and attacks(metavar) is NUMBERS
+            mistakes = {
+                f"{seconds:.0f} s": seconds > LONGEST,
+                "accepted": accepted
+                and number
+                and not (flag.endswith(ENDLESS) and float(value) == math.inf),
+                "leaves something behind": not accepted
+                and set(Path.cwd().iterdir()) != before,
+                f"status {status}, {error[:300]!a}": not accepted
+                and (status != 2 or not is_told(error)),
+            }
+            wrong += [f"{shown(case)}: {what}" for what, so in mistakes.items() if so]
     assert not wrong, "\n".join(wrong)

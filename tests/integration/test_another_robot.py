@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import aim_run
 import pytest
 
 from bp2_rl.__main__ import main as bp2
@@ -15,24 +16,8 @@ from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
 
 SMALL = [
-    "--preset",
-    "smoke",
-    "--impl",
-    "kernel",
-    "--ppo.num-envs",
-    "16",
-    "--ppo.unroll-length",
-    "4",
-    "--ppo.num-minibatches",
-    "2",
-    "--ppo.policy-layers",
-    "16",
-    "--ppo.value-layers",
-    "16",
-    "--run.steps",
-    "256",
-    "--run.checkpoints",
-    "1",
+    *aim_run.SMALL,
+    *["--impl", "kernel", "--run.steps", "256", "--run.checkpoints", "1"],
 ]
 
 

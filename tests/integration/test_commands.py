@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import aim_run
 import pytest
 from refusals import is_told
 
@@ -18,24 +19,8 @@ from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
-    "--preset",
-    "smoke",
-    "--impl",
-    "kernel",
-    "--ppo.num-envs",
-    "16",
-    "--ppo.unroll-length",
-    "4",
-    "--ppo.num-minibatches",
-    "2",
-    "--ppo.policy-layers",
-    "16",
-    "--ppo.value-layers",
-    "16",
-    "--run.steps",
-    "128",
-    "--run.checkpoints",
-    "1",
+    *aim_run.SMALL,
+    *["--impl", "kernel", "--run.steps", "128", "--run.checkpoints", "1"],
 ]
 
 
