@@ -106,7 +106,7 @@ def play(config: PlayConfig) -> None:
         )
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
-            play_on(session.tick, page, pace, seconds=config.seconds)
+            play_on(session.tick, page.watched, page.show, pace, seconds=config.seconds)
         print(f"{pace} in {pace.elapsed:.1f} s", flush=True)
 
 

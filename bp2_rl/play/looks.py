@@ -1,8 +1,6 @@
-"""What the page draws: the MJCF's visible geoms as triangles, and the chart of torque
-over speed."""
+"""Draw the robot as triangles for the page, and torque over speed as a chart."""
 
 import dataclasses
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,10 +23,10 @@ GEOM = mujoco.mjtGeom
 
 @dataclasses.dataclass(frozen=True)
 class VisiblePart:
-    """The geoms of one colour of one body."""
+    """A body's geoms of one colour, as one mesh of triangles."""
 
     body: int
-    mesh: Any  # of trimesh, m, in the body's frame
+    mesh: trimesh.Trimesh  # m, in the body's frame
     color: tuple[int, int, int]  # of 255
 
 
@@ -111,7 +109,7 @@ class TorqueSpeed:
             # one for joints with the same motors
             outlines[" L".join(self._places(edge))] = None
         speed, torque = self._ends.tolist()
-        self._fixed: dict[str, Any] = {
+        self._fixed: dict[str, object] = {
             "outlines": list(outlines),
             "no_load": no_load,
             "peak": peak,

@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
 
 from bp2_rl.robot import conventions
 
@@ -12,20 +11,6 @@ SHOWING = 0.2  # share of the time that showing may take
 # s behind the wall's clock, beyond which the rest is given up for lost: a jerk, but no
 # chase
 PATIENCE = 0.1
-
-
-@runtime_checkable
-class Stage(Protocol):
-    """A page that shows a session."""
-
-    def watched(self) -> bool:
-        """Return whether anybody looks; where nobody does, wait a moment for somebody
-        who comes."""
-        ...
-
-    def show(self, pace: "Pace") -> None:
-        """Show the session as it is now."""
-        ...
 
 
 class Pace:
@@ -80,26 +65,32 @@ class Pace:
 
 
 def play_on(
-    tick: Callable[[], None], stage: Stage, pace: Pace, *, seconds: float = math.inf
+    tick: Callable[[], None],
+    watched: Callable[[], bool],
+    show: Callable[[Pace], None],
+    pace: Pace,
+    *,
+    seconds: float = math.inf,
 ) -> None:
-    """Go on in real time for so many seconds; stand still while nobody looks.
+    """Run a session in real time for so many seconds; it rests while nobody looks.
 
     On a machine that is too slow for it pictures get fewer, so that the robot gets the
     time.
 
     Args:
         tick: goes on by a control step.
-        stage: shows it.
+        watched: whether anybody looks; where nobody does, it waits a moment.
+        show: shows the robot as it is now.
         pace: keeps the time.
         seconds: at most.
     """
     next_frame = 0.0
     while (now := pace.elapsed) < seconds:
-        if not stage.watched():
+        if not watched():
             pace.idle(now)
             continue
         if now >= next_frame:
-            stage.show(pace)
+            show(pace)
             cost = pace.elapsed - now
             next_frame = max(next_frame + 1.0 / FRAMES, now + cost / SHOWING)
         tick()

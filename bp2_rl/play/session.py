@@ -110,7 +110,8 @@ class Session:
         self._velocities: collections.deque[Float[np.ndarray, "3"]] = collections.deque(
             maxlen=round(RIPPLE / conventions.CONTROL_STEP)
         )
-        self._worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
+        self.worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
+        """Speed (rad/s) and torque (Nm) of every joint in the last milliseconds."""
 
     # --- What hands can do ------------------------------------------------------------
 
@@ -125,7 +126,7 @@ class Session:
         self._wish = Wish(*np.clip(wish, *wish_limits(self.config.commands)).tolist())
 
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
-        """Add so many steps of `STEP` to the parts of the wish, as keys do."""
+        """Change the wish by so many steps of `STEP`, as keys do."""
         steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
         self.wish = Wish(
             *(round(part + size * count, 6) for part, size, count in steps)
@@ -136,7 +137,7 @@ class Session:
         self.wish = Wish()
 
     def push(self, forward: float, left: float) -> None:
-        """Let the robot's velocity jump by so many m/s, in the frame of its heading."""
+        """Push the robot: its velocity jumps by so many m/s, along its heading."""
         shove(self.data, forward, left)
 
     @property
@@ -165,9 +166,9 @@ class Session:
             self.qpos[None], simulator.qvel, self._steered()[None]
         )
         for position, velocity in targets:
-            self._worked[:-1] = self._worked[1:]
-            self._worked[-1, 0] = joint_velocities(data.qvel)
-            self._worked[-1, 1] = simulator.millisecond(position, velocity)[0]
+            self.worked[:-1] = self.worked[1:]
+            self.worked[-1, 0] = joint_velocities(data.qvel)
+            self.worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
         velocity = self._velocity_now()
         if (
@@ -181,26 +182,26 @@ class Session:
             self.falls, self.down_since, self.wish = self.falls + 1, self.time, Wish()
         self.distance += float(np.hypot(*data.qvel[:2])) * conventions.CONTROL_STEP
         self._velocities.append(velocity)
-        self._run_clock()
+        if self._began is not None and not self.finished and self.down_since is None:
+            self.sprint = self.time - self._began
+            self.finished = bool(self.qpos[0] >= TRACK)
+            if self.finished:
+                self.best = min(self.best, self.sprint)
 
     # --- What eyes can see ------------------------------------------------------------
 
     @property
     def command(self) -> Float[np.ndarray, "3"]:
-        """What the policy is told: m/s forward, m/s to the left, rad/s; the operator's
-        steering included."""
+        """The command that the policy is told: m/s forward, m/s to the left, rad/s.
+
+        The operator's steering is included.
+        """
         return self._runner.command[0]
 
     @property
     def velocity(self) -> Float[np.ndarray, "3"]:
-        """What the robot does, over the last stride: m/s forward, m/s to the left,
-        rad/s."""
+        """The robot's velocity over the last stride: m/s forward, m/s to the left, rad/s."""
         return np.mean(self._velocities, axis=0) if self._velocities else np.zeros(3)
-
-    @property
-    def worked(self) -> Float[np.ndarray, "N 2 12"]:
-        """Speed (rad/s) and torque (Nm) of every joint in the last milliseconds."""
-        return self._worked
 
     @property
     def qpos(self) -> Float[np.ndarray, " nq"]:
@@ -258,16 +259,6 @@ class Session:
         across = np.cos(along) * (y - y0) - np.sin(along) * (x - x0)
         off = math.remainder(yaw - along, 2.0 * math.pi)
         return HEADING_HOLD.steer(self._asked, across, off)
-
-    def _run_clock(self) -> None:
-        """Let the clock of the sprint go on until the robot is at the finish, or
-        falls."""
-        if self._began is None or self.finished or self.down_since is not None:
-            return
-        self.sprint = self.time - self._began
-        self.finished = bool(self.qpos[0] >= TRACK)
-        if self.finished:
-            self.best = min(self.best, self.sprint)
 
     def _velocity_now(self) -> Float[np.ndarray, "3"]:
         """Return the velocity (m/s) forward and to the left of the heading, and the yaw

@@ -6,12 +6,11 @@ need follow it and a hand may turn it about freely. Pages only say what they wan
 robot is touched between two control steps, in `show`.
 """
 
-import functools
 import html
 import logging
 import queue
 import socket
-import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -28,12 +27,11 @@ from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session, Wish, readings, wish_limits
 from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
-CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
+SECTION = 10.0  # m, between the broad lines on the ground
 # N/m, of an arrow; N, below which there is none: BP2's
 NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0
 # as `plotting.LEG_COLORS`
 LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)
-GHOST_COLOR, GHOST_OPACITY = (80, 150, 255), 0.3
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
 # m: where the camera is, and what it looks at
 WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
@@ -42,7 +40,6 @@ TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)
 LINES = {"start": 0.0, "finish": TRACK}  # m
 READINGS = 5.0  # a second: how often numbers and chart are renewed
 SLOWER = {"real time": 1.0, "1/2": 2.0, "1/5": 5.0, "1/10": 10.0}
-TURN = "To the left. The faster the robot, the less of it is commanded: what friction holds"
 PUSHES = {
     "forward": (1.0, 0.0),
     "back": (-1.0, 0.0),
@@ -60,9 +57,12 @@ KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
     "R": ("Reset", Session.reset),
 }
 SLIDERS = {
-    "speed": ("Speed, m/s", ""),
+    "speed": ("Speed, m/s", None),
     "left": ("Sideways, m/s", "To the left"),
-    "turn": ("Turn, rad/s", TURN),
+    "turn": (
+        "Turn, rad/s",
+        "To the left. The faster the robot, the less of it is commanded: what friction holds",
+    ),
 }
 POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
@@ -108,17 +108,14 @@ class Page:
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
         self._session = session
         self._wanted: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
+        """What the session is to do before the next picture."""
         self._next_readings = 0.0
         self._scene = _Scene(self.server, session)
         self._panel()
         for key, (label, action) in KEYS.items():
-            self.server.gui.add_command(label, hotkey=key).on_trigger(
-                functools.partial(self._want, action)
-            )
-        self._somebody = threading.Event()
-        self.server.on_client_connect(self._count)
+            command = self.server.gui.add_command(label, hotkey=key)
+            command.on_trigger(lambda _, action=action: self._wanted.put(action))
         self.server.on_client_connect(_step_back)
-        self.server.on_client_disconnect(self._count)
 
     def close(self) -> None:
         """End the server."""
@@ -127,7 +124,10 @@ class Page:
     def watched(self) -> bool:
         """Return whether a browser shows the page; where none does, wait a moment for
         one."""
-        return self._somebody.wait(POLLING)
+        there = bool(self.server.get_clients())
+        if not there:
+            time.sleep(POLLING)
+        return there
 
     def show(self, pace: Pace) -> None:
         """Do what the page asked for since the last time, and renew what it shows."""
@@ -136,8 +136,7 @@ class Page:
         for _ in range(self._wanted.qsize()):
             self._wanted.get()(session)
         self._agree_on_the_wish()
-        if session.friction != self._friction.value:
-            session.friction = self._friction.value
+        session.friction = self._friction.value
         pace.slow = SLOWER[self._slower.value]
         with self.server.atomic():
             self._scene.show(
@@ -146,7 +145,7 @@ class Page:
             if pace.elapsed >= self._next_readings:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
-                self._chart_place.content = self._drawn()
+                self._chart_place.content = self._chart.svg(session.worked)
 
     def _agree_on_the_wish(self) -> None:
         """Wish what the sliders say, unless the wish has changed otherwise, as by a
@@ -160,19 +159,6 @@ class Page:
                 **{name: slider.value for name, slider in self._sliders.items()}
             )
         self._wish = session.wish
-
-    def _want(self, action: Callable[[Session], None], _: Any = None) -> None:
-        """Let the session do something before the next picture."""
-        self._wanted.put(action)
-
-    async def _count(self, client: viser.ClientHandle) -> None:
-        """Note whether a browser is there, after one has come or gone; viser awaits one
-        such call after the other."""
-        del client
-        if self.server.get_clients():
-            self._somebody.set()
-        else:
-            self._somebody.clear()
 
     def _panel(self) -> None:
         gui, session = self.server.gui, self._session
@@ -192,10 +178,12 @@ class Page:
                     max=high,
                     step=0.05,
                     initial_value=getattr(session.wish, name),
-                    hint=hint or None,
+                    hint=hint,
                 )
         buttons = gui.add_button_group("Robot", ("stand", "reset"))
-        buttons.on_click(lambda event: self._want(getattr(Session, event.target.value)))
+        buttons.on_click(
+            lambda event: self._wanted.put(getattr(Session, event.target.value))
+        )
         strength = gui.add_slider(
             "Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8
         )
@@ -206,7 +194,7 @@ class Page:
             forward, left = (
                 strength.value * part for part in PUSHES[event.target.value]
             )
-            self._want(lambda session: session.push(forward, left))
+            self._wanted.put(lambda session: session.push(forward, left))
 
         self._friction = gui.add_slider(
             "Friction", min=0.1, max=1.5, step=0.05, initial_value=session.friction
@@ -217,17 +205,14 @@ class Page:
         self._ghost = gui.add_checkbox("Reference motion", initial_value=True)
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
         self._chart = TorqueSpeed(motors_of(session.config))
-        self._chart_place = gui.add_html(self._drawn())
+        self._chart_place = gui.add_html("")
         self._widgets |= vars(gui)["_gui_input_handle_from_uuid"]
-
-    def _drawn(self) -> str:
-        return f'<div style="padding:.4em .9em">{self._chart.svg(self._session.worked)}</div>'
 
 
 class _Scene:
     """Robot, ghost, arrows and ground."""
 
-    def __init__(self, server: Any, session: Session):
+    def __init__(self, server: viser.ViserServer, session: Session):
         scene, self._looks = server.scene, Looks(session.hardware)
         server.initial_camera.position, server.initial_camera.look_at = WIDE_VIEW
         server.initial_camera.fov = np.deg2rad(45.0)
@@ -235,7 +220,7 @@ class _Scene:
         self._ground = scene.add_grid(
             "/ground",
             infinite_grid=True,
-            cell_size=CELL,
+            cell_size=1.0,
             section_size=SECTION,
             cell_color=(225, 205, 198),
             section_color=(255, 255, 255),
@@ -245,21 +230,18 @@ class _Scene:
             fade_distance=60.0,
             shadow_opacity=0.4,
         )
-        self._lines = [
-            (
-                x,
-                scene.add_box(
-                    f"/{name}", (255, 200, 40), (0.25, 12.0, 0.04), cast_shadow=False
-                ),
+        self._track = scene.add_frame("/track", show_axes=False)
+        for name, x in LINES.items():
+            scene.add_box(
+                f"/track/{name}",
+                (255, 200, 40),
+                (0.25, 12.0, 0.04),
+                position=(x, 0.0, 0.02),
+                cast_shadow=False,
             )
-            for name, x in LINES.items()
-        ]
-        for name in LINES:
-            scene.add_label(f"/{name}/label", name, position=(0.0, 2.0, 0.6))
-        self._robot, self._ghost = (
-            _Figure(scene, "/robot", self._looks),
-            _Figure(scene, "/ghost", self._looks),
-        )
+            scene.add_label(f"/track/{name}/label", name, position=(0.0, 2.0, 0.6))
+        self._robot = _Figure(scene, "/robot", self._looks)
+        self._ghost = _Figure(scene, "/ghost", self._looks)
         for i, part in enumerate(self._looks.parts()):
             name, shape = (
                 self._looks.bodies[part.body - 1],
@@ -271,8 +253,8 @@ class _Scene:
             scene.add_mesh_simple(
                 f"/ghost/{name}/{i}",
                 *shape,
-                color=GHOST_COLOR,
-                opacity=GHOST_OPACITY,
+                color=(80, 150, 255),
+                opacity=0.3,
                 cast_shadow=False,
             )
         size = session.hardware.size
@@ -300,8 +282,7 @@ class _Scene:
         """Everything as it is now."""
         qpos = session.qpos
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
-        for x, line in self._lines:
-            line.position = (x - qpos[0], -qpos[1], 0.02)
+        self._track.position = (-qpos[0], -qpos[1], 0.0)
         self._robot.place(*self._looks.place(qpos))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))
         self._ghost.root.visible = ghost
@@ -322,7 +303,7 @@ class _Scene:
 class _Figure:
     """A robot on the page: a frame for each body."""
 
-    def __init__(self, scene: Any, root: str, looks: Looks):
+    def __init__(self, scene: viser.SceneApi, root: str, looks: Looks):
         self.root = scene.add_frame(root, show_axes=False)
         self._frames = [
             scene.add_frame(f"{root}/{name}", show_axes=False) for name in looks.bodies

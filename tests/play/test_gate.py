@@ -263,8 +263,8 @@ def test_a_flood_of_wishes_does_not_keep_the_robot_from_running(page, session):
 
     def once_more(_):
         heard.append(True)
-        page._want(once_more)
+        page._wanted.put(once_more)
 
-    page._want(once_more)
+    page._wanted.put(once_more)
     page.show(Pace())
     assert len(heard) == 1
