@@ -15,9 +15,7 @@ import importlib.metadata
 import json
 import math
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,10 +33,11 @@ from bp2_rl.deploy.onboard.contents import (
     REFERENCE,
     ROBOT_FOLDER,
     SETTINGS,
+    Settings,
     WatchdogLimits,
     seal,
 )
-from bp2_rl.deploy.reference import playback
+from bp2_rl.deploy.reference import Playback, playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
 from bp2_rl.learning.policy import Policy
@@ -155,7 +154,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
         ) from error
 
 
-def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def describe(policy: Policy) -> Playback:
     """Return the content of deploy.json and the arrays of reference.npz for a policy.
 
     Raises:
@@ -272,15 +271,17 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 
-def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
-    """Return motors, bus, losses and settled stand of each robot for `onboard.robot`;
-    None means no limit."""
+def _describe_robots(env: EnvConfig) -> dict[str, Settings]:
+    """Return each robot's motors, bus, losses and settled stand.
+
+    `onboard.robot` reads them; None means no limit.
+    """
     robots = {
         name: dataclasses.replace(env, hardware=hardware)
         for name, hardware in _robots(env).items()
     }
     stands = settled([RobotSetup(robot) for robot in robots.values()])
-    described: dict[str, dict[str, Any]] = {}
+    described: dict[str, Settings] = {}
     for i, (name, robot) in enumerate(robots.items()):
         motors, resistance = motors_of(robot), Resistance.from_hardware(robot.hardware)
         described[name] = {
@@ -295,7 +296,7 @@ def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
     return described
 
 
-def _limits(values: Mapping[str, Any]) -> dict[str, Any]:
+def _limits(values: Settings) -> Settings:
     """Return limits by name, a number or twelve, with None for an infinite one, because
     JSON has no infinity."""
     return {

@@ -2,30 +2,39 @@
 actions."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bp2_rl.base.errors import not_installed
 from bp2_rl.learning.policy import Policy
 
+if TYPE_CHECKING:
+    from onnx import NodeProto, ValueInfoProto
+
 INPUT, OUTPUT = "observation", "action"
 OPSET, IR_VERSION = 17, 8
 """Every onnxruntime from 1.12 on reads these versions."""
+ACTIVATIONS = {"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
 SAMPLES, CLOSE = 256, 1e-5
 """Number of random observations to compare on, and the largest relative error that
 float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
-    """The network as an ONNX model: `observation` (batch, n) -> `action` (batch, 12),
-    float32, not clipped.
+    """Return the network as an ONNX model: `observation` (batch, n) -> `action` (batch,
+    12).
+
+    Numbers are float32, and actions are not clipped.
 
     Raises:
-        UserError: the package onnx is missing.
+        UserError: the package onnx or onnxruntime is missing.
     """
-    helper, checker, numpy_helper = require_onnx()
-    from onnx import TensorProto
+    require_onnx()
+    from onnx import TensorProto, checker, helper, numpy_helper
+
+    def values(name: str, size: int) -> "ValueInfoProto":
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
 
     card = policy.card
     arrays = {"mean": policy.mean, "std": policy.std}
@@ -34,27 +43,17 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         helper.make_node("Div", ["centred", "std"], ["hidden_0"]),
     ]
     for i, (weight, bias) in enumerate(policy.layers):
-        last = i == len(policy.layers) - 1
         arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
-        out = OUTPUT if last else f"sum_{i}"
-        nodes.append(
-            helper.make_node("Gemm", [f"hidden_{i}", f"weight_{i}", f"bias_{i}"], [out])
-        )
-        if not last:
-            nodes += _activation(helper, card.activation, f"sum_{i}", f"hidden_{i + 1}")
+        if i > 0:
+            nodes += _activate(card.activation, f"sum_{i - 1}", f"hidden_{i}")
+        read = [f"hidden_{i}", f"weight_{i}", f"bias_{i}"]
+        nodes.append(helper.make_node("Gemm", read, [f"sum_{i}"]))
+    nodes[-1].output[0] = OUTPUT
     graph = helper.make_graph(
         nodes,
         "bp2_policy",
-        [
-            helper.make_tensor_value_info(
-                INPUT, TensorProto.FLOAT, ["batch", card.observation_size]
-            )
-        ],
-        [
-            helper.make_tensor_value_info(
-                OUTPUT, TensorProto.FLOAT, ["batch", card.action_size]
-            )
-        ],
+        [values(INPUT, card.observation_size)],
+        [values(OUTPUT, card.action_size)],
         [numpy_helper.from_array(array, name) for name, array in arrays.items()],
     )
     model = helper.make_model(
@@ -70,18 +69,17 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
     return content
 
 
-def _activation(helper: Any, name: str, before: str, after: str) -> list[Any]:
+def _activate(name: str, before: str, after: str) -> "list[NodeProto]":
+    """Return the nodes of an activation between two values."""
+    from onnx import helper
+
     if name == "swish":
         gate = f"{before}_gate"
         return [
             helper.make_node("Sigmoid", [before], [gate]),
             helper.make_node("Mul", [before, gate], [after]),
         ]
-    return [
-        helper.make_node(
-            {"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}[name], [before], [after]
-        )
-    ]
+    return [helper.make_node(ACTIVATIONS[name], [before], [after])]
 
 
 def _compare(policy: Policy, content: bytes) -> None:
@@ -105,15 +103,14 @@ def _compare(policy: Policy, content: bytes) -> None:
         )
 
 
-def require_onnx() -> tuple[Any, Any, Any]:
-    """Return helper, checker and numpy_helper of the package onnx.
+def require_onnx() -> None:
+    """Refuse to go on without the packages onnx and onnxruntime.
 
     Raises:
-        UserError: onnx or onnxruntime is missing.
+        UserError: one of them is missing.
     """
     try:
+        import onnx  # noqa: F401
         import onnxruntime  # noqa: F401
-        from onnx import checker, helper, numpy_helper
     except ModuleNotFoundError as error:
         raise not_installed("--format onnx", str(error.name), "deploy") from error
-    return helper, checker, numpy_helper

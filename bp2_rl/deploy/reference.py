@@ -1,12 +1,11 @@
 """Write a reference motion as plain numbers, from which `onboard.motion` plays the
 motion."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bp2_rl.deploy.onboard.contents import Settings
 from bp2_rl.env.controller import motion_of
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.table import load_table
@@ -16,8 +15,8 @@ from bp2_rl.reference.stepping import foot_circle
 from bp2_rl.robot import kinematics
 from bp2_rl.settings.env import EnvConfig
 
-Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
-"""`reference` of deploy.json, and the arrays of reference.npz."""
+Playback = tuple[Settings, dict[str, np.ndarray]]
+"""Content of deploy.json, or `reference` in it, and the arrays of reference.npz."""
 
 
 def playback(config: EnvConfig) -> Playback:
@@ -59,11 +58,6 @@ def _trot(gait: CollocationGait) -> Playback:
         rest = gait(jnp.zeros(3), jnp.zeros(()))
     sag = np.asarray(rest.spring_compression)
     angles = np.reshape(hardware.anatomy.stand, (4, 3))
-    settings: dict[str, Any] = {
-        "kind": "collocation",
-        "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
-        "foot_circle": foot_circle(hardware),  # m, of the outermost foot
-    }
     columns = {
         "sag": sag,  # m, of a spring at rest
         "thigh": legs.thigh,  # m
@@ -75,10 +69,15 @@ def _trot(gait: CollocationGait) -> Playback:
         # rad, at which a leg has no reach left
         "straight_knee": kinematics.straightest_knees(hardware),
     }
-    settings["legs"] = [
-        dict(zip(columns, map(float, leg), strict=True))
-        for leg in zip(*columns.values(), strict=True)
-    ]
+    settings = {
+        "kind": "collocation",
+        "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
+        "foot_circle": foot_circle(hardware),  # m, of the outermost foot
+        "legs": [
+            dict(zip(columns, map(float, leg), strict=True))
+            for leg in zip(*columns.values(), strict=True)
+        ],
+    }
     arrays = {
         # speed, durations of stance and flight, x of fore and hind foot in mid-stance
         "strides": table.strides,

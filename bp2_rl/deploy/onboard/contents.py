@@ -137,7 +137,7 @@ def loading(folder: Path | str) -> Generator[None]:
         ) from error
 
 
-def read_bundle(folder: Path | str) -> tuple[dict[str, Any], dict[str, bytes]]:
+def read_bundle(folder: Path | str) -> tuple[Settings, dict[str, bytes]]:
     """Return the content of `deploy.json`, and the bundle's files by name.
 
     Raises:

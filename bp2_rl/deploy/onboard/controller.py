@@ -42,8 +42,10 @@ loaded."""
 
 
 class DriveTargets(NamedTuple):
-    """What the drives follow until the next tick: torque = stiffness (position - q) +
-    damping (velocity - qd)."""
+    """The joint angles and speeds that the drives follow until the next tick.
+
+    torque = stiffness (position - q) + damping (velocity - qd).
+    """
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
@@ -79,7 +81,16 @@ class OnboardController:
         self._frame = JointFrame.of(self.settings, convention)
         with loading(folder):
             self.watchdog = Watchdog(self.settings, self._frame)
-            self._load_control()
+            control, command = self.settings["control"], self.settings["command"]
+            self._stand = np.array(control["stand"], float)
+            self._range = np.array(self.settings["joint_range"], float).T
+            self._least, self._most = map(np.array, (command["least"], command["most"]))
+            self._residual = control["mode"] == "residual"
+            self._clock_at_rest = control["clock_at_rest"]
+            self._scale, self._limit = control["action_scale"], control["action_limit"]
+            stiffness = self.settings["gains"]["stiffness"]
+            self._feedforward = control["feedforward"] / stiffness
+            self._law = command_law(self.settings)
             arrays = read_npz(
                 Path(folder) / REFERENCE,
                 specs_of(self.settings["reference"]),
@@ -96,19 +107,6 @@ class OnboardController:
             for _ in range(WARMING):  # else the first ticks are the slowest
                 self._act(still)
         self.reset()
-
-    def _load_control(self) -> None:
-        control, limits = self.settings["control"], self.settings["command"]
-        self._stand = np.array(control["stand"], float)
-        self._lowest, self._highest = np.array(self.settings["joint_range"], float).T
-        self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
-        self._residual, self._clock_at_rest = (
-            control["mode"] == "residual",
-            control["clock_at_rest"],
-        )
-        self._law = command_law(self.settings)
-        self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
-        self._scale, self._limit = control["action_scale"], control["action_limit"]
 
     def _load_observation(self) -> None:
         """Find how each entry is read; `NAME@K` is by how much it has changed since K
@@ -211,8 +209,7 @@ class OnboardController:
         self.command = self._law.tell(self.command, asked)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
-        """Compute the joint targets of one tick: observation, network, reference
-        motion, targets.
+        """Compute the joint targets of one tick by the network and the reference motion.
 
         Raises:
             SensorFault: the network's answer, or a target, cannot be.
@@ -257,9 +254,8 @@ class OnboardController:
         return targets
 
     def _within_range(self, position: np.ndarray, velocity: np.ndarray) -> DriveTargets:
-        return DriveTargets(
-            np.minimum(np.maximum(position, self._lowest), self._highest), velocity
-        )
+        lowest, highest = self._range
+        return DriveTargets(np.minimum(np.maximum(position, lowest), highest), velocity)
 
 
 def _load_network(content: bytes) -> Any:

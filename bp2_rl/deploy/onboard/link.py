@@ -47,8 +47,10 @@ class Radio:
         except OSError:  # a full buffer, or nobody there any more: lost, as on any link
             return
 
-    def receive(self) -> list[Packet]:
-        """Return the packets that have come since the last call, oldest first."""
+    def receive(self, wait: float = 0.0) -> list[Packet]:
+        """Return the packets that have come since the last call, oldest first; `wait`
+        at most so many seconds for the first."""
+        select.select([self._socket], [], [], max(wait, 0.0))
         packets: list[Packet] = []
         while True:
             try:
@@ -58,12 +60,6 @@ class Radio:
             kind, numbers = content[:1], content[1:]
             if kind in SIZES and len(numbers) == 8 * SIZES[kind]:
                 packets.append((kind, np.frombuffer(numbers, "<f8").astype(float)))
-
-    def wait(self, seconds: float) -> list[Packet]:
-        """Return the packets that have come, and wait at most `seconds` for the first
-        one."""
-        select.select([self._socket], [], [], max(seconds, 0.0))
-        return self.receive()
 
     def close(self) -> None:
         """Close the socket."""

@@ -117,8 +117,7 @@ class Stand:
 
 
 class KinematicTrot:
-    """The kinematic trot of `bp2_rl.reference.trot_law`, whose numbers are those of the
-    robot.
+    """Plays the kinematic trot, by the law of training in `reference.trot_law`.
 
     Args:
         settings: `reference` of `deploy.json`: the law's numbers.
@@ -287,7 +286,7 @@ class Trot:
         )
 
     def _sample(self, stride: _PlayedStride, since: complex) -> np.ndarray:
-        """The library's row of 23 so many seconds after a touchdown of FL and RR."""
+        """Return the library's row of 23 numbers so long (s) after FL and RR landed."""
         in_flight = since.real >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
         intervals = self._cubics.shape[1]

@@ -18,16 +18,15 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bp2_rl.base.errors import require_one_of
 
-from .contents import describe, read_bundle
+from .contents import Settings, describe, read_bundle
 from .controller import DriveTargets, OnboardController
 from .link import COMMAND, SENSORS, TARGETS, Radio
 from .robot import DT, FAULTS, TICK, RehearsalPlan, RehearsalWorld
@@ -35,7 +34,6 @@ from .watchdog import SensorReading
 
 GRACE = 0.001  # s, for which a measurement that is due is waited for
 OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
-PERCENTILES = (50, 99, 100)
 LEAST_SHARE, LONGEST_DELAY = 0.95, 50.0
 """Of real time, and ms: a robot that is slower, or was further behind, is led astray by
 the machine's delays."""
@@ -66,7 +64,7 @@ class Inbox:
 
 def in_real_time(
     folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None
-) -> dict[str, Any]:
+) -> Settings:
     """Run the rehearsal over UDP in real time, and return its outcome.
 
     Args:
@@ -101,7 +99,7 @@ def in_real_time(
         radio.close()
         process.join(5.0)
         process.kill()
-    wall, cpu = np.percentile(1e3 * np.array(ticks), PERCENTILES, axis=0).T.tolist()
+    wall, cpu = np.percentile(1e3 * np.array(ticks), (50, 99, 100), axis=0).T.tolist()
     late = outcome["behind_ms"] > LONGEST_DELAY
     return {
         **outcome,
@@ -119,7 +117,7 @@ def _run_computer(
 ) -> list[tuple[float, float]]:
     """Tick until the world ends; (wall, processor) seconds from each measurement's
     arrival to the answer's sending."""
-    inbox, ticks, packets = Inbox(), [], radio.wait(30.0)
+    inbox, ticks, packets = Inbox(), [], radio.receive(30.0)
     while packets or not world.poll():
         start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
         for kind, values in packets:
@@ -129,7 +127,7 @@ def _run_computer(
         ticks.append((time.perf_counter() - start, time.thread_time() - used))
         packets, deadline = [], now + TICK * DT + GRACE
         while (left := deadline - time.monotonic()) > 0.0:
-            packets += radio.wait(left)
+            packets += radio.receive(left)
             if any(kind == SENSORS for kind, _ in packets):
                 break
     return ticks
@@ -172,7 +170,7 @@ def _pin(core: int | None) -> None:
         os.sched_setaffinity(0, {core})
 
 
-def show(result: Mapping[str, Any], plan: RehearsalPlan) -> str:
+def show(result: Settings, plan: RehearsalPlan) -> str:
     """Describe the outcome, one line for each subject."""
     fault, fell = result["fault"] or "silent", "did not fall"
     if result["fell_at"] is not None:
@@ -189,7 +187,7 @@ def show(result: Mapping[str, Any], plan: RehearsalPlan) -> str:
     }
     if result["mean_speed"] is not None:
         rows["speed"] = f"{result['mean_speed']:.2f} m/s over {plan.hold:g} s"
-    if result.get("least_second") is not None:
+    if result["least_second"] is not None:
         rows["speed"] += f", slowest second {result['least_second']:.2f} m/s"
     if result["too_slow"]:
         slow = "is this machine: nothing below is the robot's fault; try --core -1 on idle cores"

@@ -63,8 +63,7 @@ class SimulatedRobot:
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot has fallen, by the limits of height and tilt at which
-        training ends an episode."""
+        """Whether the robot has fallen, by height and tilt, as in training."""
         height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
         return not (height >= self._fall["height"] and up >= self._fall["up"])
 

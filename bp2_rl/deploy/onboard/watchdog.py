@@ -17,8 +17,10 @@ from .contents import JointFrame, Settings, WatchdogLimits
 
 
 class SensorReading(NamedTuple):
-    """What encoders and IMU report; joints in the order of `joints` in
-    `deploy.json`."""
+    """One measurement of the encoders and the IMU.
+
+    Joints are in the order of `joints` in `deploy.json`.
+    """
 
     joint_position: np.ndarray  # (12) rad
     joint_velocity: np.ndarray  # (12) rad/s
