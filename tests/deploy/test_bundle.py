@@ -1,6 +1,7 @@
 """What `bp2 export --format onnx` writes, and how it refuses."""
 
 import dataclasses
+import functools
 import json
 import re
 from pathlib import Path
@@ -75,56 +76,56 @@ def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
     assert python(bundle, "-c", script) == (0, "1.8 m run\n", "")
 
 
+def settings_of(folder, *places):
+    """What deploy.json has at these dotted places."""
+    settings = json.loads((folder / "deploy.json").read_text())
+    return [
+        functools.reduce(lambda value, key: value[key], place.split("."), settings)
+        for place in places
+    ]
+
+
 def test_its_settings_say_what_a_robot_needs(bundle, shipped):
-    settings = json.loads((bundle / "deploy.json").read_text())
-    env = shipped.card.env
-    assert settings["observation"] == [
-        list(entry) for entry in shipped.card.observation_layout
-    ]
-    assert settings["joints"] == list(conventions.MOTOR_NAMES)
-    assert settings["rates"] == {"policy": 200.0, "drives": 1000.0}
-    assert settings["gains"] == {
-        "stiffness": env.control.stiffness,
-        "damping": env.control.damping,
+    card, env = shipped.card, shipped.card.env
+    expected = {
+        "observation": [list(entry) for entry in card.observation_layout],
+        "joints": list(conventions.MOTOR_NAMES),
+        "rates": {"policy": 200.0, "drives": 1000.0},
+        "gains.stiffness": env.control.stiffness,
+        "gains.damping": env.control.damping,
+        "policy.weights_sha256": card.weights_sha256,
+        "rehearsal": {"speed": 10.74},
+        "watchdog.stand_time": 0.1,
+        "watchdog.joint_speed": 100.0,
+        "watchdog.turning": 50.0,
     }
-    assert settings["command"]["most"][0] == env.commands.max_forward
-    assert settings["policy"]["weights_sha256"] == shipped.card.weights_sha256
-    assert settings["joint_range"][2] == list(bp2.KNEE_RANGE)
-    assert set(settings["robots"]) >= {"built", "ideal"}
-    assert settings["rehearsal"] == {"speed": 10.74}
-    limits = settings["watchdog"]
-    assert [limits[name] for name in ("stand_time", "joint_speed", "turning")] == [
-        0.1,
-        100.0,
-        50.0,
-    ]
+    assert settings_of(bundle, *expected) == [*expected.values()]
+    ranges, most, robots = settings_of(bundle, "joint_range", "command.most", "robots")
+    assert ranges[2] == list(bp2.KNEE_RANGE)
+    assert most[0] == env.commands.max_forward
+    assert robots.keys() >= {"built", "ideal"}
 
 
 def test_another_robots_settings_are_its_own(another):
     policy, folder = another("go1")
-    robot, settings = (
-        policy.card.env.hardware,
-        json.loads((folder / "deploy.json").read_text()),
-    )
-    assert settings["control"]["stand"] == [0.0, 0.9, -1.8] * 4
-    assert settings["joint_range"][:3] == [
-        [-0.863, 0.863],
-        [-0.686, 4.501],
-        [-2.818, -0.888],
-    ]
-    assert settings["robots"]["own"]["motors"]["peak_torque"] == [23.7, 23.7, 35.55] * 4
-    assert settings["robots"]["own"]["motors"]["braking_speed"] is None
-    assert settings["gains"]["stiffness"] == policy.card.env.control.stiffness
-    assert list(settings["robots"]) == ["own"]
-    assert settings["rehearsal"]["speed"] == pytest.approx(
-        0.6 * policy.card.env.commands.max_forward, abs=0.005
-    )
+    env = policy.card.env
     # By similarity: a leg's size is 0.64 of BP2's; the motors' no-load speed is 30
     # rad/s in place of 21.4.
-    size = robot.anatomy.leg_length / 0.35
-    assert settings["watchdog"]["stand_time"] == pytest.approx(0.1 * size**0.5)
-    assert settings["watchdog"]["turning"] == pytest.approx(50.0 / size**0.5)
-    assert settings["watchdog"]["joint_speed"] == pytest.approx(100.0 * 30.0 / 21.4)
+    size = env.hardware.anatomy.leg_length / 0.35
+    expected = {
+        "control.stand": [0.0, 0.9, -1.8] * 4,
+        "robots.own.motors.peak_torque": [23.7, 23.7, 35.55] * 4,
+        "robots.own.motors.braking_speed": None,
+        "gains.stiffness": env.control.stiffness,
+        "watchdog.stand_time": pytest.approx(0.1 * size**0.5),
+        "watchdog.turning": pytest.approx(50.0 / size**0.5),
+        "watchdog.joint_speed": pytest.approx(100.0 * 30.0 / 21.4),
+        "rehearsal.speed": pytest.approx(0.6 * env.commands.max_forward, abs=0.005),
+    }
+    assert settings_of(folder, *expected) == [*expected.values()]
+    ranges, robots = settings_of(folder, "joint_range", "robots")
+    assert ranges[:3] == [[-0.863, 0.863], [-0.686, 4.501], [-2.818, -0.888]]
+    assert list(robots) == ["own"]
 
 
 def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):

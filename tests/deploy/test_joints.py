@@ -182,15 +182,3 @@ def test_conventions_in_a_file_are_twelve(tmp_path, model):
         match="conventions: 11 are given; give the 12 joints', or leave them out",
     ):
         load_robot(tmp_path / "robot.toml")
-
-
-def test_an_offset_is_the_readings(model):
-    """The reading's own numbers: of degrees, and of a knee that is drawn bent."""
-    reading = read_mjcf(model)
-    for joint, kept in zip(reading.joints, reading.anatomy.joints, strict=True):
-        assert (kept.name, kept.sign, kept.offset) == (
-            joint.name,
-            joint.sign,
-            joint.offset,
-        )
-        assert math.isfinite(kept.offset)
