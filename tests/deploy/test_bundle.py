@@ -15,7 +15,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import _describe_robots, write_bundle
 from bp2_rl.deploy.onboard.contents import with_infinity
-from bp2_rl.learning.policy import Policy, save_policy
+from bp2_rl.learning.policy import save_policy
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.settings.presets import preset
@@ -33,10 +33,6 @@ for k in range(10):
     targets = controller.step(level, (1.0, 0.0, 0.0), 0.0)
 print(controller.fault, np.isfinite(targets.position).all(), np.abs(targets.position - stand).max() > 1e-3)
 """
-
-
-def tiny(make_card, **changes) -> Policy:
-    return still_policy(make_card(**changes))
 
 
 def test_friction_by_joint_is_written_by_joint():
@@ -129,7 +125,7 @@ def test_another_robots_settings_are_its_own(another):
 
 
 def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
-    save_policy(here / "run" / "policies" / "64", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", still_policy(make_card()))
     for _ in range(2):  # a bundle that is there is replaced
         assert command.main(["run", "--to", "robot", "--format", "onnx"]) == 0
     assert capsys.readouterr().out.splitlines()[-3:] == [
@@ -160,7 +156,7 @@ def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
     ],
 )
 def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
-    save_policy(here / "run" / "policies" / "64", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", still_policy(make_card()))
     assert command.main(["run", "--format", "onnx", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -170,7 +166,7 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
 
 
 def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
-    save_policy(here / "run" / "policies" / "64", tiny(make_card))
+    save_policy(here / "run" / "policies" / "64", still_policy(make_card()))
     code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
     words = "-c", code, "run", "--to", "robot", "--format", "onnx"
     status, out, error = python(here, *words)
@@ -184,7 +180,9 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_ca
 def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
     layout = (*make_card().observation_layout, ("smell", 2))
     with pytest.raises(UserError, match="the policy sees smell, which"):
-        write_bundle(tmp_path / "robot", tiny(make_card, observation_layout=layout))
+        write_bundle(
+            tmp_path / "robot", still_policy(make_card(observation_layout=layout))
+        )
     assert not (tmp_path / "robot").exists()
 
 

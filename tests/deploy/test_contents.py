@@ -2,7 +2,9 @@
 are finite and in range."""
 
 import collections
+import functools
 import json
+import operator
 import shutil
 
 import numpy as np
@@ -99,11 +101,8 @@ def refusal(onboard, folder):
 def edited(folder, name, value):
     """Set a number of deploy.json, by its dotted name."""
     settings = json.loads((folder / "deploy.json").read_text())
-    *path, last = name.split(".")
-    holder = settings
-    for part in path:
-        holder = holder[int(part) if part.isdigit() else part]
-    holder[last] = value
+    *path, last = (int(part) if part.isdigit() else part for part in name.split("."))
+    functools.reduce(operator.getitem, path, settings)[last] = value
     (folder / "deploy.json").write_text(json.dumps(settings))
 
 

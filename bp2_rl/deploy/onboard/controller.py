@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from .contents import (
 )
 from .motion import load_motion, specs_of
 from .watchdog import SensorFault, SensorReading, Watchdog
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 WARMING = 20  # ticks before the first
 PLAYED = 12
@@ -233,9 +236,8 @@ class OnboardController:
             for ticks, place in self._changes
         ]
         self._past.append(frame)
-        answer: Any = self._network.run(
-            None, {"observation": np.concatenate([frame, *changes])[None]}
-        )[0]
+        seen = np.concatenate([frame, *changes])[None]
+        answer = np.asarray(self._network.run(None, {"observation": seen})[0])
         if answer.shape != (1, 12) or not np.isfinite(answer).all():
             raise SensorFault(
                 "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
@@ -258,7 +260,7 @@ class OnboardController:
         return DriveTargets(np.minimum(np.maximum(position, lowest), highest), velocity)
 
 
-def _load_network(content: bytes) -> Any:
+def _load_network(content: bytes) -> "onnxruntime.InferenceSession":
     """Load the network to run on one core: its input is so small that threads would
     only wait for each other."""
     import onnxruntime  # here, so that `bp2 export` can say how to install it

@@ -41,7 +41,7 @@ TRUNK, COORDINATES = 3, 15
 LARGEST = 1e5
 """Of the numbers in `reference.npz`: as large as a motor's torque in Nm may be; others
 are rad, m, s, and rates."""
-SHAPES: Mapping[str, Mapping[str, Any]] = {
+SHAPES: Mapping[str, Mapping[str, tuple[int | str, ...]]] = {
     "collocation": {
         "strides": ("S", 5),
         "cubics": (2, "N", "S", 4, 23),
@@ -421,7 +421,7 @@ def _ground(
 # --- Rates of functions of NumPy's arrays ---------------------------------------------
 
 
-def _atan2(y: Any, x: Any) -> Any:
+def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no
     complex numbers."""
     a, b = x.real, y.real
@@ -445,7 +445,7 @@ class _ComplexStep(np.ndarray):
 
 
 def differentiate(
-    function: Callable[..., tuple[Any, ...]],
+    function: Callable[..., tuple[np.ndarray, ...]],
     values: tuple[np.ndarray, ...],
     rates: tuple[np.ndarray, ...],
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -459,7 +459,7 @@ def differentiate(
         (value + 1j * STEP * rate).view(_ComplexStep)
         for value, rate in zip(values, rates, strict=True)
     )
-    found: list[Any] = [np.asarray(result) for result in function(*steps)]
+    found = [np.asarray(result) for result in function(*steps)]
     return tuple(result.real for result in found), tuple(
         result.imag / STEP for result in found
     )

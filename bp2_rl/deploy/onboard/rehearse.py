@@ -172,9 +172,8 @@ def _pin(core: int | None) -> None:
 
 def show(result: Settings, plan: RehearsalPlan) -> str:
     """Describe the outcome, one line for each subject."""
-    fault, fell = result["fault"] or "silent", "did not fall"
-    if result["fell_at"] is not None:
-        fell = f"fell after {result['fell_at']:.2f} s"
+    fault, fell_at = result["fault"] or "silent", result["fell_at"]
+    fell = "did not fall" if fell_at is None else f"fell after {fell_at:.2f} s"
     wall, cpu = (
         " / ".join(f"{ms:.3f}" for ms in result[name]) for name in ("wall_ms", "cpu_ms")
     )
@@ -199,7 +198,7 @@ def show(result: Settings, plan: RehearsalPlan) -> str:
 
 
 def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """Read the command line; flags that are not given are None."""
+    """Read the command line; flags of the plan that are not given are None."""
     parser = argparse.ArgumentParser(
         prog="python -m onboard.rehearse", description=(__doc__ or "").split("\n\n")[0]
     )
@@ -211,8 +210,9 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
         kind = float if field.name == "speed" else type(field.default)
         choices = FAULTS[1:] if field.name == "fault" else None
         add(f"--{field.name.replace('_', '-')}", type=kind, choices=choices)
+    last = max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else -1
     cores = "the core for both processes (default: the last; -1: any)"
-    add("--core", type=int, help=cores)
+    add("--core", type=int, default=last, help=cores)
     add("--json", action="store_true", help="print the outcome as JSON")
     return parser.parse_args(argv)
 
@@ -221,9 +221,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if the robot fell or the watchdog stopped it
     unexpectedly, 2 if the input is wrong."""
     args = parse(argv)
-    core = args.core
-    if core is None and hasattr(os, "sched_getaffinity"):
-        core = max(os.sched_getaffinity(0))
     try:
         settings, _ = read_bundle(args.folder)
         robot = args.robot or next(iter(settings["robots"]), "")
@@ -235,7 +232,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s",
             file=sys.stderr,
         )
-        result = in_real_time(args.folder, robot, plan, None if core == -1 else core)
+        core = None if args.core == -1 else args.core
+        result = in_real_time(args.folder, robot, plan, core)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
