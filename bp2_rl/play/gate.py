@@ -4,7 +4,7 @@ a wrong word would end it."""
 import contextlib
 import dataclasses
 import http
-from collections.abc import Callable, Generator
+from collections.abc import Awaitable, Callable, Generator, Mapping
 from typing import Any
 from unittest import mock
 from urllib.parse import urlsplit
@@ -12,6 +12,8 @@ from urllib.parse import urlsplit
 import msgspec
 import websockets.asyncio.server
 from viser._messages import CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
 OWN_NAMES = "localhost", "127.0.0.1", "::1"
 """What a machine calls itself."""
@@ -22,7 +24,7 @@ KINDS = {
 """Messages that the page sends: a key pressed, a widget moved, a camera turned."""
 
 
-def is_understood(message: Any, widgets: dict[str, Any]) -> bool:
+def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
     """Return whether a message can be from the page, and moves one of its widgets to a
     value that it can have."""
     try:
@@ -59,7 +61,7 @@ def takes(widget: Any, value: Any) -> bool:
 
 
 @contextlib.contextmanager
-def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
+def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[None]:
     """Let servers of viser's that start within pass over messages that are not
     understood; no traceback tells of them.
 
@@ -75,9 +77,9 @@ def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
     serve = websockets.asyncio.server.serve
 
     def serve_guarded(
-        handler: Callable[..., Any],
+        handler: Callable[[ServerConnection], Awaitable[None]],
         *arguments: Any,
-        process_request: Any,
+        process_request: Callable[[ServerConnection, Request], Response | None],
         **options: Any,
     ) -> Any:
         async def handle(connection: Any) -> None:
@@ -91,7 +93,7 @@ def guarding(widgets: dict[str, Any], *, own_names: bool) -> Generator[None]:
             connection.recv = receive_understood
             await handler(connection)
 
-        def answer(connection: Any, request: Any) -> Any:
+        def answer(connection: ServerConnection, request: Request) -> Response | None:
             headers = request.headers
             if not own_names or all(
                 map(is_own, (*headers.get_all("Host"), *headers.get_all("Origin")))

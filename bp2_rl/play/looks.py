@@ -23,7 +23,7 @@ GEOM = mujoco.mjtGeom
 
 @dataclasses.dataclass(frozen=True)
 class VisiblePart:
-    """A body's geoms of one colour, as one mesh of triangles."""
+    """A mesh of triangles: the geoms of a body that share a colour."""
 
     body: int
     mesh: trimesh.Trimesh  # m, in the body's frame
@@ -96,28 +96,16 @@ class TorqueSpeed:
     """Torque over speed of the twelve motors in the last moments, as a small SVG."""
 
     def __init__(self, motors: Actuator):
-        no_load, peak = (
-            float(np.max(np.asarray(limit)))
-            for limit in (motors.no_load_speed, motors.peak_torque)
-        )
-        self._ends = np.array([1.4 * no_load, 1.15 * peak])  # of the axes, rad/s and Nm
+        limits = motors.no_load_speed, motors.peak_torque  # rad/s and Nm
+        self._marks = np.array([np.max(np.asarray(limit)) for limit in limits])
+        self._ends = np.array([1.4, 1.15]) * self._marks  # of the axes
         speeds = np.linspace(-self._ends[0], self._ends[0], 141)
-        outlines: dict[str, None] = {}
+        self._outlines: dict[str, None] = {}
         for joint in range(len(conventions.JOINTS)):
             low, high = torque_limits(of_joint(motors, joint), speeds)
             edge = np.stack([[*speeds, *speeds[::-1]], [*high, *low[::-1]]], axis=-1)
             # one for joints with the same motors
-            outlines[" L".join(self._places(edge))] = None
-        speed, torque = self._ends.tolist()
-        self._fixed: dict[str, object] = {
-            "outlines": list(outlines),
-            "no_load": no_load,
-            "peak": peak,
-            "speed": speed,
-            "torque": torque,
-            "center": CENTER,
-            "reach": REACH,
-        }
+            self._outlines[" L".join(self._places(edge))] = None
 
     def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:
         """Speeds (rad/s) and torques (Nm) of the joints, as `Session.worked` has
@@ -131,7 +119,16 @@ class TorqueSpeed:
             )
             for joint, points in zip(conventions.JOINTS, samples, strict=True)
         }
-        return render("play/chart.svg", worked=dots, colors=COLORS, **self._fixed)
+        return render(
+            "play/chart.svg",
+            outlines=self._outlines,
+            worked=dots,
+            colors=COLORS,
+            marks=self._marks,
+            shares=self._marks / self._ends,
+            center=CENTER,
+            reach=REACH,
+        )
 
     def _places(self, points: Float[np.ndarray, "N 2"]) -> list[str]:
         """Return the places of points (rad/s, Nm) on the chart, px; a point beyond the

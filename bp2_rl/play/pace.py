@@ -72,7 +72,7 @@ def play_on(
     *,
     seconds: float = math.inf,
 ) -> None:
-    """Run a session in real time for so many seconds; it rests while nobody looks.
+    """Run a session in real time, and let it rest while nobody looks.
 
     On a machine that is too slow for it pictures get fewer, so that the robot gets the
     time.

@@ -126,7 +126,7 @@ class Session:
         self._wish = Wish(*np.clip(wish, *wish_limits(self.config.commands)).tolist())
 
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
-        """Change the wish by so many steps of `STEP`, as keys do."""
+        """Change the parts of the wish by numbers of steps, each of the size in `STEP`."""
         steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
         self.wish = Wish(
             *(round(part + size * count, 6) for part, size, count in steps)
@@ -137,7 +137,7 @@ class Session:
         self.wish = Wish()
 
     def push(self, forward: float, left: float) -> None:
-        """Push the robot: its velocity jumps by so many m/s, along its heading."""
+        """Push the robot: its velocity jumps, by m/s along its heading and to its left."""
         shove(self.data, forward, left)
 
     @property

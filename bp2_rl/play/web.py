@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 import viser
 from jaxtyping import Float
+from matplotlib.colors import to_rgb
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.plotting import LEG_COLORS
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.play.gate import OWN_NAMES, guarding
@@ -30,8 +32,6 @@ from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 SECTION = 10.0  # m, between the broad lines on the ground
 # N/m, of an arrow; N, below which there is none: BP2's
 NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0
-# as `plotting.LEG_COLORS`
-LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
 # m: where the camera is, and what it looks at
 WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
@@ -190,7 +190,7 @@ class Page:
         push = gui.add_button_group("Push it", tuple(PUSHES))
 
         @push.on_click
-        def _(event: Any) -> None:
+        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
             forward, left = (
                 strength.value * part for part in PUSHES[event.target.value]
             )
@@ -269,13 +269,13 @@ class _Scene:
             scene.add_arrows(
                 f"/robot/{self._looks.bodies[toe - 1]}/force",
                 np.zeros((1, 2, 3)),
-                tuple(color),
+                to_rgb(color),
                 shaft_radius=0.012,
                 head_radius=0.03,
                 head_length=0.06,
                 visible=False,
             )
-            for toe, color in zip(self._toes.tolist(), LEG_COLORS, strict=True)
+            for toe, color in zip(self._toes.tolist(), LEG_COLORS.values(), strict=True)
         ]
 
     def show(self, session: Session, *, ghost: bool, forces: bool) -> None:

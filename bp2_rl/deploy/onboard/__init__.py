@@ -1,7 +1,7 @@
-"""What runs on the robot's computer, without JAX and without the rest of bp2_rl: `bp2
-export` copies this folder.
+"""The controller on a robot's computer, without JAX and the rest of bp2_rl.
 
-`controller` and `motion` need NumPy and onnxruntime. `rehearse` and `robot`, which try
-them against a simulated robot, need mujoco as well. Modules here import each other and
-the laws that a bundle copies (`LAWS` in `bp2_rl.deploy.bundle`).
+`bp2 export` copies this folder. `controller` and `motion` need NumPy and onnxruntime.
+`rehearse` and `robot`, which try them against a simulated robot, need mujoco as well.
+Modules here import each other and the laws that a bundle copies (`LAWS` in
+`bp2_rl.deploy.bundle`).
 """

@@ -212,7 +212,7 @@ class OnboardController:
         self.command = self._law.tell(self.command, asked)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
-        """Compute the joint targets of one tick by the network and the reference motion.
+        """Compute a tick's joint targets by the network and the reference motion.
 
         Raises:
             SensorFault: the network's answer, or a target, cannot be.

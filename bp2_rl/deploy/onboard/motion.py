@@ -286,7 +286,7 @@ class Trot:
         )
 
     def _sample(self, stride: _PlayedStride, since: complex) -> np.ndarray:
-        """Return the library's row of 23 numbers so long (s) after FL and RR landed."""
+        """Return the library's row at a time (s) after FL and RR touched down: 23 numbers."""
         in_flight = since.real >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
         intervals = self._cubics.shape[1]

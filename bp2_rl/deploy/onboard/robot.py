@@ -63,7 +63,7 @@ class SimulatedRobot:
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot has fallen, by height and tilt, as in training."""
+        """Return whether the robot has fallen, by its height and tilt."""
         height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
         return not (height >= self._fall["height"] and up >= self._fall["up"])
 
