@@ -328,11 +328,12 @@ def test_what_a_page_says_of_a_stand_a_sprint_and_a_fall(session):
     session.wish = Wish(2.0)
     run(session, 0.5)
     assert readings(session, pace)["100 m"] == "0.50 s, 100 m left"
-    session.finished, session.best, session.down_since = True, 9.74, 0.5
+    session.finished, session.best = True, 9.74
+    session.down_since, session.distance = 0.5, 70.4
     said = readings(session, pace)
     assert said["100 m"] == "0.50 s; reset for another"
     assert said["best"].startswith("9.74 s; ")
-    assert said["run"].startswith("fell; 0 m in 0.5 s; ")
+    assert said["run"].startswith("fell; 70 m in 0.5 s; ")
 
 
 def test_speeds_are_means_over_a_stride(session):
