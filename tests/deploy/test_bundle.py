@@ -86,6 +86,9 @@ def test_its_settings_say_what_a_robot_needs(bundle, shipped):
     expected = {
         "observation": [list(entry) for entry in card.observation_layout],
         "joints": list(conventions.MOTOR_NAMES),
+        "model_joints": [
+            {"name": name, "sign": 1, "offset": 0.0} for name in conventions.MOTOR_NAMES
+        ],
         "rates": {"policy": 200.0, "drives": 1000.0},
         "gains.stiffness": env.control.stiffness,
         "gains.damping": env.control.damping,

@@ -3,6 +3,7 @@ is for."""
 
 import dataclasses
 import time
+from functools import partial
 from types import SimpleNamespace
 from unittest import mock
 
@@ -255,40 +256,48 @@ def test_a_tick_takes_less_than_a_millisecond(fresh):
 # --- The watchdog ---------------------------------------------------------------------
 
 
-def spoilt(name, value):
-    def measure(now):
-        if name == "time":
-            return standing(now, time=value)
-        array = standing(now)._asdict()[name]
-        array[1] = value
-        return standing(now, **{name: array})
-
-    return measure
+def spoil(name, value, now):
+    """What is measured of a robot that stands, with one number of it replaced."""
+    array = standing(now)._asdict()[name]
+    array[1] = value
+    return standing(now, **{name: array})
 
 
 @pytest.mark.parametrize(
     ("measure", "fault"),
     [
-        (spoilt("joint_position", np.nan), "not finite: joint_position; a sensor"),
-        (spoilt("joint_velocity", np.nan), "not finite: joint_velocity; a sensor"),
-        (spoilt("up", np.nan), "not finite: up; a sensor"),
-        (spoilt("angular_velocity", -np.inf), "not finite: angular_velocity; a sensor"),
-        (spoilt("time", np.nan), "not finite: time; a sensor"),
         (
-            spoilt("joint_position", 3.0),
+            partial(spoil, "joint_position", np.nan),
+            "not finite: joint_position; a sensor",
+        ),
+        (
+            partial(spoil, "joint_velocity", np.nan),
+            "not finite: joint_velocity; a sensor",
+        ),
+        (partial(spoil, "up", np.nan), "not finite: up; a sensor"),
+        (
+            partial(spoil, "angular_velocity", -np.inf),
+            "not finite: angular_velocity; a sensor",
+        ),
+        (lambda now: standing(now, time=np.nan), "not finite: time; a sensor"),
+        (
+            partial(spoil, "joint_position", 3.0),
             "range: FR_hip is at 3.00 rad, beyond -1.4 to 2.4; is it in degrees",
         ),
-        (spoilt("joint_position", 1e308), "range: FR_hip is at 1"),
+        (partial(spoil, "joint_position", 1e308), "range: FR_hip is at 1"),
         (
-            spoilt("joint_velocity", 300.0),
+            partial(spoil, "joint_velocity", 300.0),
             "joint speed: FR_hip has 300 rad/s, more than 100; is it in deg/s",
         ),
         (
-            spoilt("angular_velocity", 80.0),
+            partial(spoil, "angular_velocity", 80.0),
             "turning: angular_velocity has 80 rad/s, more than 50; is it in deg/s",
         ),
-        (spoilt("up", 1.0), "up: its length is 1.41, not 1; is it an acceleration"),
-        (spoilt("up", -1e308), "up: its length is "),
+        (
+            partial(spoil, "up", 1.0),
+            "up: its length is 1.41, not 1; is it an acceleration",
+        ),
+        (partial(spoil, "up", -1e308), "up: its length is "),
         (
             lambda now: standing(now, up=-standing(now).up),
             "tilt: up is (-0.00, -0.00, -1.00), 180 deg off; ",
@@ -358,7 +367,7 @@ def test_one_impossible_measurement_ends_in_a_commanded_stand(fresh, measure, fa
 
 def test_the_way_to_the_stand_is_smooth(fresh):
     ran, now = run(fresh, 0.0, 0.5, standing)
-    led, _ = run(fresh, now, 1.2, spoilt("up", np.nan))
+    led, _ = run(fresh, now, 1.2, partial(spoil, "up", np.nan))
     position = np.stack([ran[-1].position, *(targets.position for targets in led)])
     largest = np.abs(ran[-1].position - STAND).max()
     time = fresh.watchdog.limits.stand_time
@@ -554,7 +563,7 @@ def test_a_few_lost_measurements_are_bridged(fresh):
 
 
 def test_reset_is_the_way_on(fresh):
-    run(fresh, 0.0, 0.1, spoilt("up", np.nan))
+    run(fresh, 0.0, 0.1, partial(spoil, "up", np.nan))
     assert fresh.fault
     fresh.reset()
     again, _ = run(fresh, 0.2, 0.5, standing)

@@ -155,13 +155,6 @@ def test_another_word_for_a_convention_is_refused(onboard, bundle):
         onboard.controller.OnboardController(bundle, convention="models")
 
 
-def test_bp2s_own_angles_are_the_bundles(bundle):
-    names, sign, offset = convention(bundle)
-    assert names.tolist() == list(MOTOR_NAMES)
-    assert (sign == 1).all()
-    assert (offset == 0.0).all()
-
-
 def test_settings_of_before_have_the_joints_own_names():
     """A run's config.json from before the field is read as it was."""
     hardware = find_robot("go1")
