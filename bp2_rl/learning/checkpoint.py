@@ -159,7 +159,13 @@ class Saver:
 # --- Restoring ------------------------------------------------------------------------
 def saved_steps(run_dir: Path, folder: str = CHECKPOINTS) -> list[int]:
     """Return the steps of a run's complete checkpoints, in no order."""
-    return _steps(Path(run_dir) / folder)
+    parent = Path(run_dir) / folder
+    names = folder_names(parent) if parent.is_dir() else ()
+    return [
+        int(name)
+        for name in names
+        if name.isdecimal() and (find_folder(parent / name) / METADATA).is_file()
+    ]
 
 
 def latest_step(run_dir: Path, folder: str = CHECKPOINTS) -> int | None:
@@ -233,7 +239,7 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
-        there = ", ".join(map(str, sorted(_steps(directory.parent)))) or "none"
+        there = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
         raise CheckpointError(
             f"no checkpoint of step {step} in {directory.parent}; it has: {there}"
         )
@@ -296,16 +302,6 @@ def place(array: np.ndarray, leaf: Any) -> Any:
 
 
 # --- The files ------------------------------------------------------------------------
-def _steps(folder: Path) -> list[int]:
-    """Steps of the complete checkpoints."""
-    if not folder.is_dir():
-        return []
-    names = (name for name in folder_names(folder) if name.isdecimal())
-    return [
-        int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()
-    ]
-
-
 def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
     """Write a host copy, whole or not at all, and remove the oldest."""
     try:
@@ -313,10 +309,12 @@ def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None
         tidy(folder)
         with new_folder(folder / str(step)) as fresh:
             _write(fresh, step, state, extra)
-        for old in sorted(s for s in _steps(folder) if s <= step)[:-KEPT]:
+        for old in sorted(
+            s for s in saved_steps(folder.parent, folder.name) if s <= step
+        )[:-KEPT]:
             remove_folder(folder / str(old))
     except OSError as error:
-        kept = max(_steps(folder), default=None)
+        kept = max(saved_steps(folder.parent, folder.name), default=None)
         raise CheckpointError(
             f"cannot save checkpoint {step} in {folder}: {error.strerror or error}; "
             + ("there is none yet" if kept is None else f"the last good one is {kept}")
@@ -349,15 +347,13 @@ def _refusing_damage(directory: Path) -> Generator[None]:
     try:
         yield
     except BadFileError as error:
-        raise CheckpointError(f"{error}; {_advice(directory)}") from error
+        steps = saved_steps(directory.parents[1], directory.parent.name)
+        others = [step for step in steps if str(step) != directory.name]
+        advice = (
+            f"remove that folder to go on from step {max(others)}"
+            if others
+            else "there is no other to go on from"
+        )
+        raise CheckpointError(f"{error}; {advice}") from error
     except ConfigError as error:
         raise CheckpointError(str(error)) from error
-
-
-def _advice(directory: Path) -> str:
-    others = [step for step in _steps(directory.parent) if str(step) != directory.name]
-    return (
-        f"remove that folder to go on from step {max(others)}"
-        if others
-        else "there is no other to go on from"
-    )

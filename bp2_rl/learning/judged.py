@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bp2_rl.base.folders import find_folder, folder_names
-from bp2_rl.base.serialization import ConfigError, load_config, save_config
+from bp2_rl.base.serialization import ConfigError, load_config
 
 POLICIES, JUDGED = "policies", "judged.json"
 
@@ -80,11 +80,6 @@ def read_judged(run_dir: Path) -> Judged:
         raise ConfigError(
             f"{error}; remove it, and a resumed run has its policies judged anew"
         ) from error
-
-
-def write_judged(run_dir: Path, judged: Judged) -> None:
-    """Write judged.json, whole or not at all."""
-    save_config(run_dir / JUDGED, judged)
 
 
 def best_policy(results: dict[int, JudgeResult], until: float | None) -> int | None:

@@ -3,13 +3,13 @@ behind."""
 
 import dataclasses
 import functools
-import json
 import shutil
 
 import jax
 import numpy as np
 import pytest
 import slow_trot
+from aim_run import metrics, small
 from killer import save_checkpoint
 
 from bp2_rl.base.errors import UserError
@@ -21,36 +21,14 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import run as training
 from bp2_rl.learning import writers
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
-from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
+from bp2_rl.learning.monitor import summarize
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracking import Tracked, tracked
-from bp2_rl.settings.training import Parent, Stage, TrainConfig
+from bp2_rl.settings.training import Parent, TrainConfig
 from bp2_rl.tools.throughput import COMPILED, compilations
 
-CLOCKS = ("wall_time", "steps_per_second")
-"""What two equal runs differ in."""
-
-
-def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
-    config = preset(stage, "smoke")
-    ppo = dataclasses.replace(
-        config.ppo,
-        num_envs=16,
-        unroll_length=4,
-        num_minibatches=2,
-        policy_layers=(16,),
-        value_layers=(16,),
-    )
-    settings = {
-        "steps": 4 * ppo.steps_per_train_step,
-        "checkpoints": 2,
-        "logs": 4,
-    } | run
-    return dataclasses.replace(
-        config, ppo=ppo, run=dataclasses.replace(config.run, **settings)
-    )
+tiny = functools.partial(small, steps=256, checkpoints=2, logs=4)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -81,17 +59,6 @@ def leaves(run_dir, step):
     return jax.tree.leaves(restore_checkpoint(run_dir, template, step)[1])
 
 
-def metrics(run_dir):
-    lines = [
-        json.loads(line)
-        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
-    ]
-    return [
-        {name: value for name, value in line.items() if name not in CLOCKS}
-        for line in lines
-    ]
-
-
 def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert training.load_run_config(run) == tiny()
     assert latest_step(run) == 4
@@ -107,10 +74,7 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
         "loss/kl_mean",
     } <= lines[0].keys()
     assert {"share/0", "falls_per_second"} <= lines[0].keys()
-    assert all(
-        "steps_per_second" in json.loads(line)
-        for line in (run / "metrics.jsonl").read_text().splitlines()
-    )
+    assert all("steps_per_second" in line for line in writers.read_metrics(run))
     policy = load_policy(run, layout_of=layout_of)
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
@@ -127,9 +91,7 @@ def test_the_example_of_a_slow_trot_trains_a_run_and_reads_what_came_of_it(tmp_p
 
 
 def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
-    lines = [
-        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
-    ]
+    lines = writers.read_metrics(run)
     seconds = [64 / line["steps_per_second"] for line in lines]
     # Lines are stamped to 1 ms, a moment after the interval's end.
     np.testing.assert_allclose(
@@ -258,11 +220,6 @@ def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said
         training.start(tiny(), folder)
     assert [path.name for path in folder.iterdir()] == [holds]
     assert (folder / holds).read_text() == "years of work"
-
-
-def test_an_empty_folder_will_do(tmp_path):
-    training._require_empty(tmp_path)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_parent_with_other_networks_is_refused_by_name(run, tmp_path):
