@@ -140,7 +140,7 @@ class Bounded:
         check_bounds(self, self._path)
 
 
-def _bounds(annotation: Any) -> Within:
+def _bounds(annotation: object) -> Within:
     """The bounds that an annotation declares, of an optional one or a tuple's entries
     as well."""
     if get_origin(annotation) is Annotated:
@@ -154,7 +154,7 @@ def _bounds(annotation: Any) -> Within:
     return ANY
 
 
-def _fits(value: Any, annotation: Any) -> bool:
+def _fits(value: Any, annotation: object) -> bool:
     """Return whether a value is of a type.
 
     It always is of a type that cannot be looked into, such as a function's.

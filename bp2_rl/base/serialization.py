@@ -36,7 +36,7 @@ class ConfigError(UserError):
     """A config file or value that does not fit its dataclass."""
 
 
-def to_json(config: Any) -> dict[str, Any]:
+def to_json(config: object) -> dict[str, Any]:
     """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0),
     non-finite ones as strings.
 
@@ -46,7 +46,7 @@ def to_json(config: Any) -> dict[str, Any]:
     return _convert(type(config), config, "", reading=False)
 
 
-def from_json(cls: type[Config], data: Any) -> Config:
+def from_json(cls: type[Config], data: object) -> Config:
     """The `cls` that `data`, an object as `to_json` makes it, describes:
     `from_json(cls, to_json(c)) == c`.
 
@@ -87,20 +87,20 @@ def merge(before: Config, changed: Config, after: Config) -> Config:
     return dataclasses.replace(typing.cast(Any, after), **values)
 
 
-def config_hash(config: Any) -> str:
+def config_hash(config: object) -> str:
     """Twelve hex digits that are equal for equal configs, on every machine and in every
     process."""
     return _sha256(to_json(config))[:12]
 
 
-def _sha256(data: Mapping[str, Any]) -> str:
+def _sha256(data: Mapping[str, object]) -> str:
     """The checksum of a JSON object, however it is laid out in a file."""
     return hashlib.sha256(
         json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
     ).hexdigest()
 
 
-def save_config(path: Path, config: Any) -> None:
+def save_config(path: Path, config: object) -> None:
     """Write `config` to `path` as readable JSON; the file is either the old one or the
     whole new one."""
     write_text(path, json.dumps(to_json(config), indent=2, allow_nan=False) + "\n")
@@ -120,7 +120,7 @@ def load_config(cls: type[Config], path: Path) -> Config:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def save_sealed(path: Path, card: Any, checksum: str) -> None:
+def save_sealed(path: Path, card: object, checksum: str) -> None:
     """Write a dataclass as `save_config` does, with a checksum of all its values under
     the name `checksum`."""
     data = to_json(card)
@@ -371,12 +371,12 @@ def _hints(cls: Any) -> dict[str, Any]:
     return typing.get_type_hints(cls, include_extras=True)
 
 
-def _require(fits: bool, annotation: Any, value: Any, path: str) -> None:
+def _require(fits: bool, annotation: object, value: object, path: str) -> None:
     if not fits:
         raise _mismatch(annotation, value, path)
 
 
-def _mismatch(annotation: Any, value: Any, path: str) -> ConfigError:
+def _mismatch(annotation: object, value: object, path: str) -> ConfigError:
     shown = repr(value)
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
     return ConfigError(f"{path or 'config'}: expected {_name(annotation)}, got {shown}")

@@ -77,7 +77,7 @@ class Metadata:
 
 
 # --- Saving ---------------------------------------------------------------------------
-def host_copy(state: Any) -> Any:
+def host_copy(state: State) -> State:
     """`state` as NumPy arrays of this process's own, whole: also what lies on the
     devices of other processes.
 
@@ -85,7 +85,7 @@ def host_copy(state: Any) -> Any:
     may then be donated.
     """
 
-    def gather(leaf: Any) -> Any:
+    def gather(leaf: object) -> object:
         if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
             return leaf
         if leaf.is_fully_replicated:
@@ -107,13 +107,15 @@ class Saver:
     """
 
     def __init__(
-        self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS
+        self, run_dir: Path, config: Mapping[str, object], folder: str = CHECKPOINTS
     ):
         self._folder, self._config = Path(run_dir) / folder, config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
-    def save(self, step: int, state: Any, log: Mapping[str, Any] | None = None) -> None:
+    def save(
+        self, step: int, state: object, log: Mapping[str, object] | None = None
+    ) -> None:
         """Copy `state` to the host, and start to write it; on return `state` may be
         donated.
 
@@ -257,7 +259,7 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
 
 
 # --- The tree -------------------------------------------------------------------------
-def leaves_by_path(tree: Any) -> dict[str, Any]:
+def leaves_by_path(tree: object) -> dict[str, Any]:
     """Return a tree's leaves under the names they have in a checkpoint,
     `params/policy/bias`, in its order."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
@@ -273,8 +275,8 @@ def _describe(leaf: Any) -> str:
 
 
 def require_same(
-    saved: Mapping[str, Any],
-    wanted: Mapping[str, Any],
+    saved: Mapping[str, object],
+    wanted: Mapping[str, object],
     directory: Path,
     *,
     part: bool = False,
@@ -290,7 +292,7 @@ def require_same(
             )
 
 
-def place(array: np.ndarray, leaf: Any) -> Any:
+def place(array: np.ndarray, leaf: object) -> Any:
     """`array` on the devices of `leaf`, each process its own shards; as it is where
     `leaf` has no sharding."""
     sharding = getattr(leaf, "sharding", None)
@@ -302,7 +304,7 @@ def place(array: np.ndarray, leaf: Any) -> Any:
 
 
 # --- The files ------------------------------------------------------------------------
-def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
+def _save(folder: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
     """Write a host copy, whole or not at all, and remove the oldest."""
     try:
         folder.mkdir(exist_ok=True)
@@ -321,7 +323,7 @@ def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None
         ) from error
 
 
-def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
+def _write(directory: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
     """Write the state, and last of all the metadata that vouches for it."""
     leaves = leaves_by_path(state)
     path = directory / STATE

@@ -120,7 +120,9 @@ class Policy:
         return NETWORKS[self.card.activation](*self.weights, observation)
 
     @property
-    def weights(self) -> tuple[Any, Any, Any]:
+    def weights(
+        self,
+    ) -> tuple[np.ndarray, np.ndarray, tuple[tuple[np.ndarray, np.ndarray], ...]]:
         """Mean, standard deviation and layers: all numbers of the network."""
         return self.mean, self.std, self.layers
 
@@ -154,7 +156,7 @@ NETWORKS = {
 
 
 def make_policy(
-    layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard
+    layers: Sequence[tuple[object, object]], normalizer: Any, card: PolicyCard
 ) -> Policy:
     """Return the policy of a trained network.
 
@@ -411,7 +413,7 @@ def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _float32(array: Any) -> np.ndarray:
+def _float32(array: object) -> np.ndarray:
     return np.array(array, dtype=np.float32)
 
 
