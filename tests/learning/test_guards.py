@@ -372,8 +372,9 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(
             raise OSError(28, "No space left on device")
         return real(*arguments)
 
-    monkeypatch.setattr(owner, name, full)
-    assert command.main([*RUN, "--out", str(run)]) == 1
+    with monkeypatch.context() as disk:
+        disk.setattr(owner, name, full)
+        assert command.main([*RUN, "--out", str(run)]) == 1
     error = capsys.readouterr().err
     assert error.startswith(said)
     assert "No space left on device" in error
@@ -383,12 +384,6 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(
     )
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()
-    monkeypatch.undo()
-    monkeypatch.setattr(
-        training,
-        "make_learner",
-        lambda config, _=None: learner_of((), 100.0, config.ppo),
-    )
     assert command.main(["--resume", str(run)]) == 0
     assert [record["step"] for record in read_metrics(run)] == [
         128 * n for n in range(1, 7)
