@@ -20,6 +20,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
+from bp2_rl.base import __version__
 from bp2_rl.base.bounds import kinds_of
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
@@ -205,9 +206,13 @@ def utc_now() -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """The versions that a result depends on, to be written beside it."""
-    names = "bp2_rl jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
-    return {name: importlib.metadata.version(name) for name in names.split()}
+    """Return the versions of all packages that a result depends on.
+
+    bp2_rl itself need not be installed.
+    """
+    others = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    found = {name: importlib.metadata.version(name) for name in others.split()}
+    return {"bp2_rl": __version__} | found
 
 
 # --- The walk over a type, in both directions -----------------------------------------
