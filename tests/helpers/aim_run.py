@@ -2,6 +2,7 @@
 seconds."""
 
 import dataclasses
+import json
 import os
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from bp2_rl.cli import train
 from bp2_rl.learning import run
 from bp2_rl.learning.checkpoint import CHECKPOINTS
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.learning.writers import read_metrics
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import Stage, TrainConfig
 
@@ -57,10 +57,11 @@ def small(stage: Stage = "imitation", **run: Any) -> TrainConfig:
 
 
 def metrics(run: Path) -> list[dict[str, Any]]:
-    """The lines of metrics.jsonl, but for the clocks."""
+    """The lines of metrics.jsonl, every one of which is JSON, but for the clocks."""
+    lines = (run / "metrics.jsonl").read_text().splitlines()
     return [
-        {name: value for name, value in line.items() if name not in CLOCKS}
-        for line in read_metrics(run)
+        {name: value for name, value in json.loads(line).items() if name not in CLOCKS}
+        for line in lines
     ]
 
 

@@ -255,8 +255,9 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(
     shutil.rmtree(broken / "checkpoints" / "4")
     spoil(broken)
     before = {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()}
-    with pytest.raises(UserError, match=words):
+    with pytest.raises(UserError, match=words) as error:
         training.resume(broken)
+    assert "\n" not in str(error.value)
     after = {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()}
     assert after == before
 
