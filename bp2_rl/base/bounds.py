@@ -91,9 +91,10 @@ def check_bounds(config: Any, path: str = "") -> None:
         value, name = getattr(config, field.name), f"{path}{field.name}"
         name = name.replace("_", "-") if path.startswith("--") else name
         annotation = hints[field.name]
+        kinds = [kind for kind in kinds_of(annotation) if kind is not NoneType]
         if not _fits(value, annotation):
             raise UserError(
-                f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}"
+                f"{name} takes {' or '.join(map(_in_words, kinds))}, got {shown(value)}"
             )
         entries = value if isinstance(value, tuple) else (value,)
         for each in entries:
@@ -116,7 +117,7 @@ def check_bounds(config: Any, path: str = "") -> None:
                 raise UserError(
                     f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}"
                 )
-        if numbers and _kinds(annotation) == [Range] and not value[0] <= value[1]:
+        if numbers and kinds == [Range] and not value[0] <= value[1]:
             raise UserError(
                 f"{name} must be a range (low, high) with low <= high, got {value}"
             )
@@ -139,7 +140,7 @@ class Bounded:
         check_bounds(self, self._path)
 
 
-def _bounds(annotation: Any) -> Within:
+def _bounds(annotation: object) -> Within:
     """The bounds that an annotation declares, of an optional one or a tuple's entries
     as well."""
     if get_origin(annotation) is Annotated:
@@ -153,16 +154,16 @@ def _bounds(annotation: Any) -> Within:
     return ANY
 
 
-def _fits(value: Any, annotation: Any) -> bool:
+def _fits(value: Any, annotation: object) -> bool:
     """Return whether a value is of a type.
 
     It always is of a type that cannot be looked into, such as a function's.
     """
+    kinds = kinds_of(annotation)
+    if len(kinds) > 1:
+        return any(_fits(value, kind) for kind in kinds)
+    [annotation] = kinds
     origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _fits(value, inner[0])
-    if origin in (Union, UnionType):
-        return any(_fits(value, kind) for kind in inner)
     if origin is Literal:
         return value in inner
     if origin in (tuple, Sequence):
@@ -181,17 +182,14 @@ def _fits(value: Any, annotation: Any) -> bool:
     )
 
 
-def _kinds(annotation: Any) -> list[Any]:
-    """Return what a value of this annotation may be, one by one."""
-    if get_origin(annotation) is Annotated:
-        return _kinds(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, UnionType):
-        return [
-            kind
-            for member in get_args(annotation)
-            if member is not NoneType
-            for kind in _kinds(member)
-        ]
+def kinds_of(annotation: object) -> list[Any]:
+    """Return the types that an annotation allows, one by one, None's too; without the
+    remarks of `Annotated`."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return kinds_of(inner[0])
+    if origin in (Union, UnionType):
+        return [kind for member in inner for kind in kinds_of(member)]
     return [annotation]
 
 
@@ -201,7 +199,7 @@ def _in_words(kind: Any) -> str:
     if get_origin(kind) is Literal:
         return " or ".join(map(str, inner))
     if inner:
-        return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(_kinds(inner[0])[0])}"
+        return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(kinds_of(inner[0])[0])}"
     words = {
         float: "a number",
         int: "a whole number",

@@ -67,7 +67,7 @@ class Metric:
         """The head of the column that holds this metric for many subjects."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
-    def show(self, value: Any, *, unit: bool = True) -> str:
+    def show(self, value: object, *, unit: bool = True) -> str:
         """Format a value, with its unit unless that stands in the head of its column."""
         if callable(self.form):
             return self.form(value)
@@ -77,11 +77,11 @@ class Metric:
             value = value * SCALES[self.unit]
         return show(value, self.form, self.unit if unit else "")
 
-    def is_shown(self, holder: Any) -> bool:
+    def is_shown(self, holder: object) -> bool:
         """Return whether reports and tables show this metric of `holder`."""
         return self.shown(holder) if callable(self.shown) else self.shown
 
-    def explain(self, holder: Any) -> str:
+    def explain(self, holder: object) -> str:
         """Return the definition of this metric of `holder` in words."""
         if callable(self.meaning):
             return self.meaning(holder)
@@ -101,7 +101,7 @@ def metrics_of(holder: Any) -> dict[str, Metric]:
     return {f.name: f.metadata["metric"] for f in fields if "metric" in f.metadata}
 
 
-def rows_of(holder: Any, *names: str) -> tuple[Row, ...]:
+def rows_of(holder: object, *names: str) -> tuple[Row, ...]:
     """Return a row for each metric of a dataclass, and of dataclasses in its fields.
 
     `names` are the fields to show, in this order; by default all.
@@ -113,7 +113,7 @@ def rows_of(holder: Any, *names: str) -> tuple[Row, ...]:
     )
 
 
-def card_of(holder: Any, *names: str) -> dict[str, Any]:
+def card_of(holder: object, *names: str) -> dict[str, Any]:
     """Return the values that a policy's card keeps, rounded to four digits.
 
     `names` are the fields to look at; by default all.
@@ -127,7 +127,7 @@ def card_of(holder: Any, *names: str) -> dict[str, Any]:
 
 
 def table_of(
-    title: str, subjects: Sequence[Any], *names: str, words: bool = False
+    title: str, subjects: Sequence[object], *names: str, words: bool = False
 ) -> Table:
     """Return a table with a line for each subject and a column for each of its metrics.
 
@@ -155,7 +155,7 @@ def table_of_rows(title: str, rows: Sequence[Row]) -> Table:
     return Table(title, ("Measure", "Value", "Definition"), rows, words=True)
 
 
-def show(value: Any, form: str, unit: str = "") -> str:
+def show(value: object, form: str, unit: str = "") -> str:
     """Format a value with its unit; a dash stands for None."""
     return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
 
@@ -180,7 +180,7 @@ def rounded(value: Any) -> Any:
 
 def _walk(
     holder: Any, names: Sequence[str] = ()
-) -> Iterator[tuple[Any, str, Metric, Any]]:
+) -> Iterator[tuple[object, str, Metric, object]]:
     declared = metrics_of(holder)
     for name in names or (field.name for field in dataclasses.fields(holder)):
         value = getattr(holder, name)

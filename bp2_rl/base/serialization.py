@@ -14,13 +14,14 @@ import hashlib
 import importlib.metadata
 import json
 import math
-import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from types import NoneType
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from bp2_rl.base import __version__
+from bp2_rl.base.bounds import kinds_of
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
@@ -36,7 +37,7 @@ class ConfigError(UserError):
     """A config file or value that does not fit its dataclass."""
 
 
-def to_json(config: Any) -> dict[str, Any]:
+def to_json(config: object) -> dict[str, Any]:
     """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0),
     non-finite ones as strings.
 
@@ -46,7 +47,7 @@ def to_json(config: Any) -> dict[str, Any]:
     return _convert(type(config), config, "", reading=False)
 
 
-def from_json(cls: type[Config], data: Any) -> Config:
+def from_json(cls: type[Config], data: object) -> Config:
     """The `cls` that `data`, an object as `to_json` makes it, describes:
     `from_json(cls, to_json(c)) == c`.
 
@@ -87,20 +88,20 @@ def merge(before: Config, changed: Config, after: Config) -> Config:
     return dataclasses.replace(typing.cast(Any, after), **values)
 
 
-def config_hash(config: Any) -> str:
+def config_hash(config: object) -> str:
     """Twelve hex digits that are equal for equal configs, on every machine and in every
     process."""
     return _sha256(to_json(config))[:12]
 
 
-def _sha256(data: Mapping[str, Any]) -> str:
+def _sha256(data: Mapping[str, object]) -> str:
     """The checksum of a JSON object, however it is laid out in a file."""
     return hashlib.sha256(
         json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
     ).hexdigest()
 
 
-def save_config(path: Path, config: Any) -> None:
+def save_config(path: Path, config: object) -> None:
     """Write `config` to `path` as readable JSON; the file is either the old one or the
     whole new one."""
     write_text(path, json.dumps(to_json(config), indent=2, allow_nan=False) + "\n")
@@ -120,7 +121,7 @@ def load_config(cls: type[Config], path: Path) -> Config:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def save_sealed(path: Path, card: Any, checksum: str) -> None:
+def save_sealed(path: Path, card: object, checksum: str) -> None:
     """Write a dataclass as `save_config` does, with a checksum of all its values under
     the name `checksum`."""
     data = to_json(card)
@@ -215,46 +216,55 @@ def package_versions() -> dict[str, str]:
 
 
 # --- The walk over a type, in both directions -----------------------------------------
-def _convert(annotation: Any, value: Any, path: str, *, reading: bool) -> Any:
+def _convert(annotation: object, value: Any, path: str, *, reading: bool) -> Any:
     """Return the JSON value of what is declared as `annotation` at `path`, or the
     Python value of the JSON (`reading`)."""
-    annotation = _bare(annotation)
-    if type(None) in get_args(annotation) and value is None:
+    kinds = kinds_of(annotation)
+    if value is None and NoneType in kinds:
         return None
-    if choices := _choices(annotation):
-        return _convert_choice(choices, annotation, value, path, reading=reading)
-    if get_origin(annotation) in (Union, types.UnionType):
-        member = _member(annotation, value, path)
-        return _convert(member, value, path, reading=reading)
-    if dataclasses.is_dataclass(annotation):
+    kinds = [kind for kind in kinds if kind is not NoneType]
+    if len(kinds) > 1 and all(map(dataclasses.is_dataclass, kinds)):
+        return _convert_choice(kinds, annotation, value, path, reading=reading)
+    if len(kinds) == 2 and kinds[0] is float and get_origin(kinds[1]) is tuple:
+        kinds = [kinds[isinstance(value, list | tuple)]]
+    if len(kinds) != 1:
+        raise TypeError(
+            f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None"
+        )
+    [kind] = kinds
+    if dataclasses.is_dataclass(kind):
         convert = _read_dataclass if reading else _write_dataclass
-        return convert(annotation, value, path)
-    if annotation is float:
+        return convert(kind, value, path)
+    if kind is float:
         return _convert_float(value, path, reading=reading)
-    if annotation is Path:
-        _require(isinstance(value, str if reading else Path), annotation, value, path)
+    if kind is Path:
+        _require(isinstance(value, str if reading else Path), kind, value, path)
         return Path(value) if reading else value.as_posix()
-    if get_origin(annotation) is tuple:
-        kinds: Any = (list, tuple) if reading else tuple
-        _require(isinstance(value, kinds), annotation, value, path)
-        items = [
-            _convert(*item, reading=reading) for item in _items(annotation, value, path)
-        ]
+    if get_origin(kind) is tuple:
+        lists = (list, tuple) if reading else tuple
+        _require(isinstance(value, lists), kind, value, path)
+        items = [_convert(*item, reading=reading) for item in _items(kind, value, path)]
         return tuple(items) if reading else items
-    if get_origin(annotation) is dict:
-        _require(isinstance(value, Mapping), annotation, value, path)
-        inner = get_args(annotation)[1]
+    if get_origin(kind) is dict:
+        _require(isinstance(value, Mapping), kind, value, path)
+        inner = get_args(kind)[1]
         return {
             key: _convert(inner, entry, _join(path, key), reading=reading)
             for key, entry in value.items()
         }
-    return _plain(annotation, value, path)
+    return _plain(kind, value, path)
 
 
 def _convert_choice(
-    choices: dict[str, Any], annotation: Any, value: Any, path: str, *, reading: bool
+    kinds: Sequence[Any], annotation: object, value: Any, path: str, *, reading: bool
 ) -> Any:
     """Convert one of several dataclasses, which JSON tells apart by their names."""
+    choices = {kind.__name__: kind for kind in kinds}
+    for name, kind in choices.items():
+        if any(field.name == _TYPE for field in dataclasses.fields(kind)):
+            raise TypeError(
+                f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart"
+            )
     if not reading:
         name = type(value).__name__
         _require(name in choices, annotation, value, path)
@@ -348,41 +358,6 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
     raise TypeError(f"{path}: a config cannot hold fields of type {annotation}")
 
 
-def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the dataclasses of a union of several, by name; of another annotation
-    nothing."""
-    found = {
-        member.__name__: member
-        for member in get_args(annotation)
-        if isinstance(member, type)
-    }
-    found = {
-        name: member
-        for name, member in found.items()
-        if dataclasses.is_dataclass(member)
-    }
-    if len(found) < 2:
-        return {}
-    for name, member in found.items():
-        if _TYPE in {field.name for field in dataclasses.fields(member)}:
-            raise TypeError(
-                f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart"
-            )
-    return found
-
-
-def _member(union: Any, value: Any, path: str) -> Any:
-    """Return X of an `X | None`; of a `float | tuple[...]` what the value is."""
-    members = [member for member in get_args(union) if member is not type(None)]
-    if len(members) == 2 and members[0] is float and get_origin(members[1]) is tuple:
-        return members[isinstance(value, list | tuple)]
-    if len(members) != 1:
-        raise TypeError(
-            f"{path}: a config cannot hold fields of type {union}; of unions, only X | None"
-        )
-    return members[0]
-
-
 def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
     """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any
     number."""
@@ -397,24 +372,16 @@ def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]
     ]
 
 
-def _bare(annotation: Any) -> Any:
-    """The type without the remarks (`Annotated[X, ...]`) that the command line's parser
-    reads."""
-    while get_origin(annotation) is typing.Annotated:
-        annotation = get_args(annotation)[0]
-    return annotation
-
-
 def _hints(cls: Any) -> dict[str, Any]:
     return typing.get_type_hints(cls, include_extras=True)
 
 
-def _require(fits: bool, annotation: Any, value: Any, path: str) -> None:
+def _require(fits: bool, annotation: object, value: object, path: str) -> None:
     if not fits:
         raise _mismatch(annotation, value, path)
 
 
-def _mismatch(annotation: Any, value: Any, path: str) -> ConfigError:
+def _mismatch(annotation: object, value: object, path: str) -> ConfigError:
     shown = repr(value)
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
     return ConfigError(f"{path or 'config'}: expected {_name(annotation)}, got {shown}")
@@ -422,7 +389,7 @@ def _mismatch(annotation: Any, value: Any, path: str) -> ConfigError:
 
 def _name(annotation: Any) -> str:
     """The type in a reader's words."""
-    annotation = _bare(annotation)
+    [annotation, *_] = kinds_of(annotation)
     if get_origin(annotation) is Literal:
         return " or ".join(repr(choice) for choice in get_args(annotation))
     plain = {

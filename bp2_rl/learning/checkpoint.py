@@ -77,7 +77,7 @@ class Metadata:
 
 
 # --- Saving ---------------------------------------------------------------------------
-def host_copy(state: Any) -> Any:
+def host_copy(state: State) -> State:
     """`state` as NumPy arrays of this process's own, whole: also what lies on the
     devices of other processes.
 
@@ -85,7 +85,7 @@ def host_copy(state: Any) -> Any:
     may then be donated.
     """
 
-    def gather(leaf: Any) -> Any:
+    def gather(leaf: object) -> object:
         if not isinstance(leaf, jax.Array) or leaf.is_fully_addressable:
             return leaf
         if leaf.is_fully_replicated:
@@ -107,13 +107,15 @@ class Saver:
     """
 
     def __init__(
-        self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS
+        self, run_dir: Path, config: Mapping[str, object], folder: str = CHECKPOINTS
     ):
         self._folder, self._config = Path(run_dir) / folder, config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
-    def save(self, step: int, state: Any, log: Mapping[str, Any] | None = None) -> None:
+    def save(
+        self, step: int, state: object, log: Mapping[str, object] | None = None
+    ) -> None:
         """Copy `state` to the host, and start to write it; on return `state` may be
         donated.
 
@@ -159,7 +161,13 @@ class Saver:
 # --- Restoring ------------------------------------------------------------------------
 def saved_steps(run_dir: Path, folder: str = CHECKPOINTS) -> list[int]:
     """Return the steps of a run's complete checkpoints, in no order."""
-    return _steps(Path(run_dir) / folder)
+    parent = Path(run_dir) / folder
+    names = folder_names(parent) if parent.is_dir() else ()
+    return [
+        int(name)
+        for name in names
+        if name.isdecimal() and (find_folder(parent / name) / METADATA).is_file()
+    ]
 
 
 def latest_step(run_dir: Path, folder: str = CHECKPOINTS) -> int | None:
@@ -233,7 +241,7 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
-        there = ", ".join(map(str, sorted(_steps(directory.parent)))) or "none"
+        there = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
         raise CheckpointError(
             f"no checkpoint of step {step} in {directory.parent}; it has: {there}"
         )
@@ -251,7 +259,7 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
 
 
 # --- The tree -------------------------------------------------------------------------
-def leaves_by_path(tree: Any) -> dict[str, Any]:
+def leaves_by_path(tree: object) -> dict[str, Any]:
     """Return a tree's leaves under the names they have in a checkpoint,
     `params/policy/bias`, in its order."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
@@ -267,8 +275,8 @@ def _describe(leaf: Any) -> str:
 
 
 def require_same(
-    saved: Mapping[str, Any],
-    wanted: Mapping[str, Any],
+    saved: Mapping[str, object],
+    wanted: Mapping[str, object],
     directory: Path,
     *,
     part: bool = False,
@@ -284,7 +292,7 @@ def require_same(
             )
 
 
-def place(array: np.ndarray, leaf: Any) -> Any:
+def place(array: np.ndarray, leaf: object) -> Any:
     """`array` on the devices of `leaf`, each process its own shards; as it is where
     `leaf` has no sharding."""
     sharding = getattr(leaf, "sharding", None)
@@ -296,34 +304,26 @@ def place(array: np.ndarray, leaf: Any) -> Any:
 
 
 # --- The files ------------------------------------------------------------------------
-def _steps(folder: Path) -> list[int]:
-    """Steps of the complete checkpoints."""
-    if not folder.is_dir():
-        return []
-    names = (name for name in folder_names(folder) if name.isdecimal())
-    return [
-        int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()
-    ]
-
-
-def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
+def _save(folder: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
     """Write a host copy, whole or not at all, and remove the oldest."""
     try:
         folder.mkdir(exist_ok=True)
         tidy(folder)
         with new_folder(folder / str(step)) as fresh:
             _write(fresh, step, state, extra)
-        for old in sorted(s for s in _steps(folder) if s <= step)[:-KEPT]:
+        for old in sorted(
+            s for s in saved_steps(folder.parent, folder.name) if s <= step
+        )[:-KEPT]:
             remove_folder(folder / str(old))
     except OSError as error:
-        kept = max(_steps(folder), default=None)
+        kept = max(saved_steps(folder.parent, folder.name), default=None)
         raise CheckpointError(
             f"cannot save checkpoint {step} in {folder}: {error.strerror or error}; "
             + ("there is none yet" if kept is None else f"the last good one is {kept}")
         ) from error
 
 
-def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
+def _write(directory: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
     """Write the state, and last of all the metadata that vouches for it."""
     leaves = leaves_by_path(state)
     path = directory / STATE
@@ -349,15 +349,13 @@ def _refusing_damage(directory: Path) -> Generator[None]:
     try:
         yield
     except BadFileError as error:
-        raise CheckpointError(f"{error}; {_advice(directory)}") from error
+        steps = saved_steps(directory.parents[1], directory.parent.name)
+        others = [step for step in steps if str(step) != directory.name]
+        advice = (
+            f"remove that folder to go on from step {max(others)}"
+            if others
+            else "there is no other to go on from"
+        )
+        raise CheckpointError(f"{error}; {advice}") from error
     except ConfigError as error:
         raise CheckpointError(str(error)) from error
-
-
-def _advice(directory: Path) -> str:
-    others = [step for step in _steps(directory.parent) if str(step) != directory.name]
-    return (
-        f"remove that folder to go on from step {max(others)}"
-        if others
-        else "there is no other to go on from"
-    )

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from bp2_rl.base.errors import one_line
+from bp2_rl.base.serialization import save_config
 from bp2_rl.learning.judged import (
+    JUDGED,
     POLICIES,
     Judged,
     JudgedPolicy,
@@ -20,7 +22,6 @@ from bp2_rl.learning.judged import (
     exported_steps,
     policy_folder,
     read_judged,
-    write_judged,
 )
 from bp2_rl.learning.monitor import Monitor, count
 from bp2_rl.learning.policy import Policy, save_policy
@@ -158,7 +159,7 @@ class ExportedPolicies:
 
     def _write(self, own: int | None) -> None:
         judged = Judged(self._began, tuple(self._judged.values()), own)
-        write_judged(self._run_dir, judged)
+        save_config(self._run_dir / JUDGED, judged)
 
     def _show(self, last: int) -> None:
         words = f"judged: {self._judged[last].result} at {count(last)}"

@@ -148,7 +148,7 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
     return dataclasses.replace(after, reward=reward, done=done, metrics=metrics), sound
 
 
-def _finite(tree: Any) -> Bool[Array, " robots"]:
+def _finite(tree: object) -> Bool[Array, " robots"]:
     """For each robot, whether all its numbers are finite."""
     leaves = [
         jnp.isfinite(leaf).all(axis=tuple(range(1, leaf.ndim)))
@@ -157,7 +157,7 @@ def _finite(tree: Any) -> Bool[Array, " robots"]:
     return functools.reduce(jnp.logical_and, leaves)
 
 
-def _where(choose: Bool[Array, " robots"], these: Any, those: Any) -> Any:
+def _where(choose: Bool[Array, " robots"], these: object, those: object) -> Any:
     """Return a tree with each robot's rows from `these` where chosen, else `those`."""
 
     def select(this: Array, that: Array) -> Array:

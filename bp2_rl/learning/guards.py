@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 import numpy as np
@@ -116,7 +115,7 @@ def explain(learner: PPO, state: TrainState) -> str:
     return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
 
 
-def _not_finite(*parts: Any) -> str | None:
+def _not_finite(*parts: object) -> str | None:
     """Return the first leaf that is not finite, in words."""
     for path, leaf in itertools.chain.from_iterable(
         leaves_by_path(part).items() for part in parts

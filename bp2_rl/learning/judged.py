@@ -8,10 +8,9 @@ The run's own policy is the best that was judged, without a judge the newest.
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from bp2_rl.base.folders import find_folder, folder_names
-from bp2_rl.base.serialization import ConfigError, load_config, save_config
+from bp2_rl.base.serialization import ConfigError, load_config
 
 POLICIES, JUDGED = "policies", "judged.json"
 
@@ -82,11 +81,6 @@ def read_judged(run_dir: Path) -> Judged:
         ) from error
 
 
-def write_judged(run_dir: Path, judged: Judged) -> None:
-    """Write judged.json, whole or not at all."""
-    save_config(run_dir / JUDGED, judged)
-
-
 def best_policy(results: dict[int, JudgeResult], until: float | None) -> int | None:
     """Return the control steps of the best policy, the latest of equals; one that ends
     the run comes before others."""
@@ -117,7 +111,7 @@ def own_policy(run_dir: Path) -> Path | None:
     return None if own is None else policy_folder(run_dir, own)
 
 
-def results_of_judge(policy: Path) -> dict[str, Any]:
+def results_of_judge(policy: Path) -> dict[str, object]:
     """Return what the card of the policy in this folder says under `judged`; empty
     where the policy is no run's, or was not judged."""
     if policy.parent.name != POLICIES:

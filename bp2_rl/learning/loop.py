@@ -34,8 +34,7 @@ from bp2_rl.learning.judged import (
     policy_folder,
     read_judged,
 )
-from bp2_rl.learning.log import Log, Unlogged
-from bp2_rl.learning.monitor import Monitor
+from bp2_rl.learning.monitor import Log, Monitor, Unlogged
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState

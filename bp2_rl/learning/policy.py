@@ -112,14 +112,17 @@ class Policy:
         """Return the action of Brax's network of the same parameters, in the array
         library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
+            layout = self.card.observation_layout
             raise PolicyError(
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
-                f"{self.card.observation_size}: {_show_layout(self.card.observation_layout)}"
+                f"{self.card.observation_size}: {', '.join(f'{name} {size}' for name, size in layout)}"
             )
         return NETWORKS[self.card.activation](*self.weights, observation)
 
     @property
-    def weights(self) -> tuple[Any, Any, Any]:
+    def weights(
+        self,
+    ) -> tuple[np.ndarray, np.ndarray, tuple[tuple[np.ndarray, np.ndarray], ...]]:
         """Mean, standard deviation and layers: all numbers of the network."""
         return self.mean, self.std, self.layers
 
@@ -153,7 +156,7 @@ NETWORKS = {
 
 
 def make_policy(
-    layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard
+    layers: Sequence[tuple[object, object]], normalizer: Any, card: PolicyCard
 ) -> Policy:
     """Return the policy of a trained network.
 
@@ -338,26 +341,14 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
 def _check_layout(
     card: PolicyCard, expected: Sequence[tuple[str, int]], directory: Path
 ) -> None:
-    theirs, ours = (
-        list(card.observation_layout),
-        [(name, size) for name, size in expected],
-    )
-    if theirs == ours:
-        return
-    first = next(
-        (
-            i
-            for i, pair in enumerate(zip(theirs, ours, strict=False))
-            if pair[0] != pair[1]
-        ),
-        None,
-    )
-    first = min(len(theirs), len(ours)) if first is None else first
-    raise PolicyError(
-        f"policy {directory} was trained on other observations: entry {first} is {_show_entry(theirs, first)} "
-        f"there and {_show_entry(ours, first)} here; use the bp2_rl that trained it "
-        f"({card.versions.get('bp2_rl', 'version unknown')})"
-    )
+    pairs = itertools.zip_longest(card.observation_layout, expected)
+    for i, (theirs, ours) in enumerate(pairs):
+        if theirs != ours:
+            raise PolicyError(
+                f"policy {directory} was trained on other observations: entry {i} is {_show_entry(theirs)} there and "
+                f"{_show_entry(ours)} here; use the bp2_rl that trained it "
+                f"({card.versions.get('bp2_rl', 'version unknown')})"
+            )
 
 
 def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
@@ -422,17 +413,9 @@ def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _float32(array: Any) -> np.ndarray:
+def _float32(array: object) -> np.ndarray:
     return np.array(array, dtype=np.float32)
 
 
-def _show_layout(layout: Sequence[tuple[str, int]]) -> str:
-    return ", ".join(f"{name} {size}" for name, size in layout)
-
-
-def _show_entry(layout: Sequence[tuple[str, int]], index: int) -> str:
-    return (
-        f"{layout[index][0]!r} of size {layout[index][1]}"
-        if index < len(layout)
-        else "absent"
-    )
+def _show_entry(entry: tuple[str, int] | None) -> str:
+    return "absent" if entry is None else f"{entry[0]!r} of size {entry[1]}"

@@ -81,7 +81,10 @@ class PPO:
     """
 
     def __init__(
-        self, env: envs.Env, config: PPOConfig, devices: Sequence[Any] | None = None
+        self,
+        env: envs.Env,
+        config: PPOConfig,
+        devices: Sequence[jax.Device] | None = None,
     ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
@@ -436,14 +439,14 @@ class PPO:
         return jax.tree.map(shuffled, data)
 
 
-def _devices(config: PPOConfig) -> list[Any]:
+def _devices(config: PPOConfig) -> list[jax.Device]:
     devices = jax.devices()
     if devices[0].platform != "cpu" or jax.process_count() > 1:
         return devices
     return devices[: min(2 ** (len(devices).bit_length() - 1), config.shuffle_blocks)]
 
 
-def _all_finite(tree: Any) -> Array:
+def _all_finite(tree: object) -> Array:
     return jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)]).all()
 
 

@@ -37,7 +37,7 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
 )
 from bp2_rl.learning.exports import Judge
-from bp2_rl.learning.log import Unlogged
+from bp2_rl.learning.monitor import Unlogged
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.programs import use_kept
 from bp2_rl.learning.writers import Writer, open_tracker

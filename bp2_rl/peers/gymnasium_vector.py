@@ -149,7 +149,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         )
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Free what pictures needed."""
         del kwargs
         if self._photographer:

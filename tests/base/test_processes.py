@@ -37,17 +37,13 @@ print(jax.config.values["jax_compilation_cache_dir"])
 """
 
 
-def environment(**variables):
-    ours = ("BP2_CACHE", "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME")
-    return {
-        name: value for name, value in os.environ.items() if name not in ours
-    } | variables
+CACHES = {"BP2_CACHE", "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME"}
 
 
 def said(code, cwd, **variables):
     done = subprocess.run(
         [sys.executable, "-c", code],
-        env=environment(**variables),
+        env={name: os.environ[name] for name in os.environ.keys() - CACHES} | variables,
         cwd=cwd,
         capture_output=True,
         text=True,
@@ -56,31 +52,27 @@ def said(code, cwd, **variables):
     return done.stdout.split()
 
 
-def test_the_cache_is_in_the_home_unless_the_environment_names_another(tmp_path):
-    home, other = tmp_path / "home", tmp_path / "other"
-    default = f"{home}/.cache/bp2_rl"
-    assert said(KEPT, tmp_path, HOME=str(home)) == [
-        f"{default}/programs",
-        f"{default}/jax",
+@pytest.mark.parametrize(
+    ("variables", "programs", "compiled"),
+    [
+        ({"HOME": "home"}, "home/.cache/bp2_rl/programs", "home/.cache/bp2_rl/jax"),
+        ({"BP2_CACHE": "a"}, "a/programs", "a/jax"),
+        ({"XDG_CACHE_HOME": "a"}, "a/bp2_rl/programs", "a/bp2_rl/jax"),
+        (
+            {"BP2_CACHE": "a", "JAX_COMPILATION_CACHE_DIR": "theirs"},
+            "a/programs",
+            "theirs",
+        ),
+    ],
+)
+def test_the_cache_is_in_the_home_unless_the_environment_names_another(
+    tmp_path, variables, programs, compiled
+):
+    places = {name: f"{tmp_path}/{place}" for name, place in variables.items()}
+    assert said(KEPT, tmp_path, **places) == [
+        f"{tmp_path}/{programs}",
+        f"{tmp_path}/{compiled}",
     ]
-    assert said(KEPT, tmp_path, BP2_CACHE=str(other)) == [
-        f"{other}/programs",
-        f"{other}/jax",
-    ]
-    assert said(KEPT, tmp_path, XDG_CACHE_HOME=str(other)) == [
-        f"{other}/bp2_rl/programs",
-        f"{other}/bp2_rl/jax",
-    ]
-
-
-def test_a_folder_that_jax_was_told_remains_jaxs(tmp_path):
-    told = said(
-        KEPT,
-        tmp_path,
-        BP2_CACHE=str(tmp_path / "ours"),
-        JAX_COMPILATION_CACHE_DIR="theirs",
-    )
-    assert told == [f"{tmp_path}/ours/programs", "theirs"]
 
 
 def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):

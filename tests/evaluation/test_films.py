@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import save_config
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
 from bp2_rl.evaluation.judge import JudgeProcesses
 from bp2_rl.learning.exports import Judge
-from bp2_rl.learning.judged import Judged, JudgedPolicy, JudgeResult, write_judged
+from bp2_rl.learning.judged import JUDGED, Judged, JudgedPolicy, JudgeResult
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
@@ -128,7 +129,7 @@ def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
     with filming(Fleet({64: FAST}), print) as judge:
         hear(judge, tmp_path, 64)
     known = JudgedPolicy(64, 1.0, JudgeResult(12.5, 0, 3, 12.5))
-    write_judged(tmp_path, Judged(1.0, (known,), own=64))
+    save_config(tmp_path / JUDGED, Judged(1.0, (known,), own=64))
     with filming(Fleet({128: FALLEN}), print) as judge:
         hear(judge, tmp_path, 128)
     assert re.findall(r"films/(\d+).mp4", page(tmp_path)) == ["64", "128"]

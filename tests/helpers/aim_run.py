@@ -1,12 +1,15 @@
 """`train.py` as a program of its own, on a stand-in for the robot that compiles in
 seconds."""
 
+import dataclasses
+import json
 import os
 import subprocess
 import sys
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from aim import StandIn
 
@@ -15,6 +18,8 @@ from bp2_rl.cli import train
 from bp2_rl.learning import run
 from bp2_rl.learning.checkpoint import CHECKPOINTS
 from bp2_rl.learning.ppo import PPO
+from bp2_rl.settings.presets import preset
+from bp2_rl.settings.training import Stage, TrainConfig
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
 SMALL = [
@@ -31,6 +36,33 @@ SMALL = [
     "--ppo.value-layers",
     "16",
 ]
+CLOCKS = ("wall_time", "steps_per_second")
+"""What two equal runs differ in."""
+
+
+def small(stage: Stage = "imitation", **run: Any) -> TrainConfig:
+    """Settings of a run with the sizes of `SMALL`; `run` are fields of `RunConfig`."""
+    config = preset(stage, "smoke")
+    ppo = dataclasses.replace(
+        config.ppo,
+        num_envs=16,
+        unroll_length=4,
+        num_minibatches=2,
+        policy_layers=(16,),
+        value_layers=(16,),
+    )
+    return dataclasses.replace(
+        config, ppo=ppo, run=dataclasses.replace(config.run, **run)
+    )
+
+
+def metrics(run: Path) -> list[dict[str, Any]]:
+    """The lines of metrics.jsonl, every one of which is JSON, but for the clocks."""
+    lines = (run / "metrics.jsonl").read_text().splitlines()
+    return [
+        {name: value for name, value in json.loads(line).items() if name not in CLOCKS}
+        for line in lines
+    ]
 
 
 def command(*arguments, pause=0.0):

@@ -24,15 +24,6 @@ def test_nothing_is_compiled_after_the_first_two_iterations():
     assert int(state.step) == 5
 
 
-def test_the_train_step_is_compiled_beside_the_first_state():
-    learner = PPO(Aim(), TINY)
-    with learner.compiling():
-        state = learner.init(0)
-    with compilations() as later:
-        learner.train_step(state)
-    assert later[COMPILED] == 0
-
-
 def test_programs_are_counted_once_each_and_only_within():
     @jax.jit
     def double(x):

@@ -1,9 +1,7 @@
 """What becomes of the policies that a run exports: judged beside it, and the best kept
 as its own."""
 
-import dataclasses
 import functools
-import json
 import shutil
 import signal
 import threading
@@ -12,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from aim import StandIn
+from aim_run import small
 
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.learning import run as training
@@ -20,38 +19,20 @@ from bp2_rl.learning.judged import JudgeResult, own_policy
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.presets import preset
-from bp2_rl.settings.training import TrainConfig
+from bp2_rl.learning.writers import read_metrics
 
 PER_STEP = 16 * 4  # control steps
 STEPS = 8
 
-
-def small(**run) -> TrainConfig:
-    config = preset("imitation", "smoke")
-    ppo = dataclasses.replace(
-        config.ppo,
-        num_envs=16,
-        unroll_length=4,
-        num_minibatches=2,
-        policy_layers=(16,),
-        value_layers=(16,),
-    )
-    settings = {
-        "steps": STEPS * PER_STEP,
-        "checkpoints": 4,
-        "logs": 4,
-        "judged": STEPS,
-    } | run
-    return dataclasses.replace(
-        config, ppo=ppo, run=dataclasses.replace(config.run, **settings)
-    )
+short = functools.partial(
+    small, steps=STEPS * PER_STEP, checkpoints=4, logs=4, judged=STEPS
+)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def quick_robot():
     """A stand-in for the robot, whose train step is compiled once."""
-    learner = PPO(StandIn(), small().ppo)
+    learner = PPO(StandIn(), short().ppo)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "make_learner", lambda config, _=None: learner)
         yield
@@ -97,13 +78,9 @@ def weights(folder):
 
 
 def judged_lines(run_dir):
-    lines = [
-        json.loads(line)
-        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
-    ]
     return {
         line["step"]: (line["judged/speed"], line["judged/falls"])
-        for line in lines
+        for line in read_metrics(run_dir)
         if "judged/speed" in line
     }
 
@@ -112,22 +89,9 @@ def log(run_dir):
     return (run_dir / "log.txt").read_text()
 
 
-@pytest.mark.parametrize(
-    ("result", "words"),
-    [
-        (JudgeResult(12.34, 0, 3, 5.0), "12.3 m/s"),
-        (JudgeResult(12.34, 2, 3, 5.0), "12.3 m/s, 2 of 3 launches fell"),
-        (JudgeResult(0.0, 3, 3, 5.0), "3 of 3 launches fell"),
-        (JudgeResult(0.0, 0, 3, 5.0), "0.0 m/s"),
-    ],
-)
-def test_a_result_in_words(result, words):
-    assert str(result) == words
-
-
 def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
     judge = Fake(steady(1, 5, 2, 9, 9, 3, 4, 2))
-    run = training.start(small(), tmp_path / "run", judge=judge)
+    run = training.start(short(), tmp_path / "run", judge=judge)
     assert judge.asked == [k * PER_STEP for k in range(1, STEPS + 1)]
     assert weights(own_policy(run)) == weights(run / "policies" / str(5 * PER_STEP))
     card = load_policy(run).card
@@ -145,20 +109,10 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
     assert len(judged_lines(run)) == STEPS
 
 
-def test_the_best_policy_is_the_fastest_over_all_launches(tmp_path):
-    results = {
-        k * PER_STEP: JudgeResult(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)
-    }
-    # the first launch was the one in which it fell
-    results[3 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.0)
-    run = training.start(small(), tmp_path / "run", judge=Fake(results))
-    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
-
-
 def test_judging_changes_nothing_of_what_is_learned(tmp_path):
-    alone = training.start(small(judged=0), tmp_path / "alone")
+    alone = training.start(short(judged=0), tmp_path / "alone")
     judged = training.start(
-        small(), tmp_path / "judged", judge=Fake(steady(*range(STEPS)))
+        short(), tmp_path / "judged", judge=Fake(steady(*range(STEPS)))
     )
     assert "judged" not in load_policy(alone).card.results
     for step in (4, 8):
@@ -176,7 +130,7 @@ def test_judging_changes_nothing_of_what_is_learned(tmp_path):
 def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
     """The judge takes a second for each, in which the whole run is done."""
     judge = Fake(steady(*range(STEPS)), after=1.0)
-    run = training.start(small(), tmp_path / "run", judge=judge)
+    run = training.start(short(), tmp_path / "run", judge=judge)
     saves = {k * PER_STEP for k in (2, 4, 6, 8)}
     assert saves <= set(judge.asked)
     assert len(judge.asked) < STEPS
@@ -188,7 +142,7 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     results = steady(1, 12, 9, 11, 12, 13, 14, 15)
     # it falls in the launch that counts
     results[2 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.5)
-    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(results))
+    run = training.start(short(until=10.5), tmp_path / "run", judge=Fake(results))
     # Heard of during the train step after it.
     assert latest_step(run) == 5
     assert is_finished(run)
@@ -202,22 +156,40 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     assert latest_step(run) == 5
 
 
-def test_the_policy_that_ends_a_run_is_its_own_though_another_falls_less(tmp_path):
-    results = steady(1, 9, 11, 12, 13, 14, 15, 16)
-    results[3 * PER_STEP] = JudgeResult(11.0, 2, 3, 11.0 / 3)
-    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(results))
-    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
+@pytest.mark.parametrize(
+    ("until", "results", "best", "last"),
+    [
+        # the first launch was the one in which it fell
+        (
+            None,
+            dict.fromkeys(range(1, STEPS + 1), JudgeResult(13.0, 2, 3, 13.0 / 3))
+            | {3: JudgeResult(0.0, 1, 3, 7.0)},
+            3,
+            STEPS,
+        ),
+        # heard of during the train step after it
+        (
+            10.5,
+            {1: JudgeResult(1.0, 0, 3, 1.0), 2: JudgeResult(9.0, 0, 3, 9.0)}
+            | dict.fromkeys(range(3, STEPS + 1), JudgeResult(11.0, 2, 3, 11.0 / 3)),
+            3,
+            4,
+        ),
+        (20.0, dict.fromkeys(range(1, STEPS + 1), JudgeResult(9, 0, 3, 9)), 8, STEPS),
+    ],
+    ids=["fastest over all launches", "ends the run", "never gets there"],
+)
+def test_a_runs_own_policy_ends_the_run_or_is_the_fastest_over_all_launches(
+    tmp_path, until, results, best, last
+):
+    judge = Fake({step * PER_STEP: result for step, result in results.items()})
+    run = training.start(short(until=until), tmp_path / "run", judge=judge)
+    assert load_policy(run).card.results["judged"]["control_steps"] == best * PER_STEP
+    assert latest_step(run) == last
+    assert ("reached" in log(run)) is (last < STEPS)
 
 
-def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
-    run = training.start(
-        small(until=20.0), tmp_path / "run", judge=Fake(steady(*range(STEPS)))
-    )
-    assert latest_step(run) == STEPS
-    assert "reached" not in log(run)
-
-
-@pytest.mark.parametrize("results_before", [0, 3])
+@pytest.mark.parametrize("results_before", [0, 3, STEPS - 1])
 def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(
     tmp_path, results_before
 ):
@@ -225,7 +197,7 @@ def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_ow
     results: dict = steady(*range(STEPS, 0, -1))
     for k in range(results_before + 1, STEPS + 1):
         results[k * PER_STEP] = RuntimeError("a process of his\nwas killed")
-    run = training.start(small(), tmp_path / "run", judge=Fake(results))
+    run = training.start(short(), tmp_path / "run", judge=Fake(results))
     assert latest_step(run) == STEPS
     assert log(run).count("warning") == 1
     assert (
@@ -236,17 +208,11 @@ def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_ow
     assert len(judged_lines(run)) == results_before
 
 
-def test_a_judge_that_fails_in_the_end_leaves_the_newest_policy(tmp_path):
-    results: dict = {**steady(*range(STEPS, 0, -1)), STEPS * PER_STEP: KeyError()}
-    run = training.start(small(), tmp_path / "run", judge=Fake(results))
-    assert weights(own_policy(run)) == weights(run / "policies" / str(STEPS * PER_STEP))
-
-
 def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
     tmp_path, monkeypatch
 ):
     results = steady(1, 2, 9, 4, 3, 2, 1, 1)
-    whole = training.start(small(), tmp_path / "whole", judge=Fake(results))
+    whole = training.start(short(), tmp_path / "whole", judge=Fake(results))
     judge = Fake(results)
 
     def caught_in_the_fourth_step(signals):
@@ -260,7 +226,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
             "bp2_rl.learning.cluster.StopSignals.received", caught_in_the_fourth_step
         )
         with pytest.raises(RunStopped):
-            training.start(small(), tmp_path / "run", judge=judge)
+            training.start(short(), tmp_path / "run", judge=judge)
     run = tmp_path / "run"
     assert latest_step(run) == 4
     assert set(judged_lines(run)) == {64, 128, 192}
@@ -278,7 +244,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
 
 def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
     run = training.start(
-        small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3))
+        short(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3))
     )
     shutil.rmtree(run / "checkpoints" / str(STEPS))
     (run / "policies" / str(4 * PER_STEP) / "weights.npz").write_bytes(b"")
@@ -291,7 +257,7 @@ def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
 
 
 def test_a_damaged_file_of_results_is_a_line_on_how_to_mend_it(tmp_path):
-    run = training.start(small(), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
+    run = training.start(short(), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
     (run / "judged.json").write_text('{"began": 1.0, "own": "best"}')
     for read in (load_policy, lambda run: training.resume(run, judge=Fake({}))):
         with pytest.raises(UserError, match=r"own: expected an integer, .*; remove it"):

@@ -3,7 +3,6 @@ said, and what is kept."""
 
 import dataclasses
 import functools
-import json
 from typing import Any
 
 import jax
@@ -16,7 +15,7 @@ from killer import save_checkpoint
 
 from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
-from bp2_rl.learning import checkpoint, guards, log, loop, policy
+from bp2_rl.learning import checkpoint, guards, loop, monitor, policy
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import (
     FAILED,
@@ -25,8 +24,9 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
 )
 from bp2_rl.learning.fleet import FAULTS, Fleet
-from bp2_rl.learning.monitor import Monitor
+from bp2_rl.learning.monitor import Log, Monitor, Unlogged
 from bp2_rl.learning.ppo import NOT_FINITE, PPO
+from bp2_rl.learning.writers import read_metrics
 from bp2_rl.settings.training import TrainConfig
 
 STEPS = 12
@@ -61,12 +61,6 @@ def faults(monkeypatch):
 
     choose()
     return choose
-
-
-def records(run):
-    return [
-        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
-    ]
 
 
 def restore(run, **where) -> Any:
@@ -196,10 +190,10 @@ def test_a_run_survives_faulty_robots_and_says_so(faults, tmp_path):
     assert command.main([*RUN, "--out", str(tmp_path / "run")]) == 0
     assert_finite(restore(tmp_path / "run"))
     for name in FAULTS:
-        assert max(record[name] for record in records(tmp_path / "run")) > 0
+        assert max(record[name] for record in read_metrics(tmp_path / "run")) > 0
     assert all(
         value is not None
-        for record in records(tmp_path / "run")
+        for record in read_metrics(tmp_path / "run")
         for value in record.values()
     )
     log = (tmp_path / "run/log.txt").read_text()
@@ -230,9 +224,9 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(
     )
     assert error.strip() in (run / "log.txt").read_text()
     assert latest_step(run) == kept
-    assert all(record["step"] <= step * 64 for record in records(run))
+    assert all(record["step"] <= step * 64 for record in read_metrics(run))
     assert all(
-        value is not None for record in records(run) for value in record.values()
+        value is not None for record in read_metrics(run) for value in record.values()
     )
 
     # What was saved is the state that the sound train steps led to: parameters, Adam,
@@ -342,20 +336,17 @@ def test_a_train_step_that_is_sound_after_all_is_said_to_be():
     [
         (["--replay", "nowhere"], "no training run at nowhere"),
         (["--replay", "nowhere", "--run.steps", "5"], "--run.steps"),
+        (["--replay", "sound"], "has no train step to replay: all that it made were"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused(arguments, words, capsys):
+def test_what_cannot_be_replayed_is_refused(
+    arguments, words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sound").mkdir()
+    training.save_config(tmp_path / "sound/config.json", TrainConfig())
     assert command.main(arguments) == 2
     assert words in capsys.readouterr().err
-
-
-def test_a_run_that_did_not_fail_has_nothing_to_replay(tmp_path, capsys):
-    training.save_config(tmp_path / "config.json", TrainConfig())
-    assert command.main(["--replay", str(tmp_path)]) == 2
-    assert (
-        "has no train step to replay: all that it made were finite"
-        in capsys.readouterr().err
-    )
 
 
 # --- Files that cannot be written -----------------------------------------------------
@@ -381,8 +372,9 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(
             raise OSError(28, "No space left on device")
         return real(*arguments)
 
-    monkeypatch.setattr(owner, name, full)
-    assert command.main([*RUN, "--out", str(run)]) == 1
+    with monkeypatch.context() as disk:
+        disk.setattr(owner, name, full)
+        assert command.main([*RUN, "--out", str(run)]) == 1
     error = capsys.readouterr().err
     assert error.startswith(said)
     assert "No space left on device" in error
@@ -392,14 +384,10 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(
     )
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()
-    monkeypatch.undo()
-    monkeypatch.setattr(
-        training,
-        "make_learner",
-        lambda config, _=None: learner_of((), 100.0, config.ppo),
-    )
     assert command.main(["--resume", str(run)]) == 0
-    assert [record["step"] for record in records(run)] == [128 * n for n in range(1, 7)]
+    assert [record["step"] for record in read_metrics(run)] == [
+        128 * n for n in range(1, 7)
+    ]
 
 
 def test_an_unexpected_failure_leaves_its_traceback_in_the_run(
@@ -464,33 +452,27 @@ def test_signs_of_a_training_that_goes_wrong_are_put_into_words(change, name, wo
     assert words in found[name]
 
 
-def test_a_first_jump_that_a_lower_learning_rate_mends_is_no_sign():
-    assert (
-        guards.warnings(
-            FINE | {"loss/kl_mean": 0.2, "loss/learning_rate": 4e-5}, TrainConfig().ppo
-        )
-        == {}
-    )
-
-
-def test_the_limits_of_a_warning_are_those_of_the_config():
-    config = dataclasses.replace(
-        TrainConfig().ppo, desired_kl=None, reward_scaling=2.0, initial_std=0.1
-    )
-    change = {
-        "loss/kl_mean": 9.0,
-        "loss/v_loss": 4.5,
-        "loss/policy_dist_mean_std": 0.01,
-    }
+@pytest.mark.parametrize(
+    ("settings", "change"),
+    [
+        # a first jump, which a lower learning rate mends
+        ({}, {"loss/kl_mean": 0.2, "loss/learning_rate": 4e-5}),
+        ({"desired_kl": None}, {"loss/kl_mean": 9.0, "loss/learning_rate": 1e-5}),
+        ({"reward_scaling": 2.0}, {"loss/v_loss": 4.5}),
+        ({"initial_std": 0.1}, {"loss/policy_dist_mean_std": 0.01}),
+    ],
+)
+def test_what_the_settings_allow_is_no_sign(settings, change):
+    config = dataclasses.replace(TrainConfig().ppo, **settings)
     assert guards.warnings(FINE | change, config) == {}
 
 
 def test_a_warning_is_said_once_until_it_has_been_away(monkeypatch):
     kl, falls = {"kl": "jumps"}, {"falls": "fall"}
-    monitor, said, heard = Monitor(None, 1), [], []
-    monkeypatch.setattr(monitor, "note", said.append)
-    monkeypatch.setattr(log, "summarize", lambda means: means)
-    lines = log.Log(monitor, TINY, log.Unlogged())
+    told, said, heard = Monitor(None, 1), [], []
+    monkeypatch.setattr(told, "note", said.append)
+    monkeypatch.setattr(monitor, "summarize", lambda means: means)
+    lines = Log(told, TINY, Unlogged())
     for step, present in enumerate((kl, kl | falls, kl, {}, kl)):
         monkeypatch.setattr(
             guards, "warnings", lambda means, ppo, present=present: present

@@ -14,6 +14,7 @@ from tensorboardX.proto import event_pb2
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning import writers
 from bp2_rl.learning.monitor import Monitor, count, duration
+from bp2_rl.learning.writers import read_metrics
 
 HEADLINES = {
     "reward": 12.345,
@@ -45,16 +46,20 @@ def terminal(clock: Callable[[], float]) -> Console:
     )
 
 
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def console(clock: Clock) -> Console:
+    """A pipe, whose time is the clock's."""
+    return pipe(clock)
+
+
 def shown(console: Console) -> str:
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
-
-
-def records(run_dir: Path) -> list[dict]:
-    return [
-        json.loads(line)
-        for line in (run_dir / "metrics.jsonl").read_text().splitlines()
-    ]
 
 
 def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
@@ -78,26 +83,21 @@ def events(run_dir: Path) -> list:
     return found
 
 
-def test_every_log_is_a_line_of_json_at_once(tmp_path: Path):
+def test_every_finite_number_is_in_both_files_at_once(tmp_path: Path):
+    path = tmp_path / "run" / "metrics.jsonl"
     with Monitor(tmp_path / "run", 100, console=pipe()) as monitor:
         monitor.log(10, {"reward": 1.5, "loss/value": 0.25})
-        assert len(records(tmp_path / "run")) == 1
+        assert path.read_text().count("\n") == 1
         monitor.log(20, {"reward": math.nan, "loss/value": math.inf})
-    first, second = records(tmp_path / "run")
+        monitor.log(30, {"reward": math.nan, "loss/value": 0.5})
+    first, second, _ = map(json.loads, path.read_text().splitlines())
     assert first.pop("wall_time") > 1.7e9
     assert first == {"step": 10, "reward": 1.5, "loss/value": 0.25}
-    assert second["reward"] is None
-    assert second["loss/value"] is None
-
-
-def test_tensorboard_gets_every_finite_scalar(tmp_path: Path):
-    with Monitor(tmp_path, 100, console=pipe()) as monitor:
-        monitor.log(10, {"reward": 1.5, "loss/value": 0.25})
-        monitor.log(20, {"reward": math.nan, "loss/value": 0.5})
-    assert scalars(tmp_path) == [
+    assert second["reward"] is second["loss/value"] is None
+    assert scalars(tmp_path / "run") == [
         ("reward", 10, 1.5),
         ("loss/value", 10, 0.25),
-        ("loss/value", 20, 0.5),
+        ("loss/value", 30, 0.5),
     ]
 
 
@@ -119,30 +119,19 @@ def test_resuming_drops_what_was_logged_after_the_checkpoint(tmp_path: Path):
         for step in (10, 20, 30, 40):
             monitor.log(step, {"reward": step})
     with (tmp_path / "metrics.jsonl").open("a") as file:
-        file.write('{"step": 50, "rew')  # killed while writing
+        file.write('{"step": 20, "reward": 9}')  # killed before the line's end
     with Monitor(tmp_path, 100, start_step=20, console=pipe()) as monitor:
         monitor.log(30, {"reward": -30.0})
-    assert [(r["step"], r["reward"]) for r in records(tmp_path)] == [
+    assert [(r["step"], r["reward"]) for r in read_metrics(tmp_path)] == [
         (10, 10.0),
         (20, 20.0),
         (30, -30.0),
     ]
 
 
-def test_a_line_torn_by_a_kill_is_dropped_even_if_its_step_is_early(tmp_path: Path):
-    (tmp_path / "metrics.jsonl").write_text(
-        '{"step": 10, "reward": 1}\n{"step": 20, "reward": 2}'
-    )
-    with Monitor(tmp_path, 100, start_step=20, console=pipe()):
-        pass
-    assert [r["step"] for r in records(tmp_path)] == [10]
-
-
 def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end(
-    tmp_path: Path,
+    tmp_path: Path, clock: Clock, console: Console
 ):
-    clock = Clock()
-    console = pipe(clock)
     with Monitor(tmp_path, 50_000_000, console=console) as monitor:
         for second in range(25):
             clock.now = float(second)
@@ -158,19 +147,7 @@ def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end
     assert "\x1b" not in shown(console)
 
 
-def test_the_last_plain_line_is_not_said_twice(tmp_path: Path):
-    clock = Clock()
-    console = pipe(clock)
-    with Monitor(tmp_path, 10, console=console) as monitor:
-        clock.now = 83.0
-        monitor.log(10, HEADLINES)
-    assert shown(console).splitlines()[1:] == [
-        "100% 10/10 in 1:23 reward 12.3 falls 3.1% error 0.41 level 0.62"
-    ]
-
-
-def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
-    clock = Clock()
+def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path, clock: Clock):
     console = terminal(clock)
     with Monitor(tmp_path, 50_000_000, title="imitation", console=console) as monitor:
         assert "waiting for the first step" in shown(console)
@@ -189,44 +166,49 @@ def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
     assert len(bar[bar.index("imitation") :]) <= 80
 
 
-def test_throughput_is_of_the_last_half_minute(tmp_path: Path):
-    clock = Clock()
-    console = pipe(clock)
-    with Monitor(tmp_path, 10_000, console=console) as monitor:
-        for second in range(0, 101, 10):
+@pytest.mark.parametrize(
+    ("total", "start", "logs", "line"),
+    [
+        (10, 0, {83: 10}, "100% 10/10 in 1:23 reward 12.3 falls 3.1% error 0.41 "),
+        (1000, 500, {0: 510, 10: 520}, " 52% 520/1.00k 1/s 8:00 left "),
+        (
+            10_000,
+            0,
+            {k: k * (1 if k <= 50 else 10) for k in range(0, 101, 10)},
+            " 10% 1.00k/10.0k 10/s ",
+        ),
+    ],
+    ids=["one line", "resumed", "rate of the last half-minute"],
+)
+def test_a_line_says_how_far_how_fast_and_how_long(
+    tmp_path: Path,
+    clock: Clock,
+    console: Console,
+    total: int,
+    start: int,
+    logs: dict[int, int],
+    line: str,
+):
+    with Monitor(tmp_path, total, start_step=start, console=console) as monitor:
+        for second, step in logs.items():
             clock.now = float(second)
-            monitor.log(second * (1 if second <= 50 else 10), HEADLINES)
-    assert " 10/s " in shown(console).splitlines()[-1]
+            monitor.log(step, HEADLINES)
+    last = shown(console).splitlines()[-1]
+    assert last.startswith(line)
+    assert shown(console).count(last) == 1
 
 
-def test_a_resumed_run_counts_from_where_it_was(tmp_path: Path):
-    clock = Clock()
-    console = pipe(clock)
-    with Monitor(tmp_path, 1000, start_step=500, console=console) as monitor:
-        monitor.log(510, HEADLINES)
-        clock.now = 10.0
-        monitor.log(520, HEADLINES)
-    assert "52% 520/1.00k 1/s 8:00 left" in shown(console)
-
-
-def test_a_note_goes_to_console_and_log_as_it_is(tmp_path: Path):
-    console = pipe()
+def test_a_note_goes_to_console_and_log_as_it_is_and_a_record_to_the_log_alone(
+    tmp_path: Path, console: Console
+):
     text = "checkpoint [red]saved[/red] to /a/very/long/path" + "/and" * 20
     with Monitor(tmp_path, 10, console=console) as monitor:
         monitor.note(text)
-    assert shown(console).splitlines()[-1] == text
-    stamp, _, rest = (tmp_path / "log.txt").read_text().partition(" ")
-    assert rest == text + "\n"
-    assert stamp.endswith("Z")
-
-
-def test_a_record_goes_to_the_log_alone(tmp_path: Path):
-    console = pipe()
-    with Monitor(tmp_path, 10, console=console) as monitor:
-        before = shown(console)
         monitor.record("saving step 4")
-        assert shown(console) == before
-    assert (tmp_path / "log.txt").read_text().endswith("Z saving step 4\n")
+    assert shown(console).splitlines()[-1] == text
+    noted, recorded = (tmp_path / "log.txt").read_text().splitlines()
+    assert noted.endswith(f"Z {text}")
+    assert recorded.endswith("Z saving step 4")
 
 
 def test_tensorboard_hides_what_a_resume_repeats(tmp_path: Path):
@@ -266,9 +248,7 @@ def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(
     assert error.value.__context__ is None
 
 
-def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):
-    clock = Clock()
-    console = pipe(clock)
+def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path, console: Console):
 
     def train() -> None:
         with Monitor(tmp_path, 10, console=console) as monitor:
@@ -282,7 +262,7 @@ def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):
         "1/10",
         "2/10",
     ]
-    assert len(records(tmp_path)) == 2
+    assert len(read_metrics(tmp_path)) == 2
 
 
 def test_a_run_folder_that_cannot_be_made_is_the_users_mistake(tmp_path: Path):
@@ -347,7 +327,7 @@ def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(
     for n, start in ((1, 20), (2, 10)):
         with Monitor(tmp_path, 100, start_step=start, console=pipe()):
             pass
-        assert [r["step"] for r in records(tmp_path)] == [10, 20][: 3 - n]
+        assert [r["step"] for r in read_metrics(tmp_path)] == [10, 20][: 3 - n]
         aside = tmp_path / f"metrics.damaged-{n}.jsonl"
         if n == 1:
             assert aside.read_bytes().splitlines() == [lines[1], lines[3], lines[4]]
@@ -368,14 +348,12 @@ def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(
 
 
 def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alone(
-    tmp_path: Path,
+    tmp_path: Path, console: Console
 ):
-    clock = Clock()
-    console = pipe(clock)
     with Monitor(tmp_path, 1000, console=console) as monitor:
         monitor.log(500, HEADLINES)
         monitor.add(300, {"judged/speed": 12.5, "judged/falls": math.nan})
-    late = records(tmp_path)[-1]
+    late = read_metrics(tmp_path)[-1]
     assert (late["step"], late["judged/speed"], late["judged/falls"]) == (
         300,
         12.5,
@@ -384,9 +362,9 @@ def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alon
     assert shown(console).splitlines()[-1].split()[:2] == ["50%", "500/1.00k"]
 
 
-def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
-    clock = Clock()
-    console = pipe(clock)
+def test_a_remark_stands_below_the_progress_and_is_printed_once(
+    tmp_path: Path, clock: Clock, console: Console
+):
     with Monitor(tmp_path, 1000, console=console) as monitor:
         for second in (0, 10, 20):
             clock.now = float(second)
@@ -410,38 +388,8 @@ def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
     )
 
 
-@pytest.mark.parametrize("there", [True, False])
-def test_a_run_does_not_write_through_somebody_elses_link(tmp_path, there):
-    victim = tmp_path / "victim"
-    if there:
-        victim.write_text("theirs\n")
-    for name in ("log.txt", "metrics.jsonl"):
-        (tmp_path / name).symlink_to(victim)
-    with pytest.raises(UserError, match=r"log\.txt is a link to elsewhere: remove it"):
-        Monitor(tmp_path, 10, console=pipe())
-    if there:  # its lines are read, and written to a file of the run's own
-        writers.MetricsFile(tmp_path, 0).close()
-    else:
-        with pytest.raises(
-            UserError, match=r"metrics\.jsonl is a link to elsewhere: remove it"
-        ):
-            writers.MetricsFile(tmp_path, 0)
-    assert victim.exists() is there
-    assert not there or victim.read_text() == "theirs\n"
-
-
-def test_metrics_without_an_end_are_not_read(tmp_path, monkeypatch):
+def test_more_metrics_than_a_run_makes_are_not_read(tmp_path, monkeypatch):
     monkeypatch.setattr(writers, "LARGEST_METRICS", 10)
     (tmp_path / "metrics.jsonl").write_text('{"step": 1}\n')
-    for read in (
-        lambda: writers.read_metrics(tmp_path),
-        lambda: writers.MetricsFile(tmp_path, 0),
-    ):
-        with pytest.raises(
-            UserError, match=r"metrics\.jsonl has 12 bytes, 10 at most are read"
-        ):
-            read()
-    (tmp_path / "metrics.jsonl").unlink()
-    (tmp_path / "metrics.jsonl").symlink_to("/dev/zero")
-    with pytest.raises(UserError, match=r"metrics\.jsonl is a device or a pipe"):
-        writers.read_metrics(tmp_path)
+    with pytest.raises(UserError, match=r"jsonl has 12 bytes, 10 at most are read"):
+        read_metrics(tmp_path)

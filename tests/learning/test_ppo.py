@@ -189,12 +189,6 @@ def test_the_same_seed_gives_the_same_training_and_another_seed_another():
     assert not np.array_equal(*(jax.tree.leaves(x.params)[0] for x in (a, c)))
 
 
-def test_nothing_is_compiled_after_the_first_train_step():
-    learner = PPO(Aim(), TINY)
-    train(learner, 3)
-    assert learner.programs.train_step._cache_size() == 1
-
-
 def test_minibatches_hold_every_robot_once_with_equal_shares_of_each_block():
     config = dataclasses.replace(TINY, num_envs=64, num_minibatches=4)
     learner = PPO(Aim(), config)

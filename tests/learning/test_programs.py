@@ -60,9 +60,10 @@ def test_the_second_start_traces_nothing_and_trains_to_the_same_bits(tmp_path, t
     assert second.shape == PPO(Aim(), TINY).shape
 
 
-def test_kept_programs_are_compiled_once(tmp_path):
+@pytest.mark.parametrize("kept", [True, False])
+def test_programs_are_compiled_once_beside_the_first_state(tmp_path, kept):
     use(tmp_path)
-    learner = use(tmp_path)
+    learner = use(tmp_path) if kept else PPO(Aim(), TINY)
     with learner.compiling():
         state = learner.init(0)
     with compilations() as late:
@@ -93,26 +94,20 @@ print(hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest())
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "programs_made"),
     [
-        {"ppo": dataclasses.replace(TINY, num_epochs=3)},
-        {"env": dataclasses.replace(CONFIG.env, hardware=BUILT)},
-        {"impl": "jax"},
+        ({"ppo": dataclasses.replace(TINY, num_epochs=3)}, 2),
+        ({"env": dataclasses.replace(CONFIG.env, hardware=BUILT)}, 2),
+        ({"impl": "jax"}, 2),
+        ({"stage": "relaxed", "run": RunConfig(seed=7, steps=10)}, 1),
     ],
 )
-def test_other_settings_have_programs_of_their_own(tmp_path, traced, change):
+def test_settings_that_change_a_program_have_one_of_their_own(
+    tmp_path, traced, change, programs_made
+):
     use(tmp_path)
     use(tmp_path, dataclasses.replace(CONFIG, **change))
-    assert len(traced) == 2
-
-
-def test_what_a_run_has_of_its_own_changes_no_program(tmp_path, traced):
-    use(tmp_path)
-    use(
-        tmp_path,
-        dataclasses.replace(CONFIG, stage="relaxed", run=RunConfig(seed=7, steps=10)),
-    )
-    assert len(traced) == 1
+    assert len(traced) == programs_made
 
 
 def test_another_model_of_the_same_settings_has_programs_of_its_own(tmp_path, traced):

@@ -15,33 +15,34 @@ def handlers():
     return descriptor, [signal.getsignal(number) for number in STOPPING]
 
 
-def test_the_first_signal_is_noted_said_and_harmless_and_the_handlers_come_back():
-    before, said = handlers(), []
-    with StopSignals(said.append, lambda: None) as signals:
-        assert signals.caught is None
-        os.kill(os.getpid(), signal.SIGTERM)
-        os.kill(os.getpid(), signal.SIGTERM)  # only Ctrl-C is impatient
-        deadline = time.monotonic() + 10
-        while not said and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert signals.caught is signal.SIGTERM
-    assert said == ["SIGTERM: stopping after this train step; Ctrl-C now quits at once"]
-    assert handlers() == before
-
-
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals are POSIX's")
-@pytest.mark.parametrize("ignored", [True, False])
-def test_a_closed_terminal_asks_to_stop_unless_it_is_not_to_be_heeded(ignored):
-    first = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+@pytest.mark.parametrize(
+    ("hangup", "sent", "caught"),
+    [
+        # only Ctrl-C is impatient
+        (signal.SIG_DFL, (signal.SIGTERM, signal.SIGTERM), signal.SIGTERM),
+        (signal.SIG_DFL, (signal.SIGHUP, signal.SIGTERM), signal.SIGHUP),
+        (signal.SIG_IGN, (signal.SIGHUP, signal.SIGTERM), signal.SIGTERM),
+    ],
+    ids=["first", "closed terminal", "nohup"],
+)
+def test_the_first_signal_is_noted_said_and_harmless_and_the_handlers_come_back(
+    hangup, sent, caught
+):
+    first = signal.signal(signal.SIGHUP, hangup)
     try:
         before, said = handlers(), []
         with StopSignals(said.append, lambda: None) as signals:
-            os.kill(os.getpid(), signal.SIGHUP)
-            os.kill(os.getpid(), signal.SIGTERM)
+            assert signals.caught is None
+            for number in sent:
+                os.kill(os.getpid(), number)
             deadline = time.monotonic() + 10
             while not said and time.monotonic() < deadline:
                 time.sleep(0.01)
-            assert signals.caught is (signal.SIGTERM if ignored else signal.SIGHUP)
+            assert signals.caught is caught
+        assert said == [
+            f"{caught.name}: stopping after this train step; Ctrl-C now quits at once"
+        ]
         assert handlers() == before
     finally:
         signal.signal(signal.SIGHUP, first)

@@ -2,10 +2,8 @@
 was kept is lost or changed."""
 
 import contextlib
-import json
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,13 +13,12 @@ import time
 import aim_run
 import numpy as np
 import pytest
-from aim_run import begin
+from aim_run import begin, metrics
 
 from bp2_rl.learning.checkpoint import latest_step
 from bp2_rl.learning.judged import own_policy
 from bp2_rl.learning.policy import load_policy
 
-CLOCKS = ("wall_time", "steps_per_second")
 PER_STEP = 16 * 4  # control steps
 
 
@@ -84,16 +81,6 @@ def arrays(run):
             name: (file[name].dtype, file[name].shape, file[name].tobytes())
             for name in file.files
         }
-
-
-def metrics(run):
-    lines = [
-        json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
-    ]
-    return [
-        {name: value for name, value in line.items() if name not in CLOCKS}
-        for line in lines
-    ]
 
 
 def assert_same_run(run, other):
@@ -282,42 +269,3 @@ def test_a_run_whose_folder_is_deleted_ends_and_leaves_no_other(new, tmp_path):
         == f"the run's folder {run} is gone, deleted or moved: nothing more can be kept in it\n"
     )
     assert not run.exists()
-
-
-def can_mount():
-    """Whether this user may mount file systems in a namespace of their own."""
-    unshare = shutil.which("unshare")
-    return (
-        bool(unshare)
-        and subprocess.run(
-            [unshare, "-rm", "mount", "-t", "tmpfs", "t", "/mnt"]
-        ).returncode
-        == 0
-    )
-
-
-@pytest.mark.skipif(not can_mount(), reason="needs a file system of its own to fill")
-def test_a_full_disk_stops_the_run_with_its_last_good_checkpoint(new, total, tmp_path):
-    """A file system of 200 kB, which four checkpoints fill."""
-    disk, copy = tmp_path / "disk", tmp_path / "copy"
-    disk.mkdir()
-    script = 'mount -t tmpfs -o size=200k t "$0"; copy="$1"; shift; "$@"; status=$?; cp -r "$0/run" "$copy"; exit $status'
-    arguments = aim_run.command(*new, "--out", disk / "run")
-    done = subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script, disk, copy, *arguments],
-        env=aim_run.ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 1
-    kept = latest_step(copy)
-    assert kept is not None
-    assert "No space left on device" in done.stderr
-    assert (
-        f"kept step {kept} of {total}, mend that and go on: python train.py --resume {disk}/run\n"
-        in done.stderr
-    )
-    assert done.stderr.count("\n") == 1
-    finish("--resume", copy)
-    assert latest_step(copy) == total

@@ -3,7 +3,8 @@
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.learning.judged import CurvePoint, Judged, JudgeResult, write_judged
+from bp2_rl.base.serialization import save_config
+from bp2_rl.learning.judged import JUDGED, Judged, JudgedPolicy, JudgeResult
 from bp2_rl.paper.figures.learning import learning, read_curve
 from bp2_rl.paper.figures.settings import LearningSettings
 
@@ -11,10 +12,10 @@ from bp2_rl.paper.figures.settings import LearningSettings
 def run_in(folder, *verdicts):
     folder.mkdir()
     judged = [
-        CurvePoint(step, seconds, JudgeResult(speed, falls, 3, speed))
+        JudgedPolicy(step, seconds, JudgeResult(speed, falls, 3, speed))
         for step, seconds, speed, falls in verdicts
     ]
-    write_judged(folder, Judged(1795383470.0, tuple(judged)))
+    save_config(folder / JUDGED, Judged(1795383470.0, tuple(judged)))
     return folder
 
 
