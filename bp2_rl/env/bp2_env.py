@@ -179,16 +179,14 @@ class BP2Env(envs.Env):
         width: int = 320,
         camera: str | None = None,
     ) -> Sequence[np.ndarray] | np.ndarray:
-        """Pictures of one robot's `pipeline_state`s, as Brax's environments make them;
-        needs a GL library."""
+        """Return pictures of a robot's `pipeline_state`s, drawn with a GL library."""
         states: Any = (
             trajectory if isinstance(trajectory, PipelineState) else list(trajectory)
         )
         return image.render_array(self.sys, states, height, width, camera)
 
     def brax_state(self, state: PipelineState) -> base.State:
-        """One robot's `pipeline_state` with the places of its links: what
-        `brax.io.html.render(env.sys, ...)` shows."""
+        """Return one robot's state with its links' places, for `brax.io.html.render`."""
         x, xd = kinematics.forward(self.sys, state.q, state.qd)
         return base.State(q=state.q, qd=state.qd, x=x, xd=xd, contact=None)  # pyright: ignore[reportCallIssue]
 
@@ -237,8 +235,7 @@ class BP2Env(envs.Env):
     def _replace_exploded(
         self, physics: Physics, effort: Effort, fall: Fall
     ) -> tuple[Physics, Effort]:
-        """Put a robot at rest in the place of one whose physics has exploded: its
-        episode is over anyway."""
+        """Put a robot at rest in place of an exploded one, whose episode is over."""
         physics = jax.tree.map(
             lambda new, rest: jnp.where(fall.exploded, rest, new),
             physics,

@@ -1,5 +1,4 @@
-"""What the robot senses, what the policy sees of it, and what the critic sees beyond
-that."""
+"""The robot's sensors, the policy's observation, and the critic's, which has more."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -44,8 +43,7 @@ Layout = tuple[tuple[str, int], ...]
 
 
 class Unsensed(NamedTuple):
-    """What the critic sees beyond the policy's observation is made of: the episode, and
-    what the last control step says of it."""
+    """The source of the critic's entries beyond the policy's observation."""
 
     episode: "PipelineState"
     velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
@@ -106,7 +104,7 @@ def size_of(layout: Layout) -> int:
 
 
 class Measurement(struct.PyTreeNode):
-    """What encoders and IMU report."""
+    """The readings of encoders and IMU."""
 
     joint_position: Float[Array, "... 12"]  # rad
     joint_velocity: Float[Array, "... 12"]  # rad/s
@@ -188,7 +186,7 @@ def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array,
 
 
 class Soles(struct.PyTreeNode):
-    """How high the soles are, and how fast they go up."""
+    """The heights of the soles and the speeds at which they rise."""
 
     height: Float[Array, "... 4"]  # m
     rate: Float[Array, "... 4"]  # m/s
@@ -197,7 +195,7 @@ class Soles(struct.PyTreeNode):
 def soles(
     qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec
 ) -> Soles:
-    """Return how high each sole is over flat ground, and how fast it rises."""
+    """Return each sole's height over flat ground and the speed at which it rises."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)
     rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)

@@ -24,8 +24,7 @@ from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.samples import best_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name

@@ -11,11 +11,11 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.gait import leg_room
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, sampled_commands
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import Draw
 
 # the milliseconds at which control steps begin
 EACH = slice(None, None, conventions.SUBSTEPS)
@@ -23,8 +23,7 @@ EACH = slice(None, None, conventions.SUBSTEPS)
 
 @dataclasses.dataclass(frozen=True)
 class FleetRun:
-    """What N robots did, sampled at the beginning of each of T control steps; 0 after a
-    robot's fall."""
+    """The motion of N robots at the start of T control steps; 0 after a fall."""
 
     time: Float[np.ndarray, " T"]  # s
     command: Float[np.ndarray, " T"]  # m/s, scheduled forward speed
@@ -36,17 +35,6 @@ class FleetRun:
     # what was drawn: friction, latency (s), mass (kg), strength
     robots: dict[str, Float[np.ndarray, " N"]]
     steady_from: float  # s, from when the command is held
-
-
-@dataclasses.dataclass(frozen=True)
-class _RobotRun:
-    """What one of them did, before its fall."""
-
-    speed: Float[np.ndarray, " K"]
-    offset: Float[np.ndarray, " K"]
-    fell_at: float
-    leg_room: float
-    mass: float
 
 
 def run_fleet(
@@ -84,39 +72,44 @@ def run_fleet(
     noisy = dataclasses.replace(
         card, env=dataclasses.replace(card.env, randomization=ranges)
     )
-    runs = simulate_all(
-        _robot_run, dataclasses.replace(policy, card=noisy), requests, backend
+    speeds, offsets, falls, rooms, masses = zip(
+        *simulate_all(
+            _robot_run, dataclasses.replace(policy, card=noisy), requests, backend
+        ),
+        strict=True,
     )
     commands = sampled_commands(schedule)[:-1, 0]
     speed, offset = np.zeros((2, len(commands), robots))
-    for number, run in enumerate(runs):
-        speed[: len(run.speed), number], offset[: len(run.offset), number] = (
-            run.speed,
-            run.offset,
-        )
+    for number in range(robots):
+        lasted = len(speeds[number])
+        speed[:lasted, number] = speeds[number]
+        offset[:lasted, number] = offsets[number]
     drawn = [draw.values(hardware) for draw in draws]
     return FleetRun(
         time=conventions.CONTROL_STEP * np.arange(len(commands)),
         command=commands,
         speed=speed,
         offset=offset,
-        fell_at=np.array([run.fell_at for run in runs]),
-        leg_room=np.array([run.leg_room for run in runs]),
+        fell_at=np.array(falls),
+        leg_room=np.array(rooms),
         robots={
             "friction": np.array([float(one.friction) for one in drawn]),
             "latency": np.array([float(one.latency) for one in drawn]),
-            "mass": np.array([run.mass for run in runs]),
+            "mass": np.array(masses),
             "strength": np.array([float(np.min(one.strength)) for one in drawn]),
         },
         steady_from=schedule.steady_from,
     )
 
 
-def _robot_run(_: RunRequest, run: Trajectory) -> _RobotRun:
-    return _RobotRun(
-        speed=run.ground_velocity[EACH, 0],
-        offset=run.qpos[EACH, 1],
-        fell_at=math.inf if run.fell_at is None else run.fell_at,
-        leg_room=float(np.min(leg_room(run, EACH).least)),
-        mass=run.mass,
+def _robot_run(
+    _: RunRequest, run: Trajectory
+) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"], float, float, float]:
+    """Return a robot's speeds, offsets, time of fall, least leg room and mass."""
+    return (
+        run.ground_velocity[EACH, 0],
+        run.qpos[EACH, 1],
+        math.inf if run.fell_at is None else run.fell_at,
+        float(np.min(leg_room(run, EACH).least)),
+        run.mass,
     )

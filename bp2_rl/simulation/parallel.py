@@ -1,4 +1,4 @@
-"""Many runs of one policy on all processors."""
+"""Runs of a policy, shared out over all processors."""
 
 import concurrent.futures
 import contextlib
@@ -37,8 +37,7 @@ def keep_workers() -> Generator[None]:
 def in_parallel(
     run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
 ) -> list[Result]:
-    """`run(policy, task)` for every task, handed out in turn: each worker compiles its
-    controller once.
+    """Return `run(policy, task)` for each task, dealt out to the workers in turn.
 
     `run` and all else must be picklable.
     """
@@ -63,8 +62,7 @@ def simulate_all(
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
-    """Which of them each worker runs: about as much each, and the same robot with the
-    same one if possible.
+    """Share requests out among workers, with equal work and few robots for each.
 
     The longest first, as those side by side last as long as the longest of them.
     """
@@ -101,7 +99,7 @@ def _share_out(
     tasks: Sequence[Task],
     shares: Sequence[Sequence[int]],
 ) -> list[Result]:
-    """What comes of every task, in order."""
+    """Return the results of all tasks, in order."""
     done: dict[int, Result] = {}
     if not tasks:
         return []
@@ -156,6 +154,6 @@ def compute_here() -> None:
 
 
 def _begin(cache: str | None) -> None:
-    """Make of a worker what the command has made of itself."""
+    """Set up a worker as the command set up itself."""
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)

@@ -30,7 +30,6 @@ from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
-from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import Ramp, Schedule
@@ -43,7 +42,7 @@ from bp2_rl.simulation.simulator import (
     settled,
 )
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.world import LEVEL, World, sensed_pose
+from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
 
 MOST = SIZES[-1]
 """Robots side by side: more are hardly cheaper each, and all that they do is kept until
@@ -377,14 +376,13 @@ class Recording:
 
     @classmethod
     def empty(cls, nq: int, *shape: int) -> "Recording":
-        """Make room for so many runs and milliseconds of robots with `nq`
-        coordinates."""
+        """Make room for the samples of runs of robots with `nq` coordinates."""
         motors = (conventions.NUM_MOTORS,)
         sizes = (nq,), (nq - 1,), motors, motors, (3,), (4, 3)
         return cls(*(np.zeros((*shape, *size)) for size in sizes))
 
     def of(self, run: int) -> "Recording":
-        """Return the recording of one run of several."""
+        """Return the recording of the run with this index."""
         return Recording(*(array[run] for array in vars(self).values()))
 
     def trajectory(
@@ -397,7 +395,7 @@ class Recording:
         fell: bool,
         mass: float,
     ) -> Trajectory:
-        """Return the first `length` milliseconds of one run.
+        """Return the first `length` milliseconds of a run.
 
         Args:
             request: the run.

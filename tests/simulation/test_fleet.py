@@ -98,10 +98,7 @@ def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(
                     backend,
                 )
             )
-            or [
-                module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0)
-                for _ in requests
-            ]
+            or [(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0) for _ in requests]
         ),
     )
     ranges = dataclasses.replace(RandomizationConfig(), joint_velocity_noise=0.7)

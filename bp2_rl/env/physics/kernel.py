@@ -1,7 +1,7 @@
 """The five physics steps of a control step in the fused kernel, all robots of a batch
 side by side."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -65,11 +65,11 @@ class KernelPhysics:
     def _batched(
         self,
         size: int,
-        batched: list[Any],
+        batched: list[Physics | Targets | Randomization],
         physics: Physics,
         targets: Targets,
         robot: Randomization,
-    ) -> tuple[Any, Any]:
+    ) -> tuple[object, object]:
         """`custom_vmap`'s rule: what is the same for all robots is repeated."""
         arguments = [physics, targets, robot]
         whole = jax.tree.map(
