@@ -185,17 +185,10 @@ def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array,
     )
 
 
-class Soles(struct.PyTreeNode):
-    """The heights of the soles and the speeds at which they rise."""
-
-    height: Float[Array, "... 4"]  # m
-    rate: Float[Array, "... 4"]  # m/s
-
-
 def soles(
     qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec
-) -> Soles:
-    """Return each sole's height over flat ground and the speed at which it rises."""
+) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+    """Return each sole's height over flat ground, m, and the speed it rises at, m/s."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)
     rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)
@@ -203,4 +196,4 @@ def soles(
         lambda angles, springs: foot_position(angles, springs, hardware), joints, rates
     )
     velocity = relative + jnp.cross(now.angular_velocity, feet)
-    return Soles(height=qpos[2] + feet @ now.up, rate=qvel[2] + velocity @ now.up)
+    return qpos[2] + feet @ now.up, qvel[2] + velocity @ now.up

@@ -54,10 +54,12 @@ def run_metrics(run: Trajectory) -> RunMetrics:
     off_half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
-    held, slowest = None, None
+    held, slowest, error = None, None, None
     if hold is not None:
-        held, second = best_window(hold, HELD), round(1.0 / run.dt)
-        slowest = float(np.min(window_means(hold.ground_velocity[:, 0], second)))
+        held, forward = best_window(hold, HELD), hold.ground_velocity[:, 0]
+        slowest = float(np.min(window_means(forward, round(1.0 / run.dt))))
+        # the speed's ripple within a stride counts
+        error = float(np.mean(np.abs(forward - hold.command[:, 0])))
     return RunMetrics(
         name=run.name,
         backend=run.backend,
@@ -71,7 +73,7 @@ def run_metrics(run: Trajectory) -> RunMetrics:
         held_speed=None if held is None else held.speed,
         slowest_held_speed=slowest,
         mean_speed=float(np.mean(speed)),
-        tracking_error=None if hold is None else tracking_error(hold),
+        tracking_error=error,
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
         lateral_drift=float(np.max(np.abs(track_position(run)[1]))),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
@@ -108,12 +110,6 @@ def run_metrics(run: Trajectory) -> RunMetrics:
 
 
 # --- Speed ----------------------------------------------------------------------------
-
-
-def tracking_error(hold: Trajectory) -> float:
-    """Return the mean of |forward speed - commanded forward speed|, m/s; the speed's
-    ripple within a stride counts."""
-    return float(np.mean(np.abs(hold.ground_velocity[:, 0] - hold.command[:, 0])))
 
 
 def froude_number(speed: float, height: float = bp2.STANDING_HEIGHT) -> float:

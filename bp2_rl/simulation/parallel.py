@@ -71,7 +71,13 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
         range(len(requests)),
         key=lambda i: kinds.setdefault(requests[i].hardware, len(kinds)),
     )
-    work = np.array([_work(requests[i]) for i in alike])
+    # Torques of a few robots take as long as four of their physics steps.
+    work = np.array(
+        [
+            one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
+            for one in (requests[i] for i in alike)
+        ]
+    )
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
         int
     )
@@ -86,11 +92,6 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
         for share in shares
         if share
     ]
-
-
-def _work(one: RunRequest) -> float:
-    """Torques of a few robots take as long as four of their physics steps."""
-    return one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
 
 
 def _share_out(

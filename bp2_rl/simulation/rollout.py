@@ -41,7 +41,7 @@ from bp2_rl.simulation.simulator import (
     Simulator,
     settled,
 )
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, shapes_of
 from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
 
 MOST = SIZES[-1]
@@ -261,9 +261,7 @@ def _simulate(
         commands=scheduled[:, 0],
         noise=config.randomization if noise else None,
     )
-    recording = Recording.empty(
-        config.hardware.anatomy.nq, count, longest * conventions.SUBSTEPS
-    )
+    recording = Recording.empty(config.hardware, count, longest * conventions.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
     pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
     watches = {
@@ -375,15 +373,14 @@ class Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, nq: int, *shape: int) -> "Recording":
-        """Make room for the samples of runs of robots with `nq` coordinates."""
-        motors = (conventions.NUM_MOTORS,)
-        sizes = (nq,), (nq - 1,), motors, motors, (3,), (4, 3)
-        return cls(*(np.zeros((*shape, *size)) for size in sizes))
+    def empty(cls, hardware: HardwareSpec, *shape: int) -> "Recording":
+        """Make room for the samples of many runs of such robots."""
+        sizes = {name: size for name, size in shapes_of(hardware).items() if size}
+        return cls(**{name: np.zeros((*shape, *size)) for name, size in sizes.items()})
 
     def of(self, run: int) -> "Recording":
         """Return the recording of the run with this index."""
-        return Recording(*(array[run] for array in vars(self).values()))
+        return Recording(**{name: array[run] for name, array in vars(self).items()})
 
     def trajectory(
         self,

@@ -193,7 +193,7 @@ def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
         mujoco.mj_kinematics(env.mj_model, data)
         mujoco.mj_comPos(env.mj_model, data)
         mujoco.mj_comVel(env.mj_model, data)
-        soles = observations.soles(
+        height, rate = observations.soles(
             jnp.array(data.qpos), jnp.array(data.qvel), env.config.hardware
         )
         for leg, geom in enumerate(foot_geom_ids(env.mj_model)):
@@ -202,8 +202,8 @@ def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
             )
             # A sole is a point of the leg's axis, as far below the foot's middle as its
             # radius.
-            assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= bp2.FOOT_RADIUS
-            assert soles.rate[leg] == pytest.approx(
+            assert abs(height[leg] - data.geom_xpos[geom, 2]) <= bp2.FOOT_RADIUS
+            assert rate[leg] == pytest.approx(
                 motion[5], abs=bp2.FOOT_RADIUS * float(np.linalg.norm(motion[:3]))
             )
 
