@@ -10,8 +10,8 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import RandomizationConfig
-from bp2_rl.simulation import fleet as module
-from bp2_rl.simulation.fleet import run_fleet
+from bp2_rl.simulation import parallel as module
+from bp2_rl.simulation.parallel import run_fleet
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
