@@ -71,7 +71,10 @@ def symmetry(*abad: float, turn: float = 0.0) -> jax.Array:
         # 0.4 exp(-1)
         (lambda: tracking(9.5, 10.0, math.sqrt(0.5), 0.0, 0.6), 0.511070),
         # width 5, command 10: exp(-2 x 4 / (1 + 4)) = exp(-1.6) of the linear term
-        (lambda: tracking(8, 10, 0, 0, 0.6, width=5.0), 0.6 * 0.201897 + 0.4),
+        (
+            lambda: tracking(8.0, 10.0, 0.0, 0.0, 0.6, width=5.0),
+            0.6 * 0.201897 + 0.4,
+        ),
         # A tail gives the reward a slope at any error: at 10 m/s of 15 the bell
         # exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 / 2)) is left.
         (lambda: tracking(15.0, 15.0, 1.0, 1.0, 0.5, **TAIL), 1.0),
@@ -80,7 +83,10 @@ def symmetry(*abad: float, turn: float = 0.0) -> jax.Array:
         (lambda: tracking(0.0, 15.0, 0.0, 1.0, 0.0, **TAIL), 0.194735),
         # Lines that end sooner: 0.3 (1 - 5 / (0.5 + 15 / 2)), and 0.7 exp(-2 0.36) +
         # 0.3 (1 - 0.6 / (0.25 + 1 / 2)).
-        (lambda: tracking(10.0, 15.0, 0.0, 1.0, 1.0, **TAIL | {"reach": 0.5}), 0.1125),
+        (
+            lambda: tracking(10.0, 15.0, 0.0, 1.0, 1.0, **TAIL | {"reach": 0.5}),
+            0.1125013,
+        ),
         (
             lambda: tracking(0.0, 15.0, 0.4, 1.0, 0.0, **TAIL | {"yaw_reach": 0.25}),
             0.400727,
