@@ -17,7 +17,7 @@ import dataclasses
 import itertools
 import logging
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -381,7 +381,5 @@ def _rotation(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
     return matrix.reshape(3, 3)
 
 
-def _pose(
-    at: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]
-) -> RigidTransform:
+def _pose(at: Any, quaternion: Float[np.ndarray, "4"]) -> RigidTransform:
     return RigidTransform(RotationMatrix(_rotation(quaternion)), at)

@@ -31,8 +31,8 @@ def test_named_environments_are_those_that_trainings_use(env):
         "collocation",
         "kinematic",
     ]
-    assert isinstance(env, envs.Env)
     assert env.config == make("bp2").config == preset("imitation", "gpu").env
+    assert isinstance(env, envs.Env)
 
 
 def test_braxs_page_shows_the_robot_where_mujoco_has_it(env):
