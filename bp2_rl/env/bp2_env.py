@@ -21,7 +21,6 @@ from brax.io import image, mjcf
 
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env import commands, observations, randomization, rewards, termination
-from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, Targets, motors_of
 from bp2_rl.env.episode import NUM_KEYS, EpisodeStarts, PipelineState
 from bp2_rl.env.metrics import StepOutcome, metrics
@@ -114,11 +113,14 @@ class BP2Env(envs.Env):
             self._reward_inputs(before, after, outcome), self.config, self.rows
         )
 
-        command_state, level = self._next_command(
-            before.command, state.info["curriculum"], outcome, key_command
+        level = state.info["curriculum"]
+        command, raised = commands.advance(
+            before.command, level, motion.velocity[0], key_command, self.config
         )
+        lowered = jnp.maximum(level - self.config.curriculum.lower_by, 0.0)
+        level = jnp.where(fall.happened, lowered, raised)
         after, obs = self._observe(
-            after.replace(command=command_state), foot_contact, key_noise
+            after.replace(command=command), foot_contact, key_noise
         )
         return dataclasses.replace(
             state,
@@ -179,16 +181,14 @@ class BP2Env(envs.Env):
         width: int = 320,
         camera: str | None = None,
     ) -> Sequence[np.ndarray] | np.ndarray:
-        """Pictures of one robot's `pipeline_state`s, as Brax's environments make them;
-        needs a GL library."""
+        """Return pictures of a robot's `pipeline_state`s, drawn with a GL library."""
         states: Any = (
             trajectory if isinstance(trajectory, PipelineState) else list(trajectory)
         )
         return image.render_array(self.sys, states, height, width, camera)
 
     def brax_state(self, state: PipelineState) -> base.State:
-        """One robot's `pipeline_state` with the places of its links: what
-        `brax.io.html.render(env.sys, ...)` shows."""
+        """Return one robot's state with its links' places, for `brax.io.html.render`."""
         x, xd = kinematics.forward(self.sys, state.q, state.qd)
         return base.State(q=state.q, qd=state.qd, x=x, xd=xd, contact=None)  # pyright: ignore[reportCallIssue]
 
@@ -237,8 +237,7 @@ class BP2Env(envs.Env):
     def _replace_exploded(
         self, physics: Physics, effort: Effort, fall: Fall
     ) -> tuple[Physics, Effort]:
-        """Put a robot at rest in the place of one whose physics has exploded: its
-        episode is over anyway."""
+        """Put a robot at rest in place of an exploded one, whose episode is over."""
         physics = jax.tree.map(
             lambda new, rest: jnp.where(fall.exploded, rest, new),
             physics,
@@ -272,7 +271,7 @@ class BP2Env(envs.Env):
         velocity = outcome.motion.horizontal
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
-        soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
+        height, rate = observations.soles(physics.qpos, physics.qvel, config.hardware)
         return rewards.RewardInputs(
             command=before.command.current / moving,
             z=physics.qpos[2] / size.length,
@@ -292,24 +291,10 @@ class BP2Env(envs.Env):
             last_action=before.controller.last_action,
             mean_action=after.mean_action,
             terminal=outcome.fall.happened.astype(jnp.float32),
-            sole_height=soles.height / size.length,
-            sole_rate=soles.rate / size.speed,
+            sole_height=height / size.length,
+            sole_rate=rate / size.speed,
             qd_n=joint_velocities(physics.qvel) / config.hardware.joint_no_load_speed,
         )
-
-    def _next_command(
-        self,
-        state: CommandState,
-        level: Float[Array, ""],
-        outcome: StepOutcome,
-        key: Array,
-    ) -> tuple[CommandState, Float[Array, ""]]:
-        """Return the next command and the curriculum level."""
-        state, raised = commands.advance(
-            state, level, outcome.motion.velocity[0], key, self.config
-        )
-        lowered = jnp.maximum(level - self.config.curriculum.lower_by, 0.0)
-        return state, jnp.where(outcome.fall.happened, lowered, raised)
 
     def _observe(
         self, state: PipelineState, foot_contact: Float[Array, "4"], key: Array
@@ -395,5 +380,4 @@ def make(
 
 
 for each in CONFIGS:
-    maker = functools.partial(make, each)
-    envs.register_environment(each, maker)  # pyright: ignore[reportArgumentType]  # it is only called
+    envs.register_environment(each, functools.partial(make, each))  # pyright: ignore[reportArgumentType]  # it is only called

@@ -84,7 +84,6 @@ def draw(
     """Return a new target from `start` (None: already at the target)."""
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
-    zero = jnp.zeros(())
     hold = jnp.asarray(config.hold_time)
     if config.stand_time is not None:
         hold = jnp.where(jnp.any(target != 0.0), hold, jnp.asarray(config.stand_time))
@@ -97,8 +96,8 @@ def draw(
             maxval=config.acceleration[1],
         ),
         time_left=jax.random.uniform(key_time, minval=hold[0], maxval=hold[1]),
-        error=zero,
-        time=zero,
+        error=jnp.zeros(()),
+        time=jnp.zeros(()),
     )
 
 

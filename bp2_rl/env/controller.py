@@ -1,5 +1,4 @@
-"""What runs on the robot 200 times a second: the same functions in MJX training and in
-C MuJoCo rollouts.
+"""The robot's controller, 200 times a second: one law for training and for C MuJoCo.
 
     state, observation = controller.observe(state, command, measurement)
     action = policy(observation)
@@ -26,7 +25,7 @@ from bp2_rl.settings.env import EnvConfig
 
 
 class ControllerState(struct.PyTreeNode):
-    """What the controller remembers from one control step to the next."""
+    """The controller's memory from one control step to the next."""
 
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
@@ -36,7 +35,7 @@ class ControllerState(struct.PyTreeNode):
 
 
 class Targets(struct.PyTreeNode):
-    """What the joint PD loop follows until the next control step."""
+    """The targets of the joint PD loop until the next control step."""
 
     position: Float[Array, "... 12"]  # rad
     velocity: Float[Array, "... 12"]  # rad/s

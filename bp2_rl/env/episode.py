@@ -100,8 +100,7 @@ class EpisodeStarts:
         return episode, reference
 
     def at_rest(self) -> Physics:
-        """Return a robot that stands still, to put in the place of one that has
-        exploded."""
+        """Return a standing robot, to take the place of an exploded one."""
         stand = Targets(
             jnp.asarray(joint_positions(self._stand)), jnp.zeros(conventions.NUM_MOTORS)
         )
@@ -163,8 +162,7 @@ class EpisodeStarts:
     def _without_self_collision(
         self, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]
     ) -> tuple[Array, Array]:
-        """Return a state whose legs keep clear of each other: where they do not, each
-        leg is put in its hip's plane."""
+        """Return the state with its legs apart, at need in their hips' planes."""
         self_collision = termination.self_collision(
             qpos, self._config.termination, self._config.hardware
         )

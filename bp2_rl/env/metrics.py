@@ -1,5 +1,4 @@
-"""What a control step says of itself, for the log: numbers that the learner averages
-over robots and steps."""
+"""The log's numbers of a control step, averaged by the learner over robots and steps."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,7 +18,7 @@ m/s."""
 
 
 class StepOutcome(NamedTuple):
-    """One control step of one robot, as rewards and metrics see it."""
+    """The outcome of a robot's control step, for its rewards and metrics."""
 
     command: Float[Array, "3"]  # that the robot was under
     reference: Reference  # at the end of the step

@@ -1,5 +1,4 @@
-"""What the robot senses, what the policy sees of it, and what the critic sees beyond
-that."""
+"""The robot's sensors, the policy's observation, and the critic's, which has more."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -44,8 +43,7 @@ Layout = tuple[tuple[str, int], ...]
 
 
 class Unsensed(NamedTuple):
-    """What the critic sees beyond the policy's observation is made of: the episode, and
-    what the last control step says of it."""
+    """The source of the critic's entries beyond the policy's observation."""
 
     episode: "PipelineState"
     velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
@@ -106,7 +104,7 @@ def size_of(layout: Layout) -> int:
 
 
 class Measurement(struct.PyTreeNode):
-    """What encoders and IMU report."""
+    """The readings of encoders and IMU."""
 
     joint_position: Float[Array, "... 12"]  # rad
     joint_velocity: Float[Array, "... 12"]  # rad/s
@@ -187,17 +185,10 @@ def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array,
     )
 
 
-class Soles(struct.PyTreeNode):
-    """How high the soles are, and how fast they go up."""
-
-    height: Float[Array, "... 4"]  # m
-    rate: Float[Array, "... 4"]  # m/s
-
-
 def soles(
     qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec
-) -> Soles:
-    """Return how high each sole is over flat ground, and how fast it rises."""
+) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+    """Return each sole's height over flat ground, m, and the speed it rises at, m/s."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)
     rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)
@@ -205,4 +196,4 @@ def soles(
         lambda angles, springs: foot_position(angles, springs, hardware), joints, rates
     )
     velocity = relative + jnp.cross(now.angular_velocity, feet)
-    return Soles(height=qpos[2] + feet @ now.up, rate=qvel[2] + velocity @ now.up)
+    return qpos[2] + feet @ now.up, qvel[2] + velocity @ now.up

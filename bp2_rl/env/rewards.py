@@ -108,8 +108,10 @@ def torque_regularization(
 
 
 def power_regularization(power: Float[Array, "12"]) -> Scalar:
-    """r_P / c_P; mechanical power of each actuator in W. Braking is punished five times
-    as much as driving."""
+    """Return r_P / c_P for the actuators' mechanical power, W.
+
+    Braking is punished five times as much as driving.
+    """
     # Both exponents are kept <= 0 so that the branch not taken cannot overflow.
     phi = jnp.where(
         power > 0,
@@ -205,8 +207,7 @@ def speed_schedule(
 
 
 class RewardInputs(struct.PyTreeNode):
-    """What Table S4 looks at, for one robot at one control step, all of it over the
-    robot's `Size`."""
+    """The quantities of Table S4 at a robot's control step, over the robot's `Size`."""
 
     command: Float[Array, "... 3"]  # v_x, v_y, omega_z
     z: Float[Array, "..."]

@@ -1,9 +1,10 @@
-"""What a fall is: in training, in benchmarks, and wherever else a robot may be down."""
+"""The law of a fall: in training, in benchmarks, and for every robot that may be down."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jaxtyping import Bool, Float
 
+from bp2_rl.base.arrays import Array
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.coordinates import compressions, joint_positions
 from bp2_rl.robot.hardware import HardwareSpec
@@ -14,21 +15,23 @@ class Fall(NamedTuple):
     """Why a robot is down, if it is; NumPy or JAX, with the batch axes of the
     states."""
 
-    exploded: Bool[Any, "..."]  # its state is no longer that of a robot
-    too_low: Bool[Any, "..."]
-    tilted: Bool[Any, "..."]
+    exploded: Bool[Array, "..."]  # its state is no longer that of a robot
+    too_low: Bool[Array, "..."]
+    tilted: Bool[Array, "..."]
     # a leg is in another or in the trunk; None where nobody asks
-    self_collision: Bool[Any, "..."] | None = None
+    self_collision: Bool[Array, "..."] | None = None
 
     @property
-    def happened(self) -> Bool[Any, "..."]:
-        """Whether it is down for any reason."""
+    def happened(self) -> Bool[Array, "..."]:
+        """Return whether the robot is down for any reason."""
         down = self.exploded | self.too_low | self.tilted
         return down if self.self_collision is None else down | self.self_collision
 
 
 def fall(
-    qpos: Float[Any, "... nq"], qvel: Float[Any, "... nv"], config: TerminationConfig
+    qpos: Float[Array, "... nq"],
+    qvel: Float[Array, "... nv"],
+    config: TerminationConfig,
 ) -> Fall:
     """Return whether and why a robot in this state, in MuJoCo's coordinates, is down;
     NumPy and JAX alike."""
@@ -43,10 +46,10 @@ def fall(
 
 
 def fall_in_training(
-    qpos: Float[Any, "... nq"],
-    qvel: Float[Any, "... nv"],
-    torque: Float[Any, "... 12"],
-    action: Float[Any, "... 12"],
+    qpos: Float[Array, "... nq"],
+    qvel: Float[Array, "... nv"],
+    torque: Float[Array, "... 12"],
+    action: Float[Array, "... 12"],
     config: EnvConfig,
 ) -> Fall:
     """Return whether and why an episode ends after this action: `fall`, a number that
@@ -59,8 +62,8 @@ def fall_in_training(
 
 
 def self_collision(
-    qpos: Float[Any, "... nq"], config: TerminationConfig, hardware: HardwareSpec
-) -> Bool[Any, "..."] | None:
+    qpos: Float[Array, "... nq"], config: TerminationConfig, hardware: HardwareSpec
+) -> Bool[Array, "..."] | None:
     """Return whether a leg is deeper in another, or in the trunk, than it may be; None
     where legs are not solid.
 

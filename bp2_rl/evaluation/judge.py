@@ -27,9 +27,8 @@ from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 AT_A_TIME = 8  # most policies that are judged side by side
 # the training gets three times the share; at 19 a training on all processors would

@@ -34,8 +34,8 @@ from bp2_rl.simulation.metrics import (
     GroundMetrics,
     PowerMetrics,
 )
-from bp2_rl.simulation.samples import Samples, window_means
 from bp2_rl.simulation.simulator import CONVERGED
+from bp2_rl.simulation.trajectory import Trajectory, window_means
 
 CAUSES = (
     "copper",
@@ -77,13 +77,13 @@ class SoleAccount(NamedTuple):
     velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
 
 
-def account(run: Samples) -> Account:
+def account(run: Trajectory) -> Account:
     """Compute the account of a run, or of a part of a run."""
     ledger, soles = replay(run)
     return Account(_power(run, ledger), _ground(run, soles))
 
 
-def replay(run: Samples) -> tuple[Ledger, SoleAccount]:
+def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     """Take every sample but the last through MuJoCo's forward dynamics."""
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
@@ -190,7 +190,7 @@ def split_constraints(
             )
 
 
-def _power(run: Samples, ledger: Ledger) -> PowerMetrics:
+def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
     terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     beyond = beyond_envelope(run)
     seconds = (len(run) - 2) * run.dt
@@ -221,7 +221,7 @@ def _power(run: Samples, ledger: Ledger) -> PowerMetrics:
     )
 
 
-def beyond_envelope(run: Samples) -> Float[np.ndarray, "M 12"]:
+def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
     """Return how far each torque is outside the envelope within its millisecond, Nm.
 
     The start or the end of the millisecond counts, whichever is more.
@@ -238,7 +238,7 @@ def beyond_envelope(run: Samples) -> Float[np.ndarray, "M 12"]:
     return excess
 
 
-def _ground(run: Samples, soles: SoleAccount) -> GroundMetrics:
+def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     standing = contacts(run)[:-1]
     touching = run.foot_force[:-1, :, 2] > 0.0
     speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)

@@ -76,11 +76,17 @@ class DrakeSimulator(Simulator):
         robots: Sequence[RobotSetup],
         models: Sequence[mujoco.MjModel] | None = None,
     ):
-        super().__init__([_with_steps(robot) for robot in robots], models)
+        finer = []
+        for robot in robots:
+            numerics = robot.numerics
+            steps = max(numerics.steps, numerics.drake.steps)
+            numerics = dataclasses.replace(numerics, steps=steps)
+            finer.append(dataclasses.replace(robot, numerics=numerics))
+        super().__init__(finer, models)
         if any(robot.world.roughness > 0.0 for robot in robots):
             raise UserError("Drake has no rough ground; use --backend mujoco")
         self._plants = [
-            DrakeRobot(model, contact_of(robot, model))
+            DrakeRobot(model, robot.numerics.drake, robot.config.hardware.contact_time)
             for model, robot in zip(self.models, robots, strict=True)
         ]
 
@@ -94,28 +100,6 @@ class DrakeSimulator(Simulator):
         return np.diag(inverse)[motor_indices(len(inverse))]
 
 
-def _with_steps(robot: RobotSetup) -> RobotSetup:
-    """Return the robot with as many physics steps a millisecond as its contact
-    needs."""
-    numerics = robot.numerics
-    steps = max(numerics.steps, numerics.drake.steps)
-    return dataclasses.replace(
-        robot, numerics=dataclasses.replace(numerics, steps=steps)
-    )
-
-
-def contact_of(robot: RobotSetup, model: mujoco.MjModel) -> DrakeContact:
-    """Return what was chosen of contact, with the stiffness of this robot's ground
-    where none was."""
-    contact = robot.numerics.drake
-    if contact.stiffness is not None:
-        return contact
-    stiffness = (
-        SHARE * float(np.sum(model.body_mass)) / robot.config.hardware.contact_time**2
-    )
-    return dataclasses.replace(contact, stiffness=stiffness)
-
-
 class DrakeRobot:
     """A compiled MuJoCo model as a plant of Drake, which advances MuJoCo's data by a
     physics step.
@@ -126,15 +110,22 @@ class DrakeRobot:
     Args:
         model: free trunk, hinges, slides; springs at joints and one-sided ones at
             tendons of one joint.
-        contact: of feet and ground, with its stiffness.
+        contact: of feet and ground.
+        contact_time: s, of the robot; with its mass it gives the ground's stiffness
+            where none was chosen.
     """
 
-    def __init__(self, model: mujoco.MjModel, contact: DrakeContact):
+    def __init__(
+        self, model: mujoco.MjModel, contact: DrakeContact, contact_time: float
+    ):
+        if contact.stiffness is None:
+            stiffness = SHARE * float(np.sum(model.body_mass)) / contact_time**2
+            contact = dataclasses.replace(contact, stiffness=stiffness)
         builder = DiagramBuilder()
         self._plant, scene = multibody.AddMultibodyPlantSceneGraph(
             builder, model.opt.timestep
         )
-        plant: Any = self._plant
+        plant = self._plant
         plant.set_discrete_contact_approximation(_SOLVERS[contact.solver])
         plant.set_contact_model(_MODELS[contact.model])
         plant.set_stiction_tolerance(contact.stiction)
@@ -165,8 +156,7 @@ class DrakeRobot:
         self._v = np.r_[
             v + 3 : v + 6, v : v + 3, [joint.velocity_start() for joint in legs]
         ]
-        self._springs = Springs.of(model)
-        self._timestep = model.opt.timestep
+        self._model = model
         # from MuJoCo's velocities to Drake's, but for their order
         self._turn = np.eye(model.nv)
 
@@ -197,7 +187,9 @@ class DrakeRobot:
         """Take a physics step under `ctrl` and `qfrc_applied`; the forces on the feet
         are put into `sensordata`."""
         self.set_state(data.qpos, data.qvel)
-        forces = data.qfrc_applied + self._springs.force(data.qpos)
+        mujoco.mj_tendon(self._model, data)
+        mujoco.mj_passive(self._model, data)  # springs, and the stops of their tendons
+        forces = data.qfrc_applied + data.qfrc_spring
         forces[motor_indices(len(forces))] += data.ctrl
         generalized = np.empty_like(forces)
         generalized[self._v] = self._turn @ forces
@@ -212,7 +204,7 @@ class DrakeRobot:
         data.qpos[:], data.qvel[:] = q[self._q], v[self._v]
         mujoco.mju_normalize4(data.qpos[3:POSE])
         data.qvel[3:TWIST] = _rotation(data.qpos[3:POSE]).T @ data.qvel[3:TWIST]
-        data.time += self._timestep
+        data.time += self._model.opt.timestep
 
     def _ground_forces(self) -> Float[np.ndarray, "4 3"]:
         """Return the ground's force on each foot in the step that begins in the state
@@ -246,45 +238,9 @@ class DrakeRobot:
         return forces
 
 
-@dataclasses.dataclass(frozen=True)
-class Springs:
-    """Springs at joints, and stops: forces on the coordinates beyond an end, N; a row
-    for each spring."""
-
-    qpos: np.ndarray
-    qvel: np.ndarray
-    stiffness: np.ndarray  # N/m or Nm/rad
-    ends: np.ndarray  # (S, 2), between which there is no force
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> "Springs":
-        """Return those of a compiled model."""
-        sprung = np.flatnonzero(model.jnt_stiffness > 0.0)
-        joint = np.concatenate([sprung, model.wrap_objid[: model.ntendon]]).astype(int)
-        rest = model.qpos_spring[model.jnt_qposadr[sprung]]
-        return cls(
-            qpos=model.jnt_qposadr[joint],
-            qvel=model.jnt_dofadr[joint],
-            stiffness=np.concatenate(
-                [model.jnt_stiffness[sprung], model.tendon_stiffness]
-            ),
-            ends=np.concatenate(
-                [np.stack([rest, rest], axis=1), model.tendon_lengthspring]
-            ),
-        )
-
-    def force(self, qpos: Float[np.ndarray, " nq"]) -> Float[np.ndarray, " nv"]:
-        """Return the forces on the coordinates."""
-        forces, at = np.zeros(len(qpos) - 1), qpos[self.qpos]
-        np.add.at(
-            forces,
-            self.qvel,
-            self.stiffness * (np.clip(at, self.ends[:, 0], self.ends[:, 1]) - at),
-        )
-        return forces
-
-
-def _add_bodies(plant: Any, model: mujoco.MjModel) -> list[Any]:
+def _add_bodies(
+    plant: multibody.MultibodyPlant, model: mujoco.MjModel
+) -> list[tree.RigidBody]:
     """Add the links; return the plant's body for each of MuJoCo's."""
     bodies = [plant.world_body()]
     for i in range(1, model.nbody):
@@ -300,7 +256,11 @@ def _add_bodies(plant: Any, model: mujoco.MjModel) -> list[Any]:
     return bodies
 
 
-def _add_joints(plant: Any, model: mujoco.MjModel, bodies: Sequence[Any]) -> list[Any]:
+def _add_joints(
+    plant: multibody.MultibodyPlant,
+    model: mujoco.MjModel,
+    bodies: Sequence[tree.RigidBody],
+) -> list[tree.Joint]:
     """Add joints with their dampers, limits and rotors, in MuJoCo's order, of which the
     first is the free one."""
     joints = []
@@ -347,9 +307,12 @@ def _add_joints(plant: Any, model: mujoco.MjModel, bodies: Sequence[Any]) -> lis
 
 
 def _add_contacts(
-    plant: Any, model: mujoco.MjModel, bodies: Sequence[Any], contact: DrakeContact
-) -> dict[int, Any]:
-    """Add what collides; return Drake's id of each geom."""
+    plant: multibody.MultibodyPlant,
+    model: mujoco.MjModel,
+    bodies: Sequence[tree.RigidBody],
+    contact: DrakeContact,
+) -> dict[int, geometry.GeometryId]:
+    """Add the colliding geoms to the plant and return their ids there."""
     assert contact.stiffness is not None
     feet, ids = foot_geom_ids(model), {}
     load = LOAD * conventions.GRAVITY * float(np.sum(model.body_mass))
@@ -377,13 +340,15 @@ def _add_contacts(
         pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
         body, name = bodies[model.geom_bodyid[geom]], model.geom(geom).name
         ids[geom] = plant.RegisterCollisionGeometry(
-            body, pose, _shape(model.geom_type[geom], size), name, properties
+            body, pose, _shape(int(model.geom_type[geom]), size), name, properties
         )
     return ids
 
 
 def _let_collide_what_does(
-    scene: Any, model: mujoco.MjModel, ids: dict[int, Any]
+    scene: geometry.SceneGraph,
+    model: mujoco.MjModel,
+    ids: dict[int, geometry.GeometryId],
 ) -> None:
     """Exclude the pairs of geoms that pass through each other in MuJoCo."""
     body, parent = model.geom_bodyid, model.body_parentid
@@ -400,7 +365,7 @@ def _let_collide_what_does(
             )
 
 
-def _shape(kind: Any, size: Float[np.ndarray, "3"]) -> Any:
+def _shape(kind: int, size: Float[np.ndarray, "3"]) -> geometry.Shape:
     if kind == _Geom.mjGEOM_PLANE:
         return geometry.HalfSpace()
     return (
@@ -416,5 +381,5 @@ def _rotation(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
     return matrix.reshape(3, 3)
 
 
-def _pose(at: Any, quaternion: Any) -> Any:
+def _pose(at: Any, quaternion: Float[np.ndarray, "4"]) -> RigidTransform:
     return RigidTransform(RotationMatrix(_rotation(quaternion)), at)

@@ -29,8 +29,7 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 from bp2_rl.simulation.gait import contacts, leg_metrics
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.samples import best_window, steady_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window, steady_window
 
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride
@@ -191,7 +190,7 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Draw the joints and springs of one diagonal pair over the last strides."""
+    """Draw the angles of a diagonal pair's joints and springs over the last strides."""
     strides = _last_strides(run)
     angle, target = (
         np.rad2deg(x).reshape(-1, 4, 3)

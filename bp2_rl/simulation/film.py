@@ -24,8 +24,7 @@ from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.samples import best_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name
@@ -141,6 +140,7 @@ def _draw(
     import imageio_ffmpeg  # an evaluation goes without a film where it is missing
 
     samples, poster = frame_samples(run, shot), io.BytesIO()
+    forward, ripple = run.ground_velocity[:, 0], round(RIPPLE / run.dt)
     # The index in front lets a browser begin before it has the whole file.
     writer = imageio_ffmpeg.write_frames(
         str(output),
@@ -159,7 +159,9 @@ def _draw(
                 # the endless floor is laid out around the camera's last place
                 for _ in range(2 if i == 0 else 1):
                     renderer.update_scene(data, camera=CAMERA)
-                image = _captioned(renderer.render(), _caption(run, k))
+                recent = forward[max(0, k - ripple) : k + 1]
+                text = f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
+                image = _captioned(renderer.render(), text)
                 writer.send(image.tobytes())
                 if i == len(samples) // 2:
                     image.save(poster, "JPEG", quality=80)
@@ -186,12 +188,6 @@ def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
     start = min(max(middle - shot.length / 2, 0.0), max(end - shot.length, 0.0))
     times = np.arange(start, min(start + shot.length, end), 1.0 / shot.frame_rate)
     return np.minimum(np.round(times / run.dt).astype(int), len(run) - 1)
-
-
-def _caption(run: Trajectory, k: int) -> str:
-    """Write the recent mean speed and the time."""
-    recent = run.ground_velocity[max(0, k - round(RIPPLE / run.dt)) : k + 1, 0]
-    return f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
 
 
 def _captioned(frame: np.ndarray, text: str) -> Image.Image:

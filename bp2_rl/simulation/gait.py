@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import Clearance, clearance
 from bp2_rl.simulation.metrics import LegMetrics
-from bp2_rl.simulation.samples import Samples
+from bp2_rl.simulation.trajectory import Trajectory
 
 TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
 LIFT_FORCE = 0.02  # ... until it presses less than this
@@ -19,7 +19,7 @@ SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
 CHUNK = 512
 
 
-def contacts(run: Samples) -> Bool[np.ndarray, "N 4"]:
+def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     """Return which feet stand, from their normal forces.
 
     There is hysteresis, and bounces and scuffs do not count.
@@ -59,12 +59,12 @@ def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
-def on_stop(run: Samples) -> Bool[np.ndarray, "N 4"]:
+def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     """Return when each spring presses on its stop at full travel."""
     return run.spring_compression > run.hardware.spring_travel
 
 
-def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
+def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
     """Return the clearances of the legs at each of the samples, m, solid or not."""
     joints, compression = (
         run.joint_position[samples].reshape(-1, 4, 3),
@@ -77,7 +77,7 @@ def leg_room(run: Samples, samples: slice = slice(None)) -> Clearance:
     return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 
 
-def leg_metrics(run: Samples, steady: Samples) -> tuple[LegMetrics, ...]:
+def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
     """Compute each leg's gait over the steady window's whole strides, and its extremes."""
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
@@ -115,7 +115,7 @@ def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
 
 
 def evenness(
-    steady: Samples, legs: Sequence[LegMetrics]
+    steady: Trajectory, legs: Sequence[LegMetrics]
 ) -> tuple[float | None, float | None]:
     """Compute how even the gait is between left and right.
 

@@ -7,7 +7,6 @@ one program serves all.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +52,7 @@ NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 def numbers_of(
     motors: Actuator, resistance: Resistance | None, seconds: float
 ) -> RobotNumbers:
-    """A robot, whose motors' torques are computed anew after so many seconds."""
+    """Return a robot as a row of numbers; `seconds` pass between torque updates."""
     resisting = dict(vars(resistance or NO_RESISTANCE))
     values = [
         *(getattr(motors, name) for name in JOINT),
@@ -100,8 +99,7 @@ def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
 
 @functools.cache
 def filled(robots: int) -> Int[np.ndarray, " P"]:
-    """Return which robot each place of a compiled program computes, where there are so
-    many robots."""
+    """Return the robot that each place of a compiled program computes."""
     places = next((size for size in SIZES if robots <= size), robots)
     return np.minimum(np.arange(places), robots - 1)
 
@@ -121,8 +119,7 @@ def _call(
 def _compiled(
     law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]
 ) -> Callable[..., Array]:
-    """The law as one program from two arrays to one: half of the time of a call is its
-    arrays."""
+    """Compile a law from two arrays to one: half of a call's time goes into its arrays."""
     at = np.cumsum(sizes)[:-1].tolist()
 
     def packed(row: Array, values: Array) -> Array:
@@ -147,7 +144,7 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
 def _forces(
     motors: Actuator,
     resistance: Resistance,
-    seconds: Any,
+    seconds: Array,
     before: Array,
     qpos: Array,
     qvel: Array,
@@ -162,7 +159,7 @@ def _forces(
 def _correct(
     motors: Actuator,
     resistance: Resistance,
-    seconds: Any,
+    seconds: Array,
     torque: Array,
     before: Array,
     qpos: Array,

@@ -1,13 +1,16 @@
-"""The figures of merit of a run, computed: pure functions of its samples."""
+"""The figures of merit of a run, computed from its samples, and its use of a lane."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
+from bp2_rl.base.metric import metric
 from bp2_rl.robot import actuator, bp2, conventions
 from bp2_rl.robot.building import standing
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.gait import (
     evenness,
     leg_metrics,
@@ -21,20 +24,20 @@ from bp2_rl.simulation.metrics import (
     MotorMetrics,
     RunMetrics,
 )
-from bp2_rl.simulation.samples import (
-    Samples,
+from bp2_rl.simulation.trajectory import (
+    Trajectory,
     best_window,
     hold_phase,
     steady_window,
     window_means,
 )
-from bp2_rl.simulation.track import track_position
 
+LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
 
 
-def run_metrics(run: Samples) -> RunMetrics:
-    """Compute all figures of merit of one run."""
+def run_metrics(run: Trajectory) -> RunMetrics:
+    """Compute all figures of merit of a run."""
     end = round(len(run) * run.dt, 6)
     hold, best, steady = hold_phase(run), best_window(run, 1.0), steady_window(run)
     speed = steady.ground_velocity[:, 0]
@@ -51,7 +54,12 @@ def run_metrics(run: Samples) -> RunMetrics:
     off_half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
-    held = None if hold is None else best_window(hold, HELD)
+    held, slowest, error = None, None, None
+    if hold is not None:
+        held, forward = best_window(hold, HELD), hold.ground_velocity[:, 0]
+        slowest = float(np.min(window_means(forward, round(1.0 / run.dt))))
+        # the speed's ripple within a stride counts
+        error = float(np.mean(np.abs(forward - hold.command[:, 0])))
     return RunMetrics(
         name=run.name,
         backend=run.backend,
@@ -63,9 +71,9 @@ def run_metrics(run: Samples) -> RunMetrics:
         commanded_speed=float(run.command[-1, 0]),
         best_speed=None if best is None else best.speed,
         held_speed=None if held is None else held.speed,
-        slowest_held_speed=None if hold is None else slowest_second(hold),
+        slowest_held_speed=slowest,
         mean_speed=float(np.mean(speed)),
-        tracking_error=None if hold is None else tracking_error(hold),
+        tracking_error=error,
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
         lateral_drift=float(np.max(np.abs(track_position(run)[1]))),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
@@ -104,18 +112,6 @@ def run_metrics(run: Samples) -> RunMetrics:
 # --- Speed ----------------------------------------------------------------------------
 
 
-def slowest_second(hold: Samples) -> float:
-    """Return the lowest 1-s mean of the forward speed, m/s, of a phase of at least
-    1 s."""
-    return float(np.min(window_means(hold.ground_velocity[:, 0], round(1.0 / hold.dt))))
-
-
-def tracking_error(hold: Samples) -> float:
-    """Return the mean of |forward speed - commanded forward speed|, m/s; the speed's
-    ripple within a stride counts."""
-    return float(np.mean(np.abs(hold.ground_velocity[:, 0] - hold.command[:, 0])))
-
-
 def froude_number(speed: float, height: float = bp2.STANDING_HEIGHT) -> float:
     """Return v^2 / (g h) with the height (m) of the trunk's centre in a stand: of BP2 21.4 at
     the paper's 10.74 m/s."""
@@ -129,7 +125,7 @@ def standing_height(hardware: HardwareSpec) -> float:
     return bp2.STANDING_HEIGHT
 
 
-def motor_demand(run: Samples, speed: float) -> float:
+def motor_demand(run: Trajectory, speed: float) -> float:
     """Return the `power_demand` of the robot that ran."""
     hardware = run.hardware
     power = float(np.mean(hardware.joint_peak_torque * hardware.joint_no_load_speed))
@@ -146,7 +142,9 @@ class EnvelopeUse(NamedTuple):
     outside: Bool[np.ndarray, "N 12"]  # beyond a limit by more than ROUNDING
 
 
-def envelope_use(run: Samples, motors: actuator.Actuator | None = None) -> EnvelopeUse:
+def envelope_use(
+    run: Trajectory, motors: actuator.Actuator | None = None
+) -> EnvelopeUse:
     """Compare every applied torque with the torque-speed envelope of its instant.
 
     `motors` are those of each sample where they changed with time.
@@ -166,7 +164,7 @@ def envelope_use(run: Samples, motors: actuator.Actuator | None = None) -> Envel
     )
 
 
-def mean_powers(run: Samples) -> tuple[float, float]:
+def mean_powers(run: Trajectory) -> tuple[float, float]:
     """Return the mean positive mechanical power of all motors, and the electrical power
     behind it, W.
 
@@ -180,7 +178,7 @@ def mean_powers(run: Samples) -> tuple[float, float]:
     return positive, positive + float(np.mean(np.sum(copper, axis=-1)))
 
 
-def motor_metrics(run: Samples, envelope: EnvelopeUse) -> tuple[MotorMetrics, ...]:
+def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics, ...]:
     """Return each motor's peaks and its share of time on the envelope."""
     torque = np.max(np.abs(run.torque), axis=0)
     speed = np.max(np.abs(run.joint_velocity), axis=0)
@@ -200,3 +198,106 @@ def power_demand(
     """Return m g v / (tau_max omega_max), the power asked of the motors over what one can
     give (paper, Fig. 1, inset)."""
     return mass * gravity * speed / (peak_torque * no_load_speed)
+
+
+# --- Track ---
+
+
+@dataclasses.dataclass(frozen=True)
+class Lane:
+    """How much of the track's width was used, from the line through the start along the
+    first heading."""
+
+    trunk_offset: float = metric(
+        "Trunk off the line", "m", meaning="greatest, of its centre"
+    )
+    # of the trunk's corners: BP2's is 0.44 m wide, 0.80 m long, at its heading
+    trunk_reach: float = metric(
+        "Trunk's side", "m", meaning="greatest distance from the line", card=True
+    )
+    foot_reach: float = metric(
+        "Feet's outer edge", "m", meaning="greatest distance from the line", card=True
+    )
+    used: float = metric(
+        "Lane used",
+        form=".0%",
+        meaning=f"of \u00b1{LANE_WIDTH / 2:.2f} m, by trunk and feet",
+    )
+    # all of it stayed within half a lane's width to either side
+    kept: bool = metric("Lane kept", card="lane_kept", shown=False)
+
+
+def track_position(
+    run: Trajectory,
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """Return the trunk's centre along the line of its start and to the left, m.
+
+    The line goes through the start along the first heading.
+    """
+    along, left = _on_track(run, run.qpos[:, None, :2])
+    return along[:, 0], left[:, 0]
+
+
+def time_at(run: Trajectory, distance: float) -> float | None:
+    """Return when the trunk's centre first was `distance` (m) ahead, s.
+
+    The time is interpolated between samples; None if the robot never arrived.
+    """
+    along = track_position(run)[0]
+    there = int(np.argmax(along >= distance))
+    if along[there] < distance:
+        return None
+    before = max(there - 1, 0)
+    return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
+
+
+def measure_lane(run: Trajectory) -> Lane:
+    """Measure how far trunk and feet came from the line."""
+    trunk, feet = (
+        float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run))
+    )
+    offset = float(np.max(np.abs(track_position(run)[1])))
+    used = max(trunk, feet) / (LANE_WIDTH / 2)
+    return Lane(offset, trunk, feet, used, kept=used <= 1.0)
+
+
+def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+    """Return the trunk's rightmost and leftmost corners, m to the left of the line."""
+    turned = run.heading - run.heading[0]
+    half_length, half_width = run.hardware.anatomy.footprint
+    half = half_width * np.abs(np.cos(turned)) + half_length * np.abs(np.sin(turned))
+    return track_position(run)[1][:, None] + half[:, None] * np.array([-1.0, 1.0])
+
+
+def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+    """Return the rightmost and leftmost edges of the feet, m to the left of the line."""
+    left = _on_track(run, foot_centres(run)[:, :, :2])[1]
+    radius = run.hardware.anatomy.geometry.foot_radius
+    return np.stack(
+        [np.min(left - radius, axis=1), np.max(left + radius, axis=1)], axis=-1
+    )
+
+
+def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
+    """Return the centres of the feet's spheres in the world, m.
+
+    A centre is a radius above the sole, up the lower leg.
+    """
+    joints = run.joint_position.reshape(-1, 4, 3)
+    feet = foot_position(
+        joints,
+        run.spring_compression + run.hardware.anatomy.geometry.foot_radius,
+        run.hardware,
+    )
+    w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
+    turn = 2.0 * np.cross(v, feet)
+    return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
+
+
+def _on_track(
+    run: Trajectory, points: Float[np.ndarray, "N n 2"]
+) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
+    """Return the points' coordinates along the line of the start and to its left, m."""
+    x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
+    cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
+    return cos * x + sin * y, cos * y - sin * x

@@ -28,8 +28,9 @@ class MotorMetrics:
     on_envelope: float = metric("On the envelope", form=".1%")
 
 
-def _leg_is_sprung(leg: "LegMetrics") -> bool:
-    return leg.peak_spring_travel > 0.0
+def _is_sprung(measured: "LegMetrics | RunMetrics") -> bool:
+    """Return whether there are springs: a run compresses each spring."""
+    return measured.peak_spring_travel > 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,11 +43,11 @@ class LegMetrics:
     stride_frequency: float | None = metric("Stride frequency", "Hz")
     peak_foot_force: float = metric("Peak force", "N", ".0f")
     peak_spring_travel: float = metric(
-        "Peak spring travel", "mm", ".0f", shown=_leg_is_sprung
+        "Peak spring travel", "mm", ".0f", shown=_is_sprung
     )
     # share of time with the spring on its stop
-    on_stop: float = metric("On the stop", form=".1%", shown=_leg_is_sprung)
-    stop_hits: int = metric("Stop hits", form="d", shown=_leg_is_sprung)
+    on_stop: float = metric("On the stop", form=".1%", shown=_is_sprung)
+    stop_hits: int = metric("Stop hits", form="d", shown=_is_sprung)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -190,11 +191,6 @@ class Account:
 
     power: PowerMetrics
     ground: GroundMetrics
-
-
-def _is_sprung(run: "RunMetrics") -> bool:
-    """Return whether the robot has springs: a run compresses each spring."""
-    return run.peak_spring_travel > 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

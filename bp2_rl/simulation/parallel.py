@@ -1,19 +1,29 @@
-"""Many runs of one policy on all processors."""
+"""Runs of a policy, shared out over all processors, and a fleet of drawn robots."""
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import functools
+import math
 from collections.abc import Callable, Generator, Sequence
 from typing import TypeVar
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.base.processes import keep_compiled, processors, spawned
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import conventions
+from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.rollout import RunRequest, simulate
+from bp2_rl.simulation.gait import leg_room
+from bp2_rl.simulation.rollout import RunRequest, sampled_commands, simulate
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import Draw
+
+# the milliseconds at which control steps begin
+EACH = slice(None, None, conventions.SUBSTEPS)
 
 Task = TypeVar("Task")
 One = TypeVar("One", bound=RunRequest)
@@ -37,8 +47,7 @@ def keep_workers() -> Generator[None]:
 def in_parallel(
     run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
 ) -> list[Result]:
-    """`run(policy, task)` for every task, handed out in turn: each worker compiles its
-    controller once.
+    """Return `run(policy, task)` for each task, dealt out to the workers in turn.
 
     `run` and all else must be picklable.
     """
@@ -63,8 +72,7 @@ def simulate_all(
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
-    """Which of them each worker runs: about as much each, and the same robot with the
-    same one if possible.
+    """Share requests out among workers, with equal work and few robots for each.
 
     The longest first, as those side by side last as long as the longest of them.
     """
@@ -73,7 +81,13 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
         range(len(requests)),
         key=lambda i: kinds.setdefault(requests[i].hardware, len(kinds)),
     )
-    work = np.array([_work(requests[i]) for i in alike])
+    # Torques of a few robots take as long as four of their physics steps.
+    work = np.array(
+        [
+            one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
+            for one in (requests[i] for i in alike)
+        ]
+    )
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
         int
     )
@@ -90,18 +104,13 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     ]
 
 
-def _work(one: RunRequest) -> float:
-    """Torques of a few robots take as long as four of their physics steps."""
-    return one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
-
-
 def _share_out(
     run_all: Callable[[Policy, list[Task]], list[Result]],
     policy: Policy,
     tasks: Sequence[Task],
     shares: Sequence[Sequence[int]],
 ) -> list[Result]:
-    """What comes of every task, in order."""
+    """Return the results of all tasks, in order."""
     done: dict[int, Result] = {}
     if not tasks:
         return []
@@ -156,6 +165,103 @@ def compute_here() -> None:
 
 
 def _begin(cache: str | None) -> None:
-    """Make of a worker what the command has made of itself."""
+    """Set up a worker as the command set up itself."""
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)
+
+
+# --- A fleet ---
+
+
+@dataclasses.dataclass(frozen=True)
+class FleetRun:
+    """The motion of N robots at the start of T control steps; 0 after a fall."""
+
+    time: Float[np.ndarray, " T"]  # s
+    command: Float[np.ndarray, " T"]  # m/s, scheduled forward speed
+    speed: Float[np.ndarray, "T N"]  # m/s, forward in the heading frame
+    offset: Float[np.ndarray, "T N"]  # m, to the left of the line through the start
+    fell_at: Float[np.ndarray, " N"]  # s; inf for robots that did not fall
+    # m, least between legs or of a leg and the trunk, before a fall
+    leg_room: Float[np.ndarray, " N"]
+    # what was drawn: friction, latency (s), mass (kg), strength
+    robots: dict[str, Float[np.ndarray, " N"]]
+    steady_from: float  # s, from when the command is held
+
+
+def run_fleet(
+    policy: Policy,
+    request: RunRequest,
+    ranges: RandomizationConfig,
+    robots: int,
+    seed: int = 0,
+    backend: Backend = "mujoco",
+) -> FleetRun:
+    """Run many robots from a standing start, each with its own draw.
+
+    Args:
+        policy: what all run by; `ranges` take the place of what it was trained with.
+        request: the run of the robot around which they are drawn; its own pushes and
+            noise are not used.
+        ranges: from what they are drawn.
+        robots: how many.
+        seed: of everything that is drawn.
+        backend: the simulator.
+    """
+    schedule, hardware = request.schedule, request.hardware or policy.card.env.hardware
+    draws = [Draw(ranges, seed, number) for number in range(robots)]
+    worlds = [
+        dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration))
+        for draw in draws
+    ]
+    requests = [
+        dataclasses.replace(
+            request, world=world, noise_seed=draw.noise_seed, drawn=draw
+        )
+        for world, draw in zip(worlds, draws, strict=True)
+    ]
+    card = policy.card
+    noisy = dataclasses.replace(
+        card, env=dataclasses.replace(card.env, randomization=ranges)
+    )
+    speeds, offsets, falls, rooms, masses = zip(
+        *simulate_all(
+            _robot_run, dataclasses.replace(policy, card=noisy), requests, backend
+        ),
+        strict=True,
+    )
+    commands = sampled_commands(schedule)[:-1, 0]
+    speed, offset = np.zeros((2, len(commands), robots))
+    for number in range(robots):
+        lasted = len(speeds[number])
+        speed[:lasted, number] = speeds[number]
+        offset[:lasted, number] = offsets[number]
+    drawn = [draw.values(hardware) for draw in draws]
+    return FleetRun(
+        time=conventions.CONTROL_STEP * np.arange(len(commands)),
+        command=commands,
+        speed=speed,
+        offset=offset,
+        fell_at=np.array(falls),
+        leg_room=np.array(rooms),
+        robots={
+            "friction": np.array([float(one.friction) for one in drawn]),
+            "latency": np.array([float(one.latency) for one in drawn]),
+            "mass": np.array(masses),
+            "strength": np.array([float(np.min(one.strength)) for one in drawn]),
+        },
+        steady_from=schedule.steady_from,
+    )
+
+
+def _robot_run(
+    _: RunRequest, run: Trajectory
+) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"], float, float, float]:
+    """Return a robot's speeds, offsets, time of fall, least leg room and mass."""
+    return (
+        run.ground_velocity[EACH, 0],
+        run.qpos[EACH, 1],
+        math.inf if run.fell_at is None else run.fell_at,
+        float(np.min(leg_room(run, EACH).least)),
+        run.mass,
+    )

@@ -4,14 +4,15 @@ times a second."""
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.env.controller import Controller, ControllerState
+from bp2_rl.base import arrays
+from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.physics.interface import newest_active, target_ages
 from bp2_rl.learning.policy import NETWORKS, Policy
@@ -23,7 +24,8 @@ from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.laws import filled
 
 # observation -> action, deterministic; arrays of NumPy or JAX
-ActionFunction = Callable[[Any], Any]
+ActionFunction: TypeAlias = Callable[[arrays.Array], arrays.Array]
+StepResult = tuple[ControllerState, Targets, Reference, Array]
 JointTargets = tuple[Float[np.ndarray, "N 12"], Float[np.ndarray, "N 12"]]  # rad, rad/s
 
 
@@ -93,7 +95,7 @@ class PolicyRunner:
 
     @property
     def state(self) -> ControllerState:
-        """What the controllers remember, a row for each robot."""
+        """Return the controllers' memory, a row for each robot."""
         with jax.default_device(self._device):
             return jax.tree.map(lambda x: x[: len(self._each)], self._state)
 
@@ -163,9 +165,8 @@ def control_steps_behind(latency: float) -> list[int]:
 
 def control_step(
     config: EnvConfig, noise: RandomizationConfig | None = None
-) -> Callable[..., Any]:
-    """Return a control step of one robot as a function of a policy and arrays, to be
-    compiled.
+) -> Callable[..., StepResult]:
+    """Return a robot's control step as a function of a policy and arrays, to compile.
 
     (policy, controller state, command, qpos, qvel, command asked for) -> (state,
     targets, reference, next command)
@@ -183,7 +184,7 @@ def control_step(
         qvel: Array,
         asked: Array,
         *drawn: Array,
-    ) -> tuple[Any, ...]:
+    ) -> StepResult:
         measured = sense(qpos, qvel)
         if noise is not None:
             key, share = drawn
@@ -203,7 +204,9 @@ def control_step(
     return control
 
 
-def _apart(policy: ActionFunction) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+def _apart(
+    policy: ActionFunction,
+) -> tuple[Callable[..., Array], tuple[object, ...]]:
     """Return a function and the weights that come before its observation; other
     functions have none."""
     return (
@@ -217,11 +220,11 @@ def _apart(policy: ActionFunction) -> tuple[Callable[..., Any], tuple[Any, ...]]
 # benchmark has many.
 @functools.lru_cache(maxsize=8)
 def _compiled_control_step(
-    function: Callable[..., Any], config: EnvConfig, noise: RandomizationConfig | None
-) -> Callable[..., Any]:
+    function: Callable[..., Array], config: EnvConfig, noise: RandomizationConfig | None
+) -> Callable[..., StepResult]:
     control = control_step(config, noise)
 
-    def all_robots(weights: tuple[Any, ...], *rows: Any) -> tuple[Any, ...]:
+    def all_robots(weights: tuple[object, ...], *rows: object) -> StepResult:
         return jax.vmap(
             functools.partial(control, functools.partial(function, *weights))
         )(*rows)

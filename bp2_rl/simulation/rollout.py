@@ -30,7 +30,6 @@ from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
-from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import Ramp, Schedule
@@ -42,8 +41,8 @@ from bp2_rl.simulation.simulator import (
     Simulator,
     settled,
 )
-from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.world import LEVEL, World, sensed_pose
+from bp2_rl.simulation.trajectory import Trajectory, shapes_of
+from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
 
 MOST = SIZES[-1]
 """Robots side by side: more are hardly cheaper each, and all that they do is kept until
@@ -262,9 +261,7 @@ def _simulate(
         commands=scheduled[:, 0],
         noise=config.randomization if noise else None,
     )
-    recording = Recording.empty(
-        config.hardware.anatomy.nq, count, longest * conventions.SUBSTEPS
-    )
+    recording = Recording.empty(config.hardware, count, longest * conventions.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
     pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
     watches = {
@@ -376,16 +373,14 @@ class Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, nq: int, *shape: int) -> "Recording":
-        """Make room for so many runs and milliseconds of robots with `nq`
-        coordinates."""
-        motors = (conventions.NUM_MOTORS,)
-        sizes = (nq,), (nq - 1,), motors, motors, (3,), (4, 3)
-        return cls(*(np.zeros((*shape, *size)) for size in sizes))
+    def empty(cls, hardware: HardwareSpec, *shape: int) -> "Recording":
+        """Make room for the samples of many runs of such robots."""
+        sizes = {name: size for name, size in shapes_of(hardware).items() if size}
+        return cls(**{name: np.zeros((*shape, *size)) for name, size in sizes.items()})
 
     def of(self, run: int) -> "Recording":
-        """Return the recording of one run of several."""
-        return Recording(*(array[run] for array in vars(self).values()))
+        """Return the recording of the run with this index."""
+        return Recording(**{name: array[run] for name, array in vars(self).items()})
 
     def trajectory(
         self,
@@ -397,7 +392,7 @@ class Recording:
         fell: bool,
         mass: float,
     ) -> Trajectory:
-        """Return the first `length` milliseconds of one run.
+        """Return the first `length` milliseconds of a run.
 
         Args:
             request: the run.

@@ -1,4 +1,4 @@
-"""What a robot is asked to do: a velocity command over time."""
+"""The schedule of a run: a velocity command over time."""
 
 import dataclasses
 import math
@@ -118,7 +118,7 @@ class Course(Bounded, path="course."):
     legs: tuple[CourseLeg, ...] = ()
 
     def to(self, command: Command, seconds: float) -> "Course":
-        """Return this course with one more leg: to a command in so many seconds."""
+        """Return this course with a leg more, which reaches `command` after `seconds`."""
         if np.shape(command) != (3,):
             raise UserError(
                 f"a course leads to three numbers (forward, left, yaw rate); got {command}"
@@ -127,7 +127,7 @@ class Course(Bounded, path="course."):
         return Course((*self.legs, CourseLeg((forward, left, turn), seconds)))
 
     def hold(self, seconds: float) -> "Course":
-        """Return this course with its last command held for so many seconds more."""
+        """Return this course with its last command held for `seconds` more."""
         return self.to(self._commands[-1], seconds)
 
     @property

@@ -25,8 +25,7 @@ from bp2_rl.robot.model import foot_forces, let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.draw import Draw
-from bp2_rl.simulation.world import LEVEL, World
+from bp2_rl.simulation.world import LEVEL, Draw, World
 
 DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
@@ -41,8 +40,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """How C MuJoCo computes a millisecond; the defaults are those of every
-    benchmark."""
+    """The numerics of C MuJoCo's millisecond, by default as in all benchmarks."""
 
     # physics steps, at least; Drake takes more where its contact needs them
     steps: int = 1
@@ -334,8 +332,7 @@ class Simulator:
             )
 
     def _advance(self, robot: int) -> None:
-        """Take the physics steps of one update, and leave the state, and the forces on
-        the feet, in `data`."""
+        """Take the physics steps of an update, and leave state and foot forces in `data`."""
         mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
 
     def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:

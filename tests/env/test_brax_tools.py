@@ -10,10 +10,11 @@ from brax import envs
 from brax.io import html
 from brax.io import json as brax_json
 
-from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.settings.presets import preset
 
 
 @pytest.fixture(scope="module")
@@ -21,16 +22,17 @@ def env() -> Any:
     return envs.get_environment("bp2")
 
 
-def test_named_environments_are_those_that_trainings_use():
+def test_named_environments_are_those_that_trainings_use(env):
     made: dict[str, Any] = {name: envs.get_environment(name) for name in CONFIGS}
     assert all(isinstance(env, BP2Env) for env in made.values())
-    assert made["bp2"].config.hardware == made["bp2_kinematic"].config.hardware == BUILT
-    assert made["bp2_ideal"].config.hardware == IDEAL
+    assert [made[name].config.hardware for name in CONFIGS] == [BUILT, IDEAL, BUILT]
     assert [made[name].config.reference for name in CONFIGS] == [
         "collocation",
         "collocation",
         "kinematic",
     ]
+    assert env.config == make("bp2").config == preset("imitation", "gpu").env
+    assert isinstance(env, envs.Env)
 
 
 def test_braxs_page_shows_the_robot_where_mujoco_has_it(env):

@@ -31,23 +31,16 @@ def targets(config: EnvConfig, action: float = 0.0):
         ("none", Standing),
     ],
 )
-def test_the_reference_is_the_one_that_was_named(name, motion):
-    config = EnvConfig(reference=name)
-    assert isinstance(motion_of(config), motion)
+def test_the_reference_is_the_one_that_was_named_for_this_robot(name, motion):
+    config = EnvConfig(reference=name, hardware=HardwareSpec(mass_scale=1.1))
+    reference_motion = motion_of(config)
+    assert isinstance(reference_motion, motion)
+    assert reference_motion.hardware == config.hardware
     state, target, reference = targets(config)
-    expected = motion_of(config)(COMMAND, state.phase)
+    expected = reference_motion(COMMAND, state.phase)
     assert np.allclose(target.position, expected.joint_position)
     assert np.allclose(reference.height, expected.height)
     assert np.allclose(target.velocity, expected.joint_velocity)
-
-
-def test_the_reference_has_the_hardware_of_the_robot():
-    config = EnvConfig(hardware=HardwareSpec(mass_scale=1.1))
-    for reference in ("kinematic", "collocation", "none"):
-        assert (
-            motion_of(dataclasses.replace(config, reference=reference)).hardware
-            == config.hardware
-        )
 
 
 def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on():

@@ -94,14 +94,17 @@ def test_energy_is_of_motion_height_and_springs():
         assert ledger.energy[k] == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_bus_is_what_the_motors_draw():
+def test_the_bus_is_what_motors_and_windings_draw():
     run = trot()
     ledger, _ = replay(run)
     motors = motors_of(EnvConfig(hardware=BUILT))
     mean = 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:])
-    np.testing.assert_allclose(
-        ledger.bus, bus_power(motors, run.torque[:-1], mean), rtol=1e-12
-    )
+    for expected in (
+        bus_power(motors, run.torque[:-1], mean),
+        np.sum(ledger.motors + ledger.copper, axis=1),
+    ):
+        np.testing.assert_allclose(ledger.bus, expected, rtol=1e-12, atol=1e-9)
+    assert np.min(ledger.copper) >= 0.0
 
 
 def test_gears_lose_their_share_of_the_motors_work():
@@ -193,14 +196,6 @@ def test_springs_give_what_they_were_given():
     # spring holds.
     np.testing.assert_allclose(given[:-1], held[0] - held[1:], atol=0.03 * np.max(held))
     assert np.max(held) > 2.0  # J
-
-
-def test_motors_and_windings_make_the_bus():
-    ledger, _ = replay(trot())
-    np.testing.assert_allclose(
-        np.sum(ledger.motors + ledger.copper, axis=1), ledger.bus, rtol=1e-12, atol=1e-9
-    )
-    assert np.min(ledger.copper) >= 0.0
 
 
 def test_springs_top_out_as_often_and_as_fast_as_they_swing():

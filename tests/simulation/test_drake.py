@@ -11,13 +11,11 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.conventions import GRAVITY
-from bp2_rl.robot.hardware import BUILT, IDEAL, ROBOTS
+from bp2_rl.robot.hardware import BUILT, ROBOTS
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.named import find_robot
-from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig
-from bp2_rl.simulation import simulator
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.backend import DrakeContact
-from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup
@@ -64,7 +62,10 @@ def test_inertia_and_bias_forces_are_mujocos(name, rng):
     """To float64's rounding: of the mass matrix, rotors included; of gravity, Coriolis
     and centrifugal forces."""
     model = load_model(find_robot(name), visual=False, weighed=True)
-    robot, inertia = DrakeRobot(model, CONTACT), np.zeros((model.nv, model.nv))
+    robot, inertia = (
+        DrakeRobot(model, CONTACT, BUILT.contact_time),
+        np.zeros((model.nv, model.nv)),
+    )
     for _ in range(20):
         data = in_the_air(model, rng)
         mujoco.mj_forward(model, data)
@@ -91,7 +92,7 @@ def test_one_step_in_the_air_is_mujocos(name, rng):
         visual=False,
         weighed=True,
     )
-    robot = DrakeRobot(model, CONTACT)
+    robot = DrakeRobot(model, CONTACT, BUILT.contact_time)
     for _ in range(20):
         data = in_the_air(model, rng)
         # no more than any motor has: MuJoCo would clip it
@@ -186,7 +187,7 @@ def test_slip_lifts_a_foot_in_mujoco_and_not_in_drake():
         model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
     ] = 1e6
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    drake = DrakeRobot(model, CONTACT)
+    drake = DrakeRobot(model, CONTACT, BUILT.contact_time)
     for step, lifts in (
         (drake.step, False),
         (lambda data: mujoco.mj_step(model, data), True),
@@ -211,34 +212,6 @@ def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
     assert drake.fell_at is None
     assert drake.metrics.mean_speed == pytest.approx(c.metrics.mean_speed, rel=0.1)
     assert not np.array_equal(drake.qpos, c.qpos)
-
-
-def test_a_drawn_robot_is_drawn_in_drake_too(monkeypatch):
-    # a drawn robot starts from the stand of that as designed
-    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)
-    one = (1.0, 1.0)
-    ranges = RandomizationConfig(
-        friction=one,
-        mass=(1.2, 1.2),
-        com_offset=0.0,
-        strength=one,
-        gains=one,
-        latency=(0.0, 0.0),
-    )
-    schedule = Ramp(1.0, hold=0.1)
-    heavy, heavy_by_chance, designed = simulate(
-        no_action,
-        [
-            RunRequest(schedule, dataclasses.replace(IDEAL, mass_scale=1.2)),
-            RunRequest(schedule, IDEAL, drawn=Draw(ranges, 0, 0)),
-            RunRequest(schedule, IDEAL),
-        ],
-        EnvConfig(),
-        backend="drake",
-    )
-    # factors are drawn in float32
-    np.testing.assert_allclose(heavy_by_chance.qpos, heavy.qpos, atol=1e-5)
-    assert np.max(np.abs(designed.qpos - heavy.qpos)) > 0.05
 
 
 # --- What is refused ------------------------------------------------------------------

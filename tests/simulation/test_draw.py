@@ -13,9 +13,9 @@ from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation import simulator
-from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import RobotSetup
+from bp2_rl.simulation.world import Draw
 
 SCHEDULE = Ramp(1.0, hold=0.2)
 RANGES = RandomizationConfig()

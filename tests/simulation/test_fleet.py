@@ -10,8 +10,8 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import RandomizationConfig
-from bp2_rl.simulation import fleet as module
-from bp2_rl.simulation.fleet import run_fleet
+from bp2_rl.simulation import parallel as module
+from bp2_rl.simulation.parallel import run_fleet
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
@@ -98,10 +98,7 @@ def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(
                     backend,
                 )
             )
-            or [
-                module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0)
-                for _ in requests
-            ]
+            or [(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0) for _ in requests]
         ),
     )
     ranges = dataclasses.replace(RandomizationConfig(), joint_velocity_noise=0.7)

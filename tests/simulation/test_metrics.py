@@ -1,20 +1,25 @@
 """Every figure of merit against a run for which it is known in closed form."""
 
-import json
 import math
 
 import numpy as np
 import pytest
 
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.simulation import gait, measuring
-from bp2_rl.simulation.metrics import RunMetrics
 
 # Nm, where the back-EMF line meets the torque axis
 STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)
+
+
+def with_speed(make_run, forward, **changes):
+    """A run whose forward speed is a function of time."""
+    run = make_run(**changes)
+    qvel = run.qvel.copy()
+    qvel[:, 0] = forward(run.time)
+    return make_run(**changes, qvel=qvel).metrics
 
 
 def with_motor(make_run, motor, torque, speed, **changes):
@@ -23,39 +28,44 @@ def with_motor(make_run, motor, torque, speed, **changes):
     run = make_run(**changes)
     torques, qvel = run.torque.copy(), run.qvel.copy()
     torques[:, motor], qvel[:, MOTOR_QVEL[motor]] = torque(run.time), speed(run.time)
-    return make_run(**(changes | {"torque": torques, "qvel": qvel}))
+    return make_run(**(changes | {"torque": torques, "qvel": qvel})).metrics
 
 
 # --- Speed ----------------------------------------------------------------------------
 
 
 def test_top_speed_is_the_best_one_second_mean(make_run):
-    run = make_run(duration=8.0)
-    qvel = run.qvel.copy()
-    qvel[:, 0] = 4.0 + np.sin(2 * np.pi * run.time / 4.0)
-    m = make_run(qvel=qvel).metrics
-    assert m.best_speed == pytest.approx(
-        4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
-    )  # mean of a sine's top quarter
-    assert m.slowest_held_speed == pytest.approx(
-        4.0 - np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
-    )
+    m = with_speed(make_run, lambda t: 4.0 + np.sin(2 * np.pi * t / 4.0))
+    mean = np.sin(np.pi / 4) / (np.pi / 4)  # of a sine's top quarter
+    assert m.best_speed == pytest.approx(4.0 + mean, abs=1e-5)
+    assert m.slowest_held_speed == pytest.approx(4.0 - mean, abs=1e-5)
+    short = make_run(duration=0.9, speed=1e-6, steady_from=0.0).metrics
+    assert short.best_speed is None
+    assert short.froude_number is None
+    assert short.mechanical_cost_of_transport is None  # it goes nowhere
 
 
-def test_held_speed_is_the_best_five_second_mean_of_the_hold_phase(make_run):
-    run = make_run(duration=12.0)  # held from 2 s on
-    qvel = run.qvel.copy()
-    qvel[:, 0] = 4.0 + np.sin(2 * np.pi * run.time / 20.0)
-    m = make_run(duration=12.0, qvel=qvel).metrics
-    # The sine peaks at 5 s: the best five seconds are those from 2.5 to 7.5 s.
-    assert m.held_speed == pytest.approx(
-        4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5
+@pytest.mark.parametrize(
+    ("steady_from", "above", "tolerance"),
+    [
+        # The sine peaks at 5 s: the best five seconds are those from 2.5 to 7.5 s.
+        (2.0, 1.0, 1e-5),
+        # Held from 7 s on it falls all the time: the first five seconds, to a sum of
+        # 1 ms.
+        (7.0, np.sin(np.pi * 0.95), 1e-3),
+    ],
+)
+def test_held_speed_is_the_best_five_second_mean_of_the_hold(
+    make_run, steady_from, above, tolerance
+):
+    m = with_speed(
+        make_run,
+        lambda t: 4.0 + np.sin(2 * np.pi * t / 20.0),
+        duration=12.0,
+        steady_from=steady_from,
     )
-    late = make_run(duration=12.0, qvel=qvel, steady_from=7.0).metrics
-    # Held from 7 s on it falls all the time: the first five seconds, to a sum of 1 ms.
-    assert late.held_speed == pytest.approx(
-        4.0 + 4 / np.pi * np.sin(np.pi * 0.95) * np.sin(np.pi / 4), abs=1e-3
-    )
+    expected = 4.0 + above * np.sin(np.pi / 4) / (np.pi / 4)
+    assert m.held_speed == pytest.approx(expected, abs=tolerance)
 
 
 @pytest.mark.parametrize(("duration", "held"), [(6.999, False), (7.0, True)])
@@ -64,19 +74,12 @@ def test_a_hold_shorter_than_five_seconds_has_no_held_speed(make_run, duration, 
     assert m.held_speed == (pytest.approx(5.0) if held else None)
 
 
-def test_a_run_shorter_than_a_second_has_no_top_speed(make_run):
-    m = make_run(duration=0.9).metrics
-    assert m.best_speed is None
-    assert m.froude_number is None
-
-
 def test_tracking_error_is_the_mean_distance_from_the_command_while_held(make_run):
-    run = make_run()
-    qvel = run.qvel.copy()
-    qvel[:, 0] += np.where(
-        run.time < 2.0, 3.0, 0.4 * np.sign(np.sin(2 * np.pi * 5.0 * run.time + 1e-9))
-    )
-    m = make_run(qvel=qvel).metrics
+    def speed(t):
+        ripple = 0.4 * np.sign(np.sin(2 * np.pi * 5.0 * t + 1e-9))
+        return np.minimum(2.5 * t, 5.0) + np.where(t < 2.0, 3.0, ripple)
+
+    m = with_speed(make_run, speed)
     # what happened on the ramp does not count
     assert m.tracking_error == pytest.approx(0.4, abs=1e-9)
     assert m.mean_speed == pytest.approx(5.0, abs=1e-3)
@@ -128,24 +131,21 @@ def test_the_papers_numbers_at_its_top_speed(make_run):
 
 
 def test_power_of_torque_and_speed_in_phase(make_run):
-    torque, speed = 40.0, 6.0
-    run = with_motor(
+    m = with_motor(
         make_run,
         4,
-        lambda t: torque * np.sin(8 * np.pi * t),
-        lambda t: speed * np.sin(8 * np.pi * t),
+        lambda t: 40.0 * np.sin(8 * np.pi * t),
+        lambda t: 6.0 * np.sin(8 * np.pi * t),
     )
-    m = run.metrics
-    assert m.mechanical_power == pytest.approx(torque * speed / 2, rel=1e-6)
-    copper = torque**2 / 2 * 21.4 / STALL_TORQUE
-    assert m.electrical_power == pytest.approx(torque * speed / 2 + copper, rel=1e-6)
+    work, copper = 40.0 * 6.0 / 2, 40.0**2 / 2 * 21.4 / STALL_TORQUE
     weight_speed = 36.0 * conventions.GRAVITY * 5.0
-    assert m.mechanical_cost_of_transport == pytest.approx(
-        torque * speed / 2 / weight_speed, rel=1e-6
+    assert (m.mechanical_power, m.electrical_power) == pytest.approx(
+        (work, work + copper), rel=1e-6
     )
-    assert m.electrical_cost_of_transport == pytest.approx(
-        (torque * speed / 2 + copper) / weight_speed, rel=1e-6
-    )
+    assert (
+        m.mechanical_cost_of_transport,
+        m.electrical_cost_of_transport,
+    ) == pytest.approx((work / weight_speed, (work + copper) / weight_speed), rel=1e-6)
     motor = m.motors[4]
     assert motor.name == "FL_hip"
     assert (motor.peak_torque, motor.peak_speed, motor.peak_power) == pytest.approx(
@@ -154,63 +154,52 @@ def test_power_of_torque_and_speed_in_phase(make_run):
 
 
 def test_braking_earns_nothing(make_run):
-    run = with_motor(
+    out_of_phase = with_motor(
         make_run,
         0,
         lambda t: 30.0 * np.sin(8 * np.pi * t),
         lambda t: 6.0 * np.cos(8 * np.pi * t),
     )
     # half a sine of twice w
-    assert run.metrics.mechanical_power == pytest.approx(
+    assert out_of_phase.mechanical_power == pytest.approx(
         30.0 * 6.0 / (2 * np.pi), rel=1e-3
     )
-    run = with_motor(make_run, 0, lambda t: 30.0 + 0 * t, lambda t: -6.0 + 0 * t)
-    m = run.metrics
-    assert m.mechanical_power == 0.0
-    assert m.motors[0].peak_power == 0.0
+    m = with_motor(make_run, 0, lambda t: 30.0 + 0 * t, lambda t: -6.0 + 0 * t)
+    assert (m.mechanical_power, m.motors[0].peak_power) == (0.0, 0.0)
     assert m.electrical_power == pytest.approx(30.0**2 * 21.4 / STALL_TORQUE)
 
 
-def test_a_robot_that_goes_nowhere_has_no_cost_of_transport(make_run):
-    run = make_run(speed=1e-6, steady_from=0.0)
-    assert run.metrics.mechanical_cost_of_transport is None
-
-
 @pytest.mark.parametrize(
-    ("torque", "speed", "near", "outside"),
+    ("torque", "speed", "near", "outside", "gear_ratio"),
     [
-        (118.7, 10.0, False, False),  # 1.3 Nm below the peak
-        (118.9, 10.0, True, False),
-        (120.0, 14.0, True, False),
-        (120.01, 10.0, True, True),
-        (-120.01, -10.0, True, True),
-        (-119.0, 20.0, True, False),  # braking is flat
-        (STALL_TORQUE * (1 - 18.0 / 21.4), 18.0, True, False),  # on the back-EMF line
-        (STALL_TORQUE * (1 - 18.0 / 21.4) + 0.01, 18.0, True, True),
-        (-STALL_TORQUE * (1 - 18.0 / 21.4) - 0.01, -18.0, True, True),
-        (0.1, 21.5, True, True),  # nothing drives beyond the no-load speed
+        (118.7, 10.0, False, False, 8.5),  # 1.3 Nm below the peak
+        (118.9, 10.0, True, False, 8.5),
+        (120.0, 14.0, True, False, 8.5),
+        (120.01, 10.0, True, True, 8.5),
+        (-120.01, -10.0, True, True, 8.5),
+        (-119.0, 20.0, True, False, 8.5),  # braking is flat
+        # on the back-EMF line
+        (STALL_TORQUE * (1 - 18.0 / 21.4), 18.0, True, False, 8.5),
+        (STALL_TORQUE * (1 - 18.0 / 21.4) + 0.01, 18.0, True, True, 8.5),
+        (-STALL_TORQUE * (1 - 18.0 / 21.4) - 0.01, -18.0, True, True, 8.5),
+        (0.1, 21.5, True, True, 8.5),  # nothing drives beyond the no-load speed
+        (230.0, 7.0, False, False, 17.0),  # twice the torque at half the speed
+        (230.0, 8.0, True, True, 17.0),
     ],
 )
-def test_envelope_is_compared_at_every_sample(make_run, torque, speed, near, outside):
-    run = with_motor(
-        make_run, 8, lambda t: torque * (t < 2.0), lambda t: speed * (t < 2.0)
+def test_every_sample_is_compared_with_the_envelope_of_the_hardware_that_ran(
+    make_run, torque, speed, near, outside, gear_ratio
+):
+    m = with_motor(
+        make_run,
+        8,
+        lambda t: torque * (t < 2.0),
+        lambda t: speed * (t < 2.0),
+        hardware=HardwareSpec(gear_ratio=gear_ratio),
     )
-    m = run.metrics
     assert m.motors[8].on_envelope == (0.25 if near else 0.0)  # 2 s of 8
     assert m.on_envelope == pytest.approx(0.25 / 12 if near else 0.0)
     assert m.outside_envelope == (2000 if outside else 0)
-
-
-def test_envelope_is_that_of_the_hardware_that_ran(make_run):
-    geared = HardwareSpec(gear_ratio=17.0)  # twice the torque at half the speed
-    run = with_motor(
-        make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 7.0 + 0 * t, hardware=geared
-    )
-    assert run.metrics.outside_envelope == 0
-    run = with_motor(
-        make_run, 8, lambda t: 230.0 + 0 * t, lambda t: 8.0 + 0 * t, hardware=geared
-    )
-    assert run.metrics.outside_envelope == 8000
 
 
 # --- Legs -----------------------------------------------------------------------------
@@ -232,24 +221,18 @@ def test_duty_factor_and_stride_frequency_of_a_trot(make_run, frequency, duty):
         )
 
 
-def test_bounces_and_scuffs_are_not_strides(make_run):
+def test_bounces_and_scuffs_are_not_strides_and_hops_are(make_run):
     run = make_run()
-    force = run.foot_force.copy()
     phase = (4.0 * run.time[:, None] + np.array([0.5, 0.0, 0.0, 0.5])) % 1.0
+    force, hop = run.foot_force.copy(), run.foot_force.copy()
     force[(phase > 0.04) & (phase < 0.12)] = 0.0  # 20 ms in the air
     force[(phase > 0.60) & (phase < 0.63), 2] = 300.0  # 7 ms of the toe dragging
     clean, rough = run.metrics, make_run(foot_force=force).metrics
     for a, b in zip(clean.legs, rough.legs, strict=True):
         assert b.duty_factor == pytest.approx(a.duty_factor, abs=1e-9)
         assert b.stride_frequency == pytest.approx(a.stride_frequency, rel=1e-9)
-
-
-def test_a_hop_longer_than_a_bounce_is_a_stride(make_run):
-    run = make_run()
-    force = run.foot_force.copy()
-    phase = (4.0 * run.time[:, None] + np.array([0.5, 0.0, 0.0, 0.5])) % 1.0
-    force[(phase > 0.05) & (phase < 0.20)] = 0.0  # 37 ms
-    assert make_run(foot_force=force).metrics.legs[1].stride_frequency == pytest.approx(
+    hop[(phase > 0.05) & (phase < 0.20)] = 0.0  # 37 ms
+    assert make_run(foot_force=hop).metrics.legs[1].stride_frequency == pytest.approx(
         8.0, rel=0.02
     )
 
@@ -302,62 +285,36 @@ def test_peak_force_is_the_length_of_the_vector(make_run):
     )
 
 
-def test_springs_are_on_their_stop_beyond_full_travel(make_run):
-    run = make_run()
-    qpos = run.qpos.copy()
-    # FR for 10 %, FL for 10 %, half of it together
-    qpos[:800, 10], qpos[400:1200, 14] = 0.131, 0.135
-    qpos[:, 18] = 0.13
-    m = make_run(qpos=qpos).metrics
-    assert [leg.on_stop for leg in m.legs] == pytest.approx([0.1, 0.1, 0.0, 0.0])
-    assert m.on_stop == pytest.approx(0.15)
-    assert [leg.stop_hits for leg in m.legs] == [1, 1, 0, 0]
-    assert m.peak_spring_travel == 0.135
-
-
 def test_every_arrival_of_a_spring_at_its_stop_is_a_hit(make_run):
     qpos = make_run().qpos.copy()
     for start in (0, 100, 300):  # on it from the start, and twice more
         qpos[start : start + 50, 10] = 0.131
-    qpos[120:130, 22] = 0.131  # another spring at the same time
+    qpos[120:920, 22] = 0.135  # another spring, at the same time as the first
+    qpos[:, 18] = 0.13  # at full travel, not beyond
     m = make_run(qpos=qpos).metrics
     assert [leg.stop_hits for leg in m.legs] == [3, 0, 0, 1]
     assert m.stop_hits == 4
-
-
-# --- As a file ------------------------------------------------------------------------
-
-
-def test_metrics_survive_strict_json(make_run):
-    for run in (make_run(), make_run(duration=0.5, fell_at=0.5)):
-        m = run.metrics
-        assert (
-            from_json(RunMetrics, json.loads(json.dumps(to_json(m), allow_nan=False)))
-            == m
-        )
+    expected = [150 / 8000, 0.0, 0.0, 0.1]
+    assert [leg.on_stop for leg in m.legs] == pytest.approx(expected)
+    assert m.on_stop == pytest.approx((150 + 800 - 80) / 8000)
+    assert m.peak_spring_travel == 0.135
 
 
 def test_legs_that_touch_are_counted_by_the_millisecond_solid_or_not(make_run):
     """Both fore legs are swung inwards so far that they cross, for 0.3 s of 8 s."""
     run = make_run(duration=8.0)
-    qpos = run.qpos.copy()
-    apart = make_run(qpos=qpos).metrics
-    assert (apart.leg_contact, apart.leg_contact_time, apart.leg_depth) == (
-        0.0,
-        0.0,
-        0.0,
-    )
+    apart, qpos = run.metrics, run.qpos.copy()
+    assert (apart.leg_contact, apart.leg_contact_time, apart.leg_depth) == (0, 0, 0)
     # Legs hang straight down: lines 0.32 m apart behind, feet of 20 mm; hips 0.16 m off
     # the beams' end, 20 mm back.
-    assert apart.leg_clearance == pytest.approx(0.32 - 2 * 0.02, abs=1e-12)
-    assert apart.trunk_clearance == pytest.approx(
-        math.hypot(0.02, 0.12) - 0.07 - 0.018, abs=1e-12
+    assert (apart.leg_clearance, apart.trunk_clearance) == pytest.approx(
+        (0.32 - 2 * 0.02, math.hypot(0.02, 0.12) - 0.07 - 0.018), abs=1e-12
     )
     qpos[1000:1300, [7, 11]] = 0.4, -0.4
     for hardware in (HardwareSpec(), HardwareSpec(solid_legs=True)):
         crossed = make_run(qpos=qpos, hardware=hardware).metrics
         assert crossed.leg_contact_time == pytest.approx(0.3)
         assert crossed.leg_contact == pytest.approx(300 / 8000)
-        assert crossed.leg_depth == pytest.approx(-crossed.leg_clearance)
         # the lower legs' axes meet
         assert crossed.leg_depth == pytest.approx(2 * 0.0145)
+        assert crossed.leg_clearance == pytest.approx(-2 * 0.0145)

@@ -9,13 +9,13 @@ from plain_simulation import PlainRobot, plain_run
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.hardware import BUILT, IDEAL
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.mjx import MjxSimulator
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
-from bp2_rl.simulation.simulator import Numerics, RobotSetup, Simulator
+from bp2_rl.simulation.simulator import CONVERGED, Numerics, RobotSetup, Simulator
 from bp2_rl.simulation.world import Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
@@ -110,17 +110,20 @@ def test_each_runs_as_it_would_alone(together, i):
     assert np.quantile(np.abs(run.foot_force - alone["foot_force"]), 0.99) < 2.0  # N
 
 
-@pytest.mark.parametrize("robots", [1, 3])
-def test_laws_and_steps_are_those_of_the_plain_robot(robots):
+@pytest.mark.parametrize(
+    ("robots", "numerics"),
+    [(1, CONVERGED), (3, CONVERGED), (1, Numerics(steps=4, motors_each_step=True))],
+)
+def test_laws_and_steps_are_those_of_the_plain_robot(robots, numerics):
     """The robot with all its losses, whose torque is tried several times a millisecond,
     through 0.1 s of kicks."""
     rng, fastest = np.random.default_rng(0), 0.0
-    robot = RobotSetup(EnvConfig(hardware=BUILT))
+    robot = RobotSetup(EnvConfig(hardware=BUILT), numerics=numerics)
     plain, simulator = PlainRobot(robot), Simulator([robot] * robots)
     for _ in range(20):
         target = np.array(STAND_JOINTS) + rng.uniform(-0.6, 0.6, 12)
         for _ in range(5):
-            expected = plain.millisecond(target, np.zeros(12))
+            expected = plain.millisecond(target, np.zeros(12), numerics)
             found = simulator.millisecond(
                 np.tile(target, (robots, 1)), np.zeros((robots, 12))
             )
@@ -149,20 +152,6 @@ def test_robots_that_do_not_move_stay_as_they_are():
     torque = simulator.millisecond(target, np.zeros((2, 12)))
     assert np.max(np.abs(torque[1])) <= 5.0 + 1e-9
     assert np.max(np.abs(torque[0])) > 40.0
-
-
-def test_a_state_can_be_kept_and_gone_back_to():
-    simulator = Simulator([RobotSetup(EnvConfig(hardware=BUILT))])
-    target, still = np.array(STAND_JOINTS)[None] + 0.1, np.zeros((1, 12))
-    for _ in range(10):
-        simulator.millisecond(target, still)
-    kept = simulator.state(0)
-    first = [simulator.millisecond(target, still) for _ in range(10)]
-    simulator.set_state(0, kept)
-    np.testing.assert_array_equal(simulator.foot_force, 0.0)
-    np.testing.assert_array_equal(
-        [simulator.millisecond(target, still) for _ in range(10)], first
-    )
 
 
 def test_they_do_end_in_different_ways(together):
@@ -202,19 +191,17 @@ def test_a_function_alone_does_not_say_what_it_was_trained_in():
         simulate(answering, REQUESTS)
 
 
-def test_a_state_decides_the_future_in_mjx():
+@pytest.mark.parametrize("engine", [Simulator, MjxSimulator])
+def test_a_state_decides_the_future(engine):
     """Of one state there is one future, the solver's first guess included."""
-    simulator = MjxSimulator([RobotSetup(EnvConfig())])
-    stand, still = simulator.qpos[:, MOTOR_QPOS].copy(), np.zeros((1, 12))
-
-    def go_on(target: np.ndarray, milliseconds: int) -> np.ndarray:
-        for _ in range(milliseconds):
-            simulator.millisecond(target, still)
-        return simulator.qpos[0].copy()
-
-    go_on(stand + 0.1, 40)
-    state, torque = simulator.state(0), simulator.torque.copy()
-    once = go_on(stand - 0.1, 20)
-    simulator.set_state(0, state)
-    simulator.torque = torque
-    assert np.array_equal(go_on(stand - 0.1, 20), once)
+    simulator = engine([RobotSetup(EnvConfig(hardware=BUILT))])
+    stand, still = np.array([STAND_JOINTS]), np.zeros((1, 12))
+    for _ in range(40):
+        simulator.millisecond(stand + 0.1, still)
+    kept, futures = simulator.state(0), []
+    for _ in range(2):
+        simulator.set_state(0, kept)
+        np.testing.assert_array_equal(simulator.foot_force, 0.0)
+        torques = [simulator.millisecond(stand - 0.1, still) for _ in range(20)]
+        futures.append(np.append(torques, simulator.qpos))
+    np.testing.assert_array_equal(*futures)

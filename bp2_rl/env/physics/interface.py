@@ -8,7 +8,7 @@ physics step:
     warp    MJX on NVIDIA's Warp (`physics.mjx`): for NVIDIA GPUs, not exactly repeatable
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Array, Float, Int
 
+from bp2_rl.base import arrays
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions
@@ -47,7 +48,7 @@ class Physics(struct.PyTreeNode):
 
 
 class Effort(struct.PyTreeNode):
-    """What the motors did during one control step."""
+    """The motors' mean torque and power in one control step."""
 
     torque: Float[Array, "... 12"]  # Nm, mean
     power: Float[Array, "... 12"]  # W, mean mechanical
@@ -60,7 +61,7 @@ class PhysicsEngine(Protocol):
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """Take five physics steps of one robot.
+        """Advance one robot by five physics steps.
 
         Return the state afterwards, the mean effort, and 1 for each foot that touches
         the ground at the end.
@@ -69,8 +70,8 @@ class PhysicsEngine(Protocol):
 
 
 def newest_active(
-    ages: Float[Any, " targets"], latency: Float[Any, "*robots"]
-) -> Int[Any, "*robots"]:
+    ages: Float[arrays.Array, " targets"], latency: Float[arrays.Array, "*robots"]
+) -> Int[arrays.Array, "*robots"]:
     """Return which of the targets of these ages the joints follow: the newest that is
     older than the latency (s).
 

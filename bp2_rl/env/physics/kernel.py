@@ -1,8 +1,6 @@
 """The five physics steps of a control step in the fused kernel, all robots of a batch
 side by side."""
 
-from typing import Any, NamedTuple
-
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -65,11 +63,11 @@ class KernelPhysics:
     def _batched(
         self,
         size: int,
-        batched: list[Any],
+        batched: list[Physics | Targets | Randomization],
         physics: Physics,
         targets: Targets,
         robot: Randomization,
-    ) -> tuple[Any, Any]:
+    ) -> tuple[object, object]:
         """`custom_vmap`'s rule: what is the same for all robots is repeated."""
         arguments = [physics, targets, robot]
         whole = jax.tree.map(
@@ -98,15 +96,16 @@ class KernelPhysics:
         history, remembered = jax.vmap(target_history)(physics, targets)
 
         def physics_step(
-            state: _State, ages: Array
-        ) -> tuple["_State", tuple[Array, ...]]:
+            state: tuple[MuJoCoState, Array], ages: Array
+        ) -> tuple[tuple[MuJoCoState, Array], tuple[Array, ...]]:
+            moving, torque = state
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
-            qpos, qvel = state.moving.qpos.T, state.moving.qvel.T
+            qpos, qvel = moving.qpos.T, moving.qvel.T
             q, qd = joint_positions(qpos), joint_velocities(qvel)
             torque = joint_torque(
                 motors,
-                state.torque,
+                torque,
                 q,
                 qd,
                 issued.position,
@@ -120,30 +119,23 @@ class KernelPhysics:
                 applied += losses.generalized(
                     losses.loss(resistance, qpos, qvel, torque), qvel
                 )
-            moving, heights = step(robots, state.moving, applied.T)
-            return _State(moving, torque), (torque, torque * qd, heights)
+            moving, heights = step(robots, moving, applied.T)
+            return (moving, torque), (torque, torque * qd, heights)
 
         before = MuJoCoState(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
-        after, (torques, powers, heights) = jax.lax.scan(
-            physics_step, _State(before, physics.torque), jnp.asarray(TARGET_AGES)
+        (after, torque), (torques, powers, heights) = jax.lax.scan(
+            physics_step, (before, physics.torque), jnp.asarray(TARGET_AGES)
         )
         touching = (self._foot_radius >= heights[-1].T).astype(jnp.float32)
         effort = Effort(
             torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0)
         )
-        moved = jax.tree.map(lambda x: x.T, after.moving)
+        moved = jax.tree.map(lambda x: x.T, after)
         return (
-            Physics(*moved, torque=after.torque, targets=remembered),
+            Physics(*moved, torque=torque, targets=remembered),
             effort,
             touching,
         )
-
-
-class _State(NamedTuple):
-    """The state that one physics step leaves to the next."""
-
-    moving: MuJoCoState
-    torque: Float[Array, "N 12"]  # Nm
 
 
 def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:

@@ -1,7 +1,7 @@
 """The five physics steps of a control step in MJX."""
 
 import importlib.util
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -29,16 +29,6 @@ from bp2_rl.robot.model import foot_geom_ids
 SOLVER_LIMITS = 1 << 9 | 1 << 10
 """MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only
 the extra `warp` brings."""
-
-
-class Remembered(NamedTuple):
-    """The state that a physics step leaves to the next; all else in `mjx.Data` is
-    computed anew, to save memory."""
-
-    qpos: Float[Array, " nq"]
-    qvel: Float[Array, " nv"]
-    qacc_warmstart: Float[Array, " nv"]
-    torque: Float[Array, "12"]  # Nm
 
 
 class MjxPhysics:
@@ -91,66 +81,44 @@ class MjxPhysics:
             resistance = randomization.randomize_resistance(resistance, robot)
         history, remembered = target_history(physics, targets)
 
-        def substep(
-            state: Remembered, ages: Array
-        ) -> tuple[Remembered, tuple[Array, ...]]:
+        def physics_step(
+            state: tuple[Array, Array, Array, Array], ages: Array
+        ) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, ...]]:
+            qpos, qvel, warmstart, torque = state
             now = newest_active(ages, robot.latency)
-            after, height = self.physics_step(
-                model,
+            q, qd = joint_positions(qpos), joint_velocities(qvel)
+            torque = joint_torque(
                 motors,
-                resistance,
-                state,
-                Targets(history.position[now], history.velocity[now]),
+                torque,
+                q,
+                qd,
+                history.position[now],
+                history.velocity[now],
+                conventions.PHYSICS_STEP,
             )
-            torque, qd = after.torque, joint_velocities(state.qvel)
-            return after, (torque, torque * qd, height)
+            data = self._template.replace(
+                qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
+            )
+            if resistance is not None:
+                data = data.replace(
+                    qfrc_applied=losses.generalized(
+                        losses.loss(resistance, qpos, qvel, torque), qvel
+                    )
+                )
+            data = mjx.step(model, data)
+            after = data.qpos, data.qvel, data.qacc_warmstart, torque
+            return after, (torque, torque * qd, data.geom_xpos[self._feet, 2])
 
-        before = Remembered(
-            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
-        )
+        # All else in `mjx.Data` is computed anew at each step, to save memory.
+        before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
         after, (torques, powers, heights) = jax.lax.scan(
-            substep, before, jnp.asarray(TARGET_AGES)
+            physics_step, before, jnp.asarray(TARGET_AGES)
         )
         touching = heights[-1] <= self._foot_radius
         effort = Effort(
             torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0)
         )
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
-
-    def physics_step(
-        self,
-        model: mjx.Model,
-        motors: Actuator,
-        resistance: Resistance | None,
-        state: Remembered,
-        targets: Targets,
-    ) -> tuple[Remembered, Float[Array, "4"]]:
-        """Take one physics step; return the state afterwards and the heights of the
-        feet's centres, m."""
-        qpos, qvel, warmstart, torque = state
-        q, qd = joint_positions(qpos), joint_velocities(qvel)
-        torque = joint_torque(
-            motors,
-            torque,
-            q,
-            qd,
-            targets.position,
-            targets.velocity,
-            conventions.PHYSICS_STEP,
-        )
-        data = self._template.replace(
-            qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
-        )
-        if resistance is not None:
-            data = data.replace(
-                qfrc_applied=losses.generalized(
-                    losses.loss(resistance, qpos, qvel, torque), qvel
-                )
-            )
-        data = mjx.step(model, data)
-        return Remembered(
-            data.qpos, data.qvel, data.qacc_warmstart, torque
-        ), data.geom_xpos[self._feet, 2]
 
 
 def randomize_model(

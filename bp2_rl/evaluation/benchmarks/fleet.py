@@ -30,7 +30,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.backend import TITLES
-from bp2_rl.simulation.fleet import FleetRun, run_fleet
+from bp2_rl.simulation.parallel import FleetRun, run_fleet
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics

@@ -17,8 +17,8 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.robot import conventions
-from bp2_rl.simulation.fleet import FleetRun
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.parallel import FleetRun
 
 if TYPE_CHECKING:
     from bp2_rl.evaluation.benchmarks.fleet import RobustnessMetrics

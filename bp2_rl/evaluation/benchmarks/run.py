@@ -36,13 +36,12 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.account import account
 from bp2_rl.simulation.figures import FIGURES
+from bp2_rl.simulation.measuring import Lane, measure_lane, time_at, track_position
 from bp2_rl.simulation.metrics import RIPPLE, PowerMetrics, RunMetrics
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.samples import Samples, steady_window
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.simulator import Numerics
-from bp2_rl.simulation.track import Lane, measure_lane, time_at, track_position
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, steady_window
 
 
 def run_once(
@@ -315,7 +314,7 @@ def sprint_metrics(run: Trajectory, acceleration: float) -> SprintMetrics:
     )
 
 
-def measure_splits(run: Samples) -> tuple[Split, ...]:
+def measure_splits(run: Trajectory) -> tuple[Split, ...]:
     """Measure the 10-m splits, as far as the robot came."""
     splits, last = [], Split(0.0, 0.0, 0.0)
     for mark in map(float, MARKS):
@@ -327,7 +326,7 @@ def measure_splits(run: Samples) -> tuple[Split, ...]:
     return tuple(splits)
 
 
-def measure_first_metres(run: Samples) -> SprintLaunch:
+def measure_first_metres(run: Trajectory) -> SprintLaunch:
     """Measure the first metres; nothing if the run ends less than half of `RIPPLE`
     after them."""
     time = time_at(run, LAUNCH_DISTANCE)

@@ -20,8 +20,13 @@ from bp2_rl.evaluation.benchmarks.outcome import Picture
 from bp2_rl.evaluation.benchmarks.variants import Dots, Panel, variants_figure
 from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.robot import bp2
+from bp2_rl.simulation.measuring import (
+    LANE_WIDTH,
+    foot_edges,
+    track_position,
+    trunk_edges,
+)
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.track import LANE_WIDTH, foot_edges, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
 
 POLICY = "this policy"

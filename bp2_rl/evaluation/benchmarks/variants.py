@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.races import TRACK
+from bp2_rl.simulation.measuring import measure_lane, time_at
 from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.rollout import RunRequest
-from bp2_rl.simulation.track import measure_lane, time_at
 from bp2_rl.simulation.trajectory import Trajectory
 
 HEIGHT = 0.3  # inches, of a line

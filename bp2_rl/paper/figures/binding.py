@@ -34,8 +34,7 @@ from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import IDEAL, ROBOTS
 from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.gait import contacts
-from bp2_rl.simulation.samples import steady_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, steady_window
 
 BENCHMARK = "topspeed"
 SPEED = "speed"

@@ -21,8 +21,7 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.simulation.measuring import envelope_use
-from bp2_rl.simulation.samples import steady_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, steady_window
 
 BENCHMARK = "topspeed"
 KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in ("hip", "knee"))

@@ -23,8 +23,8 @@ from bp2_rl.paper.figures.drawn import DASHES, ON_WHITE, Drawn, name_rows, note
 from bp2_rl.paper.figures.settings import RaceSettings
 from bp2_rl.paper.published import Athlete, read_standards
 from bp2_rl.robot import bp2
+from bp2_rl.simulation.measuring import track_position
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.track import track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"

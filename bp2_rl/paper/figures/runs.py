@@ -12,8 +12,7 @@ from bp2_rl.base.files import require_name
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report, read_report
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.simulation.gait import contacts, touchdowns
-from bp2_rl.simulation.samples import best_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 
 class Run(NamedTuple):

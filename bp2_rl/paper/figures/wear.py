@@ -17,9 +17,8 @@ from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.account import account
 from bp2_rl.simulation.metrics import PLATE
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.samples import steady_window
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, steady_window
 
 HOLD = 5.0  # s
 WEAK = dataclasses.replace(BUILT, braking_speed=BUILT.no_load_speed)

@@ -22,7 +22,7 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.presets.robots import on_robot
-from bp2_rl.simulation.fleet import FleetRun
+from bp2_rl.simulation.parallel import FleetRun
 
 DT = 5e-3
 

@@ -24,7 +24,7 @@ from bp2_rl.evaluation.races import BOLT_SPLITS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.operator import HeadingHold
-from bp2_rl.simulation.track import (
+from bp2_rl.simulation.measuring import (
     foot_centres,
     foot_edges,
     time_at,

@@ -58,9 +58,8 @@ from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.samples import best_window
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 from bp2_rl.simulation.world import EVEN, World
 
 FELL = "fell"

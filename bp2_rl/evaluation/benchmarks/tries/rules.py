@@ -8,11 +8,15 @@ from jaxtyping import Float
 
 from bp2_rl.base.plotting import moving_mean
 from bp2_rl.robot import conventions
-from bp2_rl.simulation.measuring import mean_powers
+from bp2_rl.simulation.measuring import (
+    LANE_WIDTH,
+    mean_powers,
+    track_position,
+    trunk_edges,
+)
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.samples import Samples, best_window
 from bp2_rl.simulation.schedule import Command
-from bp2_rl.simulation.track import LANE_WIDTH, track_position, trunk_edges
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 STOPPED = 0.3  # m/s: slower is at rest
 BRAKING_DISTANCE = 1.5  # times v^2 / 2a, at most
@@ -39,7 +43,7 @@ class Assessment:
     measured: Figures
 
 
-def assess_braking(run: Samples, *, since: float, deceleration: float) -> Assessment:
+def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Assessment:
     """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from
     `since` (s) on.
 
@@ -68,7 +72,7 @@ def assess_braking(run: Samples, *, since: float, deceleration: float) -> Assess
     return Assessment(distance <= allowed, f"{distance:.0f} m", measured)
 
 
-def assess_launch(run: Samples, *, speed: float, acceleration: float) -> Assessment:
+def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Assessment:
     """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule
     ends.
 
@@ -89,7 +93,7 @@ def assess_launch(run: Samples, *, speed: float, acceleration: float) -> Assessm
 
 
 def assess_turn(
-    run: Samples,
+    run: Trajectory,
     *,
     yaw_rate: float,
     since: float,
@@ -125,7 +129,7 @@ def assess_turn(
     return Assessment(told and kept and wander <= within, said, measured)
 
 
-def assess_motion(run: Samples, *, command: Command, since: float) -> Assessment:
+def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessment:
     """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`;
     measured `since` (s).
 
@@ -148,7 +152,7 @@ def assess_motion(run: Samples, *, command: Command, since: float) -> Assessment
     return Assessment(passed, f"{speed:.2f} m/s", measured)
 
 
-def assess_stand(run: Samples, *, quiet: bool) -> Assessment:
+def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
     """Return whether the robot stays within `CREEP` of where it was; or whether its
     motors are `quiet`, below `CHATTER`.
 
@@ -166,7 +170,7 @@ def assess_stand(run: Samples, *, quiet: bool) -> Assessment:
 
 
 def assess_straightness(
-    run: Samples, *, length: float, allowed: float = LANE_WIDTH / 2
+    run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2
 ) -> Assessment:
     """Return whether the robot arrives with no edge of its trunk farther than allowed
     (m) from the line.
@@ -181,14 +185,14 @@ def assess_straightness(
     return Assessment(arrived and reach <= allowed, said, measured)
 
 
-def assess_push(run: Samples) -> Assessment:
+def assess_push(run: Trajectory) -> Assessment:
     """Pass a robot that stays upright; measured is its greatest `offset` from the line,
     m."""
     offset = float(np.max(np.abs(track_position(run)[1])))
     return Assessment(True, f"{offset:.1f} m", {"offset": offset})
 
 
-def assess_run(run: Samples, *, level: float) -> Assessment:
+def assess_run(run: Trajectory, *, level: float) -> Assessment:
     """Return whether the best speed reaches `SPEED_SHARE` of that on level ground, m/s.
 
     Measured: the best 1-s mean, `speed`, None for a shorter run, and the `distance`.
@@ -206,11 +210,11 @@ def assess_run(run: Samples, *, level: float) -> Assessment:
 
 
 def _smooth(
-    run: Samples, values: Float[np.ndarray, "N ..."]
+    run: Trajectory, values: Float[np.ndarray, "N ..."]
 ) -> Float[np.ndarray, "N ..."]:
     return moving_mean(values, round(RIPPLE / run.dt))
 
 
-def _wander(run: Samples) -> float:
+def _wander(run: Trajectory) -> float:
     """Return the greatest distance from the start, m."""
     return float(np.max(np.linalg.norm(run.qpos[:, :2] - run.qpos[0, :2], axis=-1)))

@@ -13,10 +13,10 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig
+from bp2_rl.simulation.measuring import LANE_WIDTH
 from bp2_rl.simulation.rollout import RunRequest
-from bp2_rl.simulation.samples import Samples
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp
-from bp2_rl.simulation.track import LANE_WIDTH
+from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 
 STEADY = 1.5  # s, at a speed before anything else is asked
@@ -108,7 +108,7 @@ class Try(RunRequest):
     group: str  # what is tried ...
     asked: str  # ... and how hard
     rule: str  # what passes, in words
-    assess: Callable[[Samples], Assessment]  # applies the rule to the run
+    assess: Callable[[Trajectory], Assessment]  # applies the rule to the run
 
 
 Make = Callable[..., Try]

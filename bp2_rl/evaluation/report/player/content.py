@@ -17,8 +17,7 @@ from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import SOLE_SITES, load_model, mesh_of, visible_geoms
 from bp2_rl.simulation.metrics import RIPPLE
-from bp2_rl.simulation.samples import best_window
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
 LARGEST = 32767  # of a 16-bit number

@@ -153,7 +153,7 @@ class RobotGroup:
         simulator, runner = self._continued(state)
         samples = conventions.SUBSTEPS * steps
         recording = GroupRecording(
-            Recording.empty(simulator.qpos.shape[-1], count, samples),
+            Recording.empty(self.robot.config.hardware, count, samples),
             clock=np.zeros((count, samples)),
             lasted=np.full(count, float(samples)),
             config=self.robot.config,
