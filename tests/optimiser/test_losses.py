@@ -20,8 +20,7 @@ from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
 from bp2_rl.paper.trajectories.variants import loss_variants
 from bp2_rl.robot import bp2
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
-from bp2_rl.robot.variants import PARTS
+from bp2_rl.robot.hardware import BUILT, IDEAL, PARTS, HardwareSpec, Losses
 
 MOTORS = motor_coordinates(LEGS)
 STALL = 120.0 / (1.0 - 14.7 / 21.4)  # Nm, where Table S1's falling line begins
