@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser.collocation import fastest, refine, solve, solve_best
+from bp2_rl.optimiser.collocation import cold_guess, fastest, refine, solve, solve_best
 from bp2_rl.optimiser.cycle import whole_cycle
-from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import STRIDES, CostWeights, Problem, motor_coordinates
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import (

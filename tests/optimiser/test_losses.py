@@ -9,8 +9,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import sagittal, verifier_laws
-from bp2_rl.optimiser.collocation import STANDARD, solve
-from bp2_rl.optimiser.guess import cold_guess
+from bp2_rl.optimiser.collocation import STANDARD, cold_guess, solve
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.sagittal import ca
