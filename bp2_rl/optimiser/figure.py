@@ -1,5 +1,4 @@
-"""The picture of one gait cycle, and its style: the motion as stick figures, and
-curves of velocities, forces and torques over grey stance.
+"""Draw one gait cycle: stick figures, velocities, forces and torques.
 
 Drawn off screen, in the style of `plotting`. Left is blue and right is vermilion, fore
 legs are dotted and hind legs solid.

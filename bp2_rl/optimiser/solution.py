@@ -54,7 +54,7 @@ ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
 class StrideMoment(NamedTuple):
-    """A motion at instants of one segment; the columns are those of `Motion`."""
+    """A motion at instants of one segment, in the columns of `Motion`."""
 
     q: Float[np.ndarray, "instants nq"]
     v: Float[np.ndarray, "instants nq"]

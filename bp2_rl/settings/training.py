@@ -97,8 +97,7 @@ def load_run_config(run_dir: Path | str) -> TrainConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ClusterConfig:
-    """Where the processes of one training meet; by default one process has all GPUs of
-    the machine."""
+    """The place where a training's processes meet; one process takes a machine alone."""
 
     coordinator: str | None = None
     """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""
