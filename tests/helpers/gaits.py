@@ -51,12 +51,15 @@ def around(gait, command, phase, step: float = 1e-6) -> list[Reference]:
     return [sample(gait, command, phase + dt * shift) for dt in (0.0, -step, step)]
 
 
-def require_mirror_images(left: Reference, right: Reference) -> None:
-    """Require that one motion is the other with left and right changed."""
+def require_mirror_images(
+    left: Reference, right: Reference, rates: float = 1e-7
+) -> None:
+    """Require that one motion is the other with left and right changed, and its joints'
+    speeds to `rates`, rad/s."""
     swap, flip = [1, 0, 3, 2], np.array([-1.0, 1.0, 1.0])
     for name, sides, tolerance in (
         ("joint_position", flip, 1e-9),
-        ("joint_velocity", flip, 1e-7),
+        ("joint_velocity", flip, rates),
         ("torque", 1.0, 1e-9),
     ):
         mirrored = getattr(right, name)[..., swap, :] * sides
