@@ -5,6 +5,7 @@ import importlib.util
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -414,7 +415,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def read(folder: Path, text: str, **named: object) -> RobotReading:
+def read(folder: Path, text: str, **named: Any) -> RobotReading:
     """Write an MJCF or a URDF, and read the robot in it."""
     return read_mjcf(written(folder, text), **named)
 

@@ -216,7 +216,7 @@ def test_stance_time_follows_the_reach():
 
 def test_diagonal_legs_move_together_half_a_cycle_from_the_others():
     reference = sample([4.0, 0.0, 0.0], np.array([0.0, 0.1, 0.3, 0.5, 0.6, 0.8]))
-    fr, fl, rr, rl = np.moveaxis(reference.joint_position, 1, 0)
+    fr, fl, rr, rl = np.moveaxis(np.asarray(reference.joint_position), 1, 0)
     np.testing.assert_allclose(fr, rl, atol=1e-12)
     np.testing.assert_allclose(fl, rr, atol=1e-12)
     np.testing.assert_allclose(fl[:3], fr[3:], atol=1e-12)

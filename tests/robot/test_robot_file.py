@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def filled_in(
-    folder: Path, model: str, pointing: bool = True, **named: object
+    folder: Path, model: str, pointing: bool = True, **named: Any
 ) -> tuple[RobotFile, RobotReading]:
     """Return what `new` and `check` make of a model, and the model's reading."""
     reading, name = read(folder, model, **named), written(folder, model).name
