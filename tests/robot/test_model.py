@@ -449,7 +449,7 @@ def test_assets_are_found_in_a_checkout_and_in_an_installed_package(
     tmp_path: Path, monkeypatch
 ):
     assert asset_path("bp2_mjcf/bp2.xml").is_file()
-    monkeypatch.setattr(assets, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(assets, "PACKAGE", tmp_path)
     assert asset_path("bp2.xml") == tmp_path.parent / "assets" / "bp2.xml"
     (tmp_path / "assets").mkdir()
     assert asset_path("bp2.xml") == tmp_path / "assets" / "bp2.xml"
