@@ -27,12 +27,12 @@ from bp2_rl.cli import app
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings import presets
-from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.settings.tracking import Tracker, choose_tracker
 from bp2_rl.settings.training import (
+    ClusterConfig,
     Preset,
     RobotWish,
     RunConfig,

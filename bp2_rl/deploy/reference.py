@@ -7,10 +7,9 @@ import numpy as np
 
 from bp2_rl.deploy.onboard.contents import Settings
 from bp2_rl.env.controller import motion_of
-from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
 from bp2_rl.reference.library.table import load_table
 from bp2_rl.reference.library.trot import CollocationGait
-from bp2_rl.reference.standing import Standing
 from bp2_rl.reference.stepping import foot_circle
 from bp2_rl.robot import kinematics
 from bp2_rl.settings.env import EnvConfig

@@ -15,9 +15,8 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import LAYOUT, Measurement, observe, size_of
 from bp2_rl.reference.interface import Reference, ReferenceMotion
-from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
 from bp2_rl.reference.library.trot import CollocationGait
-from bp2_rl.reference.standing import Standing
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.observation import ENTRIES, Moment

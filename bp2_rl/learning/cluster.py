@@ -21,7 +21,7 @@ from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.processes import STOPPING, listening
-from bp2_rl.settings.cluster import ClusterConfig
+from bp2_rl.settings.training import ClusterConfig
 
 EXIT_DELAY = 10.0
 """Seconds that a failed process waits for the others to fail too, before it ends

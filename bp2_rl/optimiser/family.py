@@ -21,6 +21,7 @@ to arrays and provenance, and back.
 
 import concurrent.futures
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping
@@ -327,31 +328,61 @@ def build_family(
                 report(sum(1 for _ in folder.glob("speed-*.json")), asked)
             if not waiting.not_done or any(walk.exception() for walk in waiting.done):
                 break
-        speeds = sorted({speed for walk in walks for speed in walk.result()})
-    family = [_load(settings, folder, speed) for speed in speeds]
+    found = {s.problem.speed: s for walk in walks for s in walk.result()}
+    family = [found[speed] for speed in sorted(found)]
     return [s for s in family if settings.fastest is not None or _sound(s)]
 
 
-def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
-    # CasADi only where something is solved
-    from bp2_rl.optimiser.collocation import refine, solve_best
-    from bp2_rl.optimiser.transcription import SolveOptions
+def _kept(
+    settings: FamilyConfig,
+    folder: Path,
+    speed: float,
+    find: Callable[[], Solution],
+    *,
+    sound: bool = False,
+) -> Solution:
+    """Return a speed's solution in a folder; find, verify and save the solution first
+    if need be.
 
-    if is_saved(_path(folder, settings.anchor)):
-        return
-    problem = settings.at(settings.anchor)
-    near = SolveOptions(
-        proximity=0.0 if settings.fastest else settings.proximity,
-        time_limit=settings.time_limit,
-    )
-    coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
-    best = solve_best(coarse, settings.starts, time_limit=settings.time_limit)
-    if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
-        best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
-    _save_checked(folder, refine(best, problem.intervals, near))
+    Raises:
+        NotSolved: `find` does not solve it, or it is not sound and must be.
+    """
+    path = folder / speed_name(speed)
+    if not is_saved(path):
+        # MuJoCo only where something is verified
+        from bp2_rl.optimiser.verify import verify
+
+        found = find()
+        found = dataclasses.replace(found, checks=verify(found))
+        if sound and not _sound(found):
+            raise NotSolved(f"the trot of {speed} m/s is not sound")
+        save_solution(path, found)
+    return load_solution(path, settings.at(speed))
 
 
-def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[float]:
+def _solve_anchor(settings: FamilyConfig, folder: Path) -> Solution:
+    """Return the solution from which the walks begin: the best of several guesses."""
+
+    def find() -> Solution:
+        # CasADi only where something is solved
+        from bp2_rl.optimiser.collocation import refine, solve_best
+        from bp2_rl.optimiser.transcription import SolveOptions
+
+        problem, limit = settings.at(settings.anchor), settings.time_limit
+        near = SolveOptions(
+            proximity=0.0 if settings.fastest else settings.proximity, time_limit=limit
+        )
+        coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
+        best = solve_best(coarse, settings.starts, time_limit=limit)
+        if settings.fastest is None:
+            # who knows how good the coarse mesh is for this robot
+            best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
+        return refine(best, problem.intervals, near)
+
+    return _kept(settings, folder, settings.anchor, find)
+
+
+def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[Solution]:
     """Solve one speed after the other, each from the one before."""
 
     def step(here: Solution, speed: float, halvings: int) -> Solution:
@@ -363,34 +394,25 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[flo
         between = step(here, (here.problem.speed + speed) / 2.0, halvings - 1)
         return step(between, speed, halvings - 1)
 
-    here = _load(settings, folder, speeds[0])
+    walked = [_solve_anchor(settings, folder)]
     for speed in speeds[1:]:
-        if is_saved(_path(folder, speed)):
-            here = _load(settings, folder, speed)
-        else:
-            here = step(here, speed, halvings=2)
-            _save_checked(folder, here)
-    return speeds
+        onward = functools.partial(step, walked[-1], speed, halvings=2)
+        walked.append(_kept(settings, folder, speed, onward))
+    return walked
 
 
-def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
+def _climb(settings: FamilyConfig, folder: Path) -> list[Solution]:
     """Solve faster and faster trots from the anchor on, by smaller steps in the end,
     until there is none."""
-    speeds, step = [settings.anchor], settings.step
-    here = _load(settings, folder, settings.anchor)
+    climbed, step = [_solve_anchor(settings, folder)], settings.step
     while step > settings.step / 5.0:
-        speed = round(speeds[-1] + step, 9)
+        speed = round(climbed[-1].problem.speed + step, 9)
+        faster = functools.partial(_solve_from, settings, climbed[-1], speed)
         try:
-            if not is_saved(_path(folder, speed)):
-                found = _checked(_solve_from(settings, here, speed))
-                if not _sound(found):
-                    raise NotSolved(f"the trot of {speed} m/s is not sound")
-                save_solution(_path(folder, speed), found)
-            here = _load(settings, folder, speed)
-            speeds.append(speed)
+            climbed.append(_kept(settings, folder, speed, faster, sound=True))
         except NotSolved:
             step /= 2.0
-    return speeds
+    return climbed
 
 
 def _sound(solution: Solution) -> bool:
@@ -414,25 +436,6 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
         perhaps_infeasible=not settings.fastest,
     )
     return solve(problem, here.motion, options)
-
-
-def _save_checked(folder: Path, solution: Solution) -> None:
-    save_solution(_path(folder, solution.problem.speed), _checked(solution))
-
-
-def _checked(solution: Solution) -> Solution:
-    # MuJoCo only where something is verified
-    from bp2_rl.optimiser.verify import verify
-
-    return dataclasses.replace(solution, checks=verify(solution))
-
-
-def _load(settings: FamilyConfig, folder: Path, speed: float) -> Solution:
-    return load_solution(_path(folder, speed), settings.at(speed))
-
-
-def _path(folder: Path, speed: float) -> Path:
-    return folder / speed_name(speed)
 
 
 # --- As arrays ------------------------------------------------------------------------
@@ -545,21 +548,13 @@ class Steps:
 
 
 def steps_of(family: list[Solution]) -> list[Steps]:
-    """How smooth a family is."""
-    return [
-        Steps(
-            faster.problem.speed,
-            faster.period / slower.period - 1.0,
-            _joint_distance(slower, faster),
-        )
-        for slower, faster in itertools.pairwise(family)
-    ]
-
-
-def _joint_distance(one: Solution, other: Solution) -> float:
-    motors = one.problem.stride.motors
-    away = (one.motion.q - other.motion.q)[..., motors]
-    share = np.stack(
-        [s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]
-    ).mean(axis=0)
-    return float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))
+    """Measure how each trot of a family differs from the next slower one."""
+    steps: list[Steps] = []
+    for slower, faster in itertools.pairwise(family):
+        away = (faster.motion.q - slower.motion.q)[..., slower.problem.stride.motors]
+        durations = np.array([s.motion.durations for s in (slower, faster)])
+        share = np.mean(durations / np.sum(durations, axis=1, keepdims=True), axis=0)
+        joints = float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))
+        period = faster.period / slower.period - 1.0
+        steps.append(Steps(faster.problem.speed, period, joints))
+    return steps

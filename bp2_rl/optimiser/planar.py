@@ -188,8 +188,10 @@ class PlanarModel:
     ) -> tuple[
         Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]
     ]:
-        """Return phi = (x_c - r alpha, z_c - r) of one foot, its Jacobian, and the
-        Jacobian's derivative."""
+        """Return a foot's place on the ground, the place's Jacobian and its derivative.
+
+        The place is phi = (x_c - r alpha, z_c - r).
+        """
         model, data = self._model, self._data
         centre = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
         point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))

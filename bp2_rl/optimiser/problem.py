@@ -168,7 +168,7 @@ class CostWeights(Bounded, path="weights."):
 
 @dataclasses.dataclass(frozen=True)
 class Form(Bounded, path="form."):
-    """Limits on a stride's form beyond those of physics; the defaults limit nothing."""
+    """Limits on a stride's form beyond the limits of physics; the defaults are none."""
 
     # share of the cycle that each foot stands
     least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0

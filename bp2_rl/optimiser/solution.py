@@ -5,7 +5,6 @@ import contextlib
 import dataclasses
 import hashlib
 import importlib.metadata
-from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple
@@ -55,7 +54,7 @@ ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
 class StrideMoment(NamedTuple):
-    """A motion at instants of one segment; the columns are those of `Motion`."""
+    """A motion at instants of one segment, in the columns of `Motion`."""
 
     q: Float[np.ndarray, "instants nq"]
     v: Float[np.ndarray, "instants nq"]
@@ -194,17 +193,14 @@ def save_solution(path: Path, solution: Solution) -> None:
     card.unlink(missing_ok=True)
     write_npz(arrays, solution.motion.arrays, compressed=True)
     digest = hashlib.sha256(read_bytes(arrays)).hexdigest()
-    statistics = vars(solution.statistics)
-    config.save_config(
-        card,
-        _Card(
-            **statistics,
-            format=FORMAT,
-            problem=solution.problem,
-            versions=versions(),
-            arrays_sha256=digest,
-        ),
+    about = _Card(
+        **vars(solution.statistics),
+        format=FORMAT,
+        problem=solution.problem,
+        versions=versions(),
+        arrays_sha256=digest,
     )
+    config.save_config(card, about)
 
 
 def load_solution(path: Path, problem: Problem | None = None) -> Solution:
@@ -233,8 +229,9 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
                 _beside(path, ".npz"), array_specs(card.problem), content=content
             )
         )
-        if unfit := not_finite(motion.arrays):
-            raise UserError(f"it holds numbers in {unfit} that are not finite")
+        for name, array in motion.arrays.items():
+            if not np.isfinite(array).all():
+                raise UserError(f"it holds numbers in {name} that are not finite")
     except UserError as error:
         raise UserError(f"solution {path} cannot be read ({error}): {MEND}") from error
     if problem is not None and card.problem != problem:
@@ -272,13 +269,6 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
         "impulse": (segments, both),
     }
     return {name: ArraySpec(np.floating, shape) for name, shape in shapes.items()}
-
-
-def not_finite(arrays: Mapping[str, Float[np.ndarray, "..."]]) -> str:
-    """The name of the first array that holds NaN or an infinity; empty if none does."""
-    return next(
-        (name for name, array in arrays.items() if not np.isfinite(array).all()), ""
-    )
 
 
 def versions() -> dict[str, str]:

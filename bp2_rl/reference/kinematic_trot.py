@@ -1,5 +1,5 @@
 """The kinematic gait generator: a trot for forward, lateral and yaw commands, in closed
-form.
+form; and `Standing`, for learning without a gait.
 
 Stance: a foot is fixed in the world, so in the trunk frame it obeys p' = -v - omega x p
 exactly, while its spring takes the pulse of compression that carries the robot's
@@ -33,6 +33,9 @@ from bp2_rl.settings.reference import KinematicConfig
 # of a foot's force is along its spring; found on rails, where the ground then bears the
 # weight
 AXIAL_SHARE = 0.78
+# of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a
+# second
+CYCLES_PER_SECOND = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,3 +107,34 @@ class KinematicGait(KinematicConfig):
             contact=contact.astype(phase.dtype),
             torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """A reference motion that stands still under every command."""
+
+    hardware: HardwareSpec = IDEAL
+
+    @property
+    def height(self) -> float:
+        """Height of the trunk's centre above the ground, m."""
+        return KinematicGait(hardware=self.hardware).height
+
+    def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Cycles per second."""
+        return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
+
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Return 1 for every command, so that a policy that is to find steps of its own
+        sees the clock."""
+        return jnp.ones(command.shape[:-1])
+
+    def __call__(
+        self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
+    ) -> Reference:
+        """The standing pose, with the velocity that is commanded."""
+        pose = KinematicGait(hardware=self.hardware)(jnp.zeros_like(command), phase)
+        planar = jnp.concatenate(
+            [command[..., :2], jnp.zeros_like(command[..., :1])], axis=-1
+        )
+        return pose.replace(velocity=planar)

@@ -256,11 +256,7 @@ def _weld_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
             f"`joints` must be 12 names of {', '.join(sorted(known))}: each leg's abad, hip and knee"
         )
     others = known - set(joints)
-    for actuator in list(spec.actuators):
-        if actuator.target in others:
-            spec.delete(actuator)
-    for joint in list(spec.joints):
-        if joint.name in others:
-            spec.delete(joint)
-    for key in list(spec.keys):  # they no longer fit
-        spec.delete(key)
+    driven = [actuator for actuator in spec.actuators if actuator.target in others]
+    welded = [joint for joint in spec.joints if joint.name in others]
+    for element in (*driven, *welded, *spec.keys):  # which no longer fit
+        spec.delete(element)

@@ -3,6 +3,7 @@ losses; and BP2's two robots."""
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -90,6 +91,9 @@ class Losses:
     bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0
 
 
+LOSSES = tuple(field.name for field in dataclasses.fields(Losses))
+
+
 @dataclasses.dataclass(frozen=True)
 class HardwareSpec:
     """A robot's body and what moves it; `HardwareSpec()` is the ideal BP2.
@@ -170,19 +174,27 @@ class HardwareSpec:
         return isinstance(self.body, BP2Body)
 
     def parameter(self, name: str) -> Any:
-        """Return the value of a field of this robot or, where it has none, of BP2's
-        body."""
+        """Return a parameter of this robot, of its losses or of BP2's body."""
+        if name in LOSSES:
+            return getattr(self.losses, name)
         return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other values of its fields or of BP2's body."""
+        """Return the robot with other parameters: its own, its losses' or BP2's body's."""
+        lost = {name: value for name, value in parameters.items() if name in LOSSES}
+        own = {
+            name: value
+            for name, value in parameters.items()
+            if name not in LOSSES and hasattr(self, name)
+        }
         of_body = {
-            name: parameters.pop(name)
-            for name in list(parameters)
-            if not hasattr(self, name)
+            name: value
+            for name, value in parameters.items()
+            if name not in lost and name not in own
         }
         body = dataclasses.replace(self.bp2, **of_body) if of_body else self.body
-        return dataclasses.replace(self, **{"body": body, **parameters})
+        losses = dataclasses.replace(self.losses, **lost)
+        return dataclasses.replace(self, **{"body": body, "losses": losses, **own})
 
     @property
     def bp2(self) -> BP2Body:
@@ -298,3 +310,54 @@ ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}
 def robot_name(hardware: HardwareSpec) -> RobotName | None:
     """Return a robot's name in `ROBOTS`; None where it has none."""
     return next((name for name, robot in ROBOTS.items() if robot == hardware), None)
+
+
+# --- From one robot to another, a part at a time --------------------------------------
+
+BP2_TRACKS = ("fore_track", "hind_track")
+PARTS = {
+    "air": ("drag_area", "headwind"),
+    "gears": ("gear_efficiency",),
+    "joint friction": ("joint_friction", "joint_viscosity"),
+    "spring slides": ("spring_friction",),
+    "bus power": ("bus_power_out", "bus_power_in"),
+    "bus sag": ("bus_sag",),
+    "torque lag": ("current_lag",),
+    "latency": ("latency",),
+    "envelope throughout": ("envelope",),
+    "braking limit": ("braking_speed",),
+    "ground friction": ("friction",),
+    "ground stiffness": ("contact_time", "contact_damping"),
+    "rebound stop": ("rebound_stiffness", "rebound_damping"),
+    "joint stops": ("joint_stop_time",),
+    "solid legs, tracks": ("solid_legs", *BP2_TRACKS),
+}
+"""The parts in which a built robot differs from the ideal one, by their parameters."""
+
+
+def ideal_of(robot: HardwareSpec) -> HardwareSpec:
+    """Return the robot that loses nothing: BP2's ideal one, or any other robot on its
+    own ground and stops."""
+    if robot.is_bp2:
+        return IDEAL
+    return dataclasses.replace(
+        robot,
+        losses=Losses(),
+        envelope=IDEAL.envelope,
+        braking_speed=math.inf,
+        solid_legs=False,
+    )
+
+
+def with_parts(
+    robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]
+) -> HardwareSpec:
+    """Return the robot with some `PARTS` of another one."""
+    names = [name for part in parts for name in PARTS[part]]
+    known = [name for name in names if robot.is_bp2 or name not in BP2_TRACKS]
+    return robot.changed(**{name: other.parameter(name) for name in known})
+
+
+def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:
+    """Return the names of the parts in which two robots differ."""
+    return tuple(part for part in PARTS if with_parts(robot, other, [part]) != robot)

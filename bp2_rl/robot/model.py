@@ -68,10 +68,7 @@ def load_model(
     Raises:
         ModelError: MuJoCo cannot compile a model with these parameters.
     """
-    spec = load_spec(hardware)
-    spec.option.timestep = timestep
-    if hardware.solid_legs and not feet_only:
-        _make_legs_solid(spec)
+    spec = _on_the_ground(hardware, timestep, feet_only)
     if not visual:
         _drop_visuals(spec)
     if feet_only:
@@ -92,12 +89,20 @@ def load_model(
 def model_xml(hardware: HardwareSpec = IDEAL) -> str:
     """Write the model that `load_model` compiles as one text of MJCF, with numbers to
     six digits."""
-    spec = load_spec(hardware)
-    spec.option.timestep = PHYSICS_STEP
-    if hardware.solid_legs:
-        _make_legs_solid(spec)
+    spec = _on_the_ground(hardware, PHYSICS_STEP, feet_only=False)
     spec.compile()
     return spec.to_xml()
+
+
+def _on_the_ground(
+    hardware: HardwareSpec, timestep: float, feet_only: bool
+) -> mujoco.MjSpec:
+    """Return the scene with a time step (s) and, where these collide, solid legs."""
+    spec = load_spec(hardware)
+    spec.option.timestep = timestep
+    if hardware.solid_legs and not feet_only:
+        _make_legs_solid(spec)
+    return spec
 
 
 def let_converge(
@@ -131,7 +136,9 @@ def load_spec(hardware: HardwareSpec = IDEAL) -> mujoco.MjSpec:
         _apply_body(spec, body)
     else:
         spec = _built(body, hardware.spring_stiffness).copy()
-    _scale_masses(spec, hardware.mass_scale)
+    for link in spec.bodies[1:]:
+        link.mass *= hardware.mass_scale
+        link.inertia = np.asarray(link.inertia) * hardware.mass_scale
     if hardware.anatomy.sprung:
         _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
@@ -209,12 +216,6 @@ def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
             qpos, bp2.THIGH_LENGTH
         )
         key.qpos = qpos
-
-
-def _scale_masses(spec: mujoco.MjSpec, scale: float) -> None:
-    for body in spec.bodies[1:]:
-        body.mass *= scale
-        body.inertia = np.asarray(body.inertia) * scale
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:

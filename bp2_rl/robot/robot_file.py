@@ -122,8 +122,18 @@ class ContactNumbers:
     time: Annotated[float, Within(0.002, 1.0)] = 0.005
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FileNotes:
+    """Statements of a robot file beside the robot itself."""
+
+    gains: GainNumbers | None = None
+    top_speed: Positive | None = None  # m/s, as published
+    sources: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+
 @dataclasses.dataclass(frozen=True)
-class WrittenRobot:
+class WrittenRobot(FileNotes):
     """The keys of a robot file, and their values."""
 
     name: str
@@ -144,22 +154,14 @@ class WrittenRobot:
     spring: SpringReading | None = None
     contact: ContactNumbers = ContactNumbers()
     losses: Losses = Losses()
-    gains: GainNumbers | None = None
-    top_speed: Positive | None = None  # m/s, as published
-    sources: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
-class RobotFile:
+class RobotFile(FileNotes):
     """A robot, and what its file says besides."""
 
     hardware: HardwareSpec
-    gains: GainNumbers | None = None  # None: the file gives none
-    top_speed: float | None = None  # m/s, published
     reading: RobotReading | None = None  # of its MJCF; None: the file has the numbers
-    sources: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -248,14 +250,8 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
         if spring
         else {},
     )
-    return RobotFile(
-        hardware=hardware,
-        gains=written.gains,
-        top_speed=written.top_speed,
-        reading=reading,
-        sources=written.sources,
-        assumed=written.assumed,
-    )
+    notes = {note.name: getattr(written, note.name) for note in fields(FileNotes)}
+    return RobotFile(hardware, reading, **notes)
 
 
 def _of_motors(
@@ -264,14 +260,11 @@ def _of_motors(
     """Return a number of the motors: the file's, or else the model's."""
     if given is not None:
         return given
-    if reading is None:
+    numbers = reading.by_joint(name) if reading else None
+    if numbers is None or not all(map(math.isfinite, numbers)):
+        why = "missing" if numbers is None else "the MJCF does not say it"
         raise UserError(
-            f"motors.{name}: missing; one number, or three for abad, hip and knee"
-        )
-    numbers = reading.by_joint(name)
-    if not all(map(math.isfinite, numbers)):
-        raise UserError(
-            f"motors.{name}: the MJCF does not say it; give one number, or three for abad, hip and knee"
+            f"motors.{name}: {why}; give one number, or three for abad, hip and knee"
         )
     return numbers
 

@@ -29,8 +29,10 @@ Impl = Literal["jax", "kernel", "warp"]
 
 @dataclasses.dataclass(frozen=True)
 class ControlConfig(CommandLaw):
-    """What the policy's action means, the joint PD loop under it (gains ASSUMED), and
-    the limits on its command."""
+    """The meaning of the policy's action, its joint loop, and limits on its command.
+
+    The gains of the loop are ASSUMED.
+    """
 
     # around the reference motion, or around the standing pose
     mode: Literal["residual", "absolute"] = "residual"

@@ -1,4 +1,4 @@
-"""Whether W&B follows a run, beside the run's own metrics.jsonl and TensorBoard."""
+"""Choose the service, W&B, that follows a run beside its metrics and TensorBoard."""
 
 import dataclasses
 import importlib.util

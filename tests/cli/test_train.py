@@ -10,7 +10,7 @@ from bp2_rl.base import processes
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import app, bench, study, train
 from bp2_rl.settings import presets
-from bp2_rl.settings.cluster import ClusterConfig
+from bp2_rl.settings.training import ClusterConfig
 
 
 def early_flags(words: list[str]) -> train.EarlyFlags:

@@ -7,9 +7,8 @@ import pytest
 
 from bp2_rl.env.controller import Controller, motion_of
 from bp2_rl.env.observations import Measurement, layout_of, size_of
-from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
 from bp2_rl.reference.library.trot import CollocationGait
-from bp2_rl.reference.standing import Standing
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, EnvConfig

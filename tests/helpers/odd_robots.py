@@ -1,15 +1,19 @@
 """Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those
 of the model built of them."""
 
+import importlib.util
 import re
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
-from bp2_rl.robot.reading import RobotReading
+from bp2_rl.robot.reading import RobotReading, read_mjcf
 
 
 def anymal_like() -> str:
@@ -395,3 +399,37 @@ def _foot(data: mujoco.MjData, model: mujoco.MjModel, name: str) -> np.ndarray:
         else model.geom_size[geom, 1]
     )
     return data.geom_xpos[geom] - half * data.geom_xmat[geom].reshape(3, 3)[:, 2]
+
+
+def playground(path: str) -> Path:
+    """Return the path of a robot's model in MuJoCo Playground."""
+    spec = importlib.util.find_spec("mujoco_playground")
+    assert spec is not None
+    return Path((spec.submodule_search_locations or [])[0], "_src/locomotion", path)
+
+
+def written(folder: Path, text: str) -> Path:
+    """Write an MJCF or a URDF, and return its path."""
+    path = folder / ("model.urdf" if text.startswith("<robot") else "model.xml")
+    path.write_text(text)
+    return path
+
+
+def read(folder: Path, text: str, **named: Any) -> RobotReading:
+    """Write an MJCF or a URDF, and read the robot in it."""
+    return read_mjcf(written(folder, text), **named)
+
+
+def leg_numbers(anatomy: Anatomy) -> list[list[float]]:
+    """Return the places of each leg's joints and foot, and the joints' ranges."""
+    legs = anatomy.legs
+    return [
+        list(np.concatenate([leg.anchor, leg.hip, leg.knee, leg.foot, *leg.ranges]))
+        for leg in legs
+    ]
+
+
+def link_numbers(anatomy: Anatomy) -> list[list[float]]:
+    """Return mass, centre of mass and inertia of the trunk and of each leg's links."""
+    links = [anatomy.trunk, *(link for leg in anatomy.legs for link in leg.links)]
+    return [[link.mass, *link.com, *link.inertia] for link in links]

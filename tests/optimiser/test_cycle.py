@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.optimiser import sagittal
+from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.cycle import (
     center_of_mass,
     center_of_mass_velocity,
@@ -15,7 +16,6 @@ from bp2_rl.optimiser.cycle import (
     robot_mass,
     whole_cycle,
 )
-from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Gait, Problem, Scheme
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.robot import bp2, conventions

@@ -9,8 +9,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import sagittal, verifier_laws
-from bp2_rl.optimiser.collocation import STANDARD, solve
-from bp2_rl.optimiser.guess import cold_guess
+from bp2_rl.optimiser.collocation import STANDARD, cold_guess, solve
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.sagittal import ca
@@ -20,8 +19,7 @@ from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
 from bp2_rl.paper.trajectories.variants import loss_variants
 from bp2_rl.robot import bp2
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
-from bp2_rl.robot.variants import PARTS
+from bp2_rl.robot.hardware import BUILT, IDEAL, PARTS, HardwareSpec, Losses
 
 MOTORS = motor_coordinates(LEGS)
 STALL = 120.0 / (1.0 - 14.7 / 21.4)  # Nm, where Table S1's falling line begins

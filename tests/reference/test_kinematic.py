@@ -2,8 +2,8 @@
 and in the command."""
 
 import dataclasses
-import functools
 
+import gaits
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,28 +40,11 @@ pytestmark = pytest.mark.usefixtures("double_precision")
 
 
 def sample(command, phase, gait=GAIT):
-    """The reference over arrays of commands and phases as NumPy, joints as legs x
-    (abad, hip, knee)."""
-    shape = np.broadcast_shapes(np.shape(command)[:-1], np.shape(phase))
-    command = np.broadcast_to(command, (*shape, 3)).astype(float)
-    reference = jax.tree.map(
-        np.asarray,
-        _reference(gait, command, np.broadcast_to(phase, shape).astype(float)),
-    )
-    by_leg = {
-        name: getattr(reference, name).reshape(*shape, 4, 3)
-        for name in ("joint_position", "joint_velocity")
-    }
-    return reference.replace(**by_leg)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _reference(gait, command, phase):
-    return gait(command, phase)
+    return gaits.sample(gait, command, phase)
 
 
 def rate(command, gait=GAIT):
-    return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
+    return gaits.rate(gait, command)
 
 
 def soles(reference, hardware=IDEAL):
@@ -89,19 +72,13 @@ def stance_time(command, gait=GAIT):
 def test_a_stance_foot_moves_with_the_ground(gait):
     """p' = -v - omega x p to 1e-6 m/s (required: 1e-3), by central differences of
     FK(q_ref) over 2 us."""
-    step = 1e-6
     for leg in range(4):
         share = np.linspace(0.02, 0.98, 7)[:, None]
         phase = share * stance_time(COMMANDS, gait) * rate(COMMANDS, gait) - TROT[leg]
-        now, before, after = (
-            sample(COMMANDS, phase + dt * rate(COMMANDS, gait), gait)
-            for dt in (0.0, -step, step)
-        )
+        now, before, after = gaits.around(gait, COMMANDS, phase)
         assert (now.contact[..., leg] == 1).all()
-        robot = gait.hardware
-        sole, velocity = (
-            soles(now, robot)[..., leg, :],
-            (soles(after, robot) - soles(before, robot)) / (2 * step),
+        sole, was, will_be = (
+            soles(at, gait.hardware)[..., leg, :] for at in (now, before, after)
         )
         vx, vy, yaw_rate = COMMANDS.T
         ground = np.stack(
@@ -112,7 +89,7 @@ def test_a_stance_foot_moves_with_the_ground(gait):
             ],
             axis=-1,
         )
-        np.testing.assert_allclose(velocity[..., leg, :], ground, rtol=0, atol=1e-6)
+        np.testing.assert_allclose((will_be - was) / 2e-6, ground, rtol=0, atol=1e-6)
 
 
 def test_a_stance_sole_stays_on_the_ground_that_the_height_is_measured_from():
@@ -158,22 +135,18 @@ def test_the_springs_carry_the_weight():
 def test_velocities_are_the_derivatives_of_positions():
     """Central differences over 2 us at random phases; 1e-4 relative is required, 1e-6
     holds."""
-    step, phase = 1e-6, np.random.default_rng(1).uniform(-3.0, 3.0, (40, 1))
-    now, before, after = (
-        sample(COMMANDS, phase + dt * rate(COMMANDS)) for dt in (0.0, -step, step)
-    )
-    for position, velocity in (
-        ("joint_position", "joint_velocity"),
-        ("height", "height_velocity"),
-    ):
-        slope = (getattr(after, position) - getattr(before, position)) / (2 * step)
-        np.testing.assert_allclose(getattr(now, velocity), slope, rtol=1e-6, atol=1e-6)
+    phase = np.random.default_rng(1).uniform(-3.0, 3.0, (40, 1))
+    now, before, after = gaits.around(GAIT, COMMANDS, phase)
     # springs meet the ground with a jerk
     inside = (now.contact == before.contact) & (now.contact == after.contact)
-    slope = (after.spring_compression - before.spring_compression) / (2 * step)
-    np.testing.assert_allclose(
-        now.spring_velocity[inside], slope[inside], rtol=1e-6, atol=1e-6
-    )
+    for position, velocity, where in (
+        ("joint_position", "joint_velocity", ...),
+        ("height", "height_velocity", ...),
+        ("spring_compression", "spring_velocity", inside),
+    ):
+        slope = (getattr(after, position) - getattr(before, position))[where] / 2e-6
+        found = getattr(now, velocity)[where]
+        np.testing.assert_allclose(found, slope, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(now.velocity[..., 2], now.height_velocity)
 
 
@@ -243,7 +216,7 @@ def test_stance_time_follows_the_reach():
 
 def test_diagonal_legs_move_together_half_a_cycle_from_the_others():
     reference = sample([4.0, 0.0, 0.0], np.array([0.0, 0.1, 0.3, 0.5, 0.6, 0.8]))
-    fr, fl, rr, rl = np.moveaxis(reference.joint_position, 1, 0)
+    fr, fl, rr, rl = np.moveaxis(np.asarray(reference.joint_position), 1, 0)
     np.testing.assert_allclose(fr, rl, atol=1e-12)
     np.testing.assert_allclose(fl, rr, atol=1e-12)
     np.testing.assert_allclose(fl[:3], fr[3:], atol=1e-12)
@@ -285,18 +258,8 @@ def test_a_mirrored_command_gives_the_mirrored_motion_half_a_cycle_later(
     command, phase
 ):
     vx, vy, yaw_rate = command
-    right, left = sample(command, phase), sample((vx, -vy, -yaw_rate), phase + 0.5)
-    swap, flip = [1, 0, 3, 2], np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(
-        left.joint_position, right.joint_position[swap] * flip, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        left.joint_velocity, right.joint_velocity[swap] * flip, atol=1e-7
-    )
-    np.testing.assert_allclose(
-        left.spring_compression, right.spring_compression[swap], atol=1e-9
-    )
-    np.testing.assert_allclose(left.height, right.height, atol=1e-9)
+    left = sample((vx, -vy, -yaw_rate), phase + 0.5)
+    gaits.require_mirror_images(left, sample(command, phase))
 
 
 @settings(deadline=None)
@@ -392,23 +355,16 @@ def test_single_precision_gives_the_same_motion():
     phase = np.random.default_rng(3).uniform(0.0, 1.0, (50, 1)).astype(np.float32)
     command = COMMANDS.astype(np.float32)
     exact = sample(command, phase)
-    shape = (50, len(command))
     with jax.enable_x64(False):
-        single = _reference(
-            GAIT,
-            jnp.asarray(np.broadcast_to(command, (*shape, 3))),
-            jnp.asarray(np.broadcast_to(phase, shape)),
-        )
-        assert single.joint_position.dtype == jnp.float32
-    np.testing.assert_allclose(
-        single.joint_position.reshape(*shape, 4, 3), exact.joint_position, atol=2e-5
-    )
-    np.testing.assert_allclose(
-        single.joint_velocity.reshape(*shape, 4, 3), exact.joint_velocity, atol=2e-3
-    )
-    np.testing.assert_allclose(
-        single.spring_compression, exact.spring_compression, atol=1e-6
-    )
+        single = gaits.sample(GAIT, command, phase, np.float32)
+    assert single.joint_position.dtype == np.float32
+    for name, tolerance in (
+        ("joint_position", 2e-5),
+        ("joint_velocity", 2e-3),
+        ("spring_compression", 1e-6),
+    ):
+        found, wanted = getattr(single, name), getattr(exact, name)
+        np.testing.assert_allclose(found, wanted, atol=tolerance)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
-from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
+from bp2_rl.robot.model import SPRING_QVEL, load_model
 
 assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 
@@ -60,117 +60,20 @@ def test_xml_applying_the_default_hardware_changes_nothing(xml):
 
 
 @pytest.mark.parametrize("leg", LEGS)
-def test_xml_leg_masses_and_inertias(xml, leg):
-    thigh, shank, toe, abad = (
-        xml.body(f"{leg}_{part}") for part in ("thigh", "shank", "toe", "abad")
-    )
-    fore = 1.0 if leg[0] == "F" else -1.0
-    assert [b.mass[0] for b in (abad, thigh, shank, toe)] == [
-        bp2.ABAD_MASS,
-        bp2.THIGH_MASS,
-        bp2.SHANK_MASS,
-        bp2.TOE_MASS,
-    ]
-    assert_same(abad.inertia, [bp2.ABAD_INERTIA] * 3)
-    assert_same(
-        thigh.inertia, [bp2.THIGH_INERTIA, bp2.THIGH_INERTIA, bp2.THIGH_TWIST_INERTIA]
-    )
-    assert_same(
-        shank.inertia, [bp2.SHANK_INERTIA, bp2.SHANK_INERTIA, bp2.SHANK_TWIST_INERTIA]
-    )
-    assert_same(toe.inertia, [bp2.TOE_INERTIA] * 3)
-    assert_same(abad.ipos, [fore * bp2.ABAD_COM_FORE_AFT, 0, 0])
-    assert_same(thigh.ipos, [0, 0, -bp2.THIGH_COM])
-    assert_same(shank.ipos, [0, 0, -(bp2.SHANK_LENGTH + bp2.SHANK_COM)])
-    assert_same(toe.ipos, [0, 0, -(bp2.TOE_LENGTH + bp2.TOE_COM)])
-
-
-@pytest.mark.parametrize("leg", LEGS)
-def test_xml_leg_geometry(xml, leg):
-    fore, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
-    lateral = abs(IDEAL.bp2.hip_laterals[conventions.LEGS.index(leg)])
-    assert_same(
-        xml.body(f"{leg}_abad").pos, [fore * bp2.HIP_FORE_AFT, side * lateral, 0]
-    )
-    assert_same(xml.body(f"{leg}_thigh").pos, [0, side * bp2.THIGH_LATERAL, 0])
-    assert_same(xml.body(f"{leg}_shank").pos, [0, 0, -bp2.THIGH_LENGTH])
-    toe = bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH
-    assert_same(xml.body(f"{leg}_toe").pos, [0, 0, -toe])
-    assert_same(xml.site(f"{leg}_sole").pos, [0, 0, -bp2.TOE_LENGTH])
-    foot = xml.geom(f"{leg}_foot")
-    assert foot.size[0] == bp2.FOOT_RADIUS
-    assert_same(foot.pos, [0, 0, bp2.FOOT_RADIUS - bp2.TOE_LENGTH])
-
-
-@pytest.mark.parametrize("leg", LEGS)
 def test_xml_solid_legs(xml, leg):
-    """Radius, where the axis begins and ends below the joint above it; of the toe,
-    below the knee at rest."""
-    toe = bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH
-    for part, radius, start, end in (
-        ("thigh", bp2.THIGH_RADIUS, 0.0, bp2.THIGH_LENGTH),
-        ("shank", bp2.LOWER_LEG_RADIUS, 0.0, bp2.SHANK_REACH),
-        (
-            "toe",
-            bp2.LOWER_LEG_RADIUS,
-            bp2.RODS_BELOW_KNEE - toe,
-            bp2.TOE_LENGTH - bp2.FOOT_RADIUS,
-        ),
-    ):
+    """How they touch; their sizes are `test_building`'s."""
+    for part in ("thigh", "shank", "toe"):
         geom = xml.geom(f"{leg}_solid_{part}")
-        assert_same(geom.size[:2], [radius, (end - start) / 2])
-        assert_same(geom.pos, [0, 0, -(start + end) / 2])
         assert_same(geom.friction[0], bp2.LEG_FRICTION)
         assert_same(geom.solref, [bp2.LEG_CONTACT_TIME, 1])
         assert geom.priority[0] > xml.geom(f"{leg}_foot").priority[0]
 
 
-def test_xml_trunk(xml):
-    trunk = xml.body("trunk")
-    abads = 4 * (
-        bp2.ABAD_INERTIA
-        + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2
-    )
-    assert trunk.mass[0] == pytest.approx(
-        4 * (bp2.TRUNK_QUARTER_MASS - bp2.ABAD_MASS), rel=1e-12
-    )
-    assert_same(
-        trunk.inertia,
-        [
-            bp2.TRUNK_ROLL_INERTIA,
-            bp2.TRUNK_PITCH_INERTIA - abads,
-            bp2.TRUNK_YAW_INERTIA,
-        ],
-    )
-    assert_same(trunk.ipos, 0.0)
-    for name, side in (("trunk_right", -1.0), ("trunk_left", 1.0)):
-        geom = xml.geom(name)
-        assert_same(geom.size[:2], [bp2.TRUNK_RADIUS, bp2.TRUNK_REACH])
-        assert_same(geom.pos, [0, side * bp2.TRUNK_LATERAL, 0])
-        assert_same(np.abs(geom.quat) @ [1, 0, 1, 0], np.sqrt(2.0))  # along x
-
-
-def test_xml_joints_springs_motors_and_friction(xml):
-    for leg in LEGS:
-        for joint, joint_range in (
-            ("abad", bp2.ABAD_RANGE),
-            ("hip", bp2.HIP_RANGE),
-            ("knee", bp2.KNEE_RANGE),
-        ):
-            assert_same(xml.joint(f"{leg}_{joint}").range, joint_range)
-            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(
-                IDEAL.reflected_inertia, rel=1e-12
-            )
-        spring, stop = xml.joint(f"{leg}_spring"), xml.tendon(f"{leg}_stop").id
-        assert (spring.stiffness[0], spring.damping[0]) == (
-            bp2.SPRING_STIFFNESS,
-            bp2.SPRING_DAMPING,
-        )
-        assert xml.tendon_stiffness[stop] == bp2.SPRING_STOP_STIFFNESS
-        assert_same(xml.tendon_lengthspring[stop], [0.0, bp2.SPRING_TRAVEL])
+def test_xml_joints_and_gravity(xml):
+    """What else is said of joints, springs, motors and feet `HardwareSpec` applies."""
+    ranges = [bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE] * len(LEGS)
+    assert_same([xml.joint(name).range for name in MOTOR_NAMES], ranges)
     assert [xml.actuator(i).name for i in range(xml.nu)] == list(MOTOR_NAMES)
-    assert_same(xml.actuator_forcerange, [[-bp2.PEAK_TORQUE, bp2.PEAK_TORQUE]] * 12)
-    assert {xml.geom(name).friction[0] for name in FOOT_GEOMS} == {bp2.FOOT_FRICTION}
     assert not xml.dof_armature[SPRING_QVEL].any()
     assert xml.opt.gravity[2] == -conventions.GRAVITY
 

@@ -2,7 +2,7 @@
 and any other stands, too."""
 
 import dataclasses
-from pathlib import Path
+import functools
 
 import mujoco
 import numpy as np
@@ -13,19 +13,24 @@ from odd_robots import anymal_like
 from scipy.spatial.transform import Rotation
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.robot import model as modelling
 from bp2_rl.robot.anatomy import Anatomy, six
 from bp2_rl.robot.building import build_spec, standing
-from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
-from bp2_rl.robot.hardware import IDEAL
-from bp2_rl.robot.model import load_model
+from bp2_rl.robot.conventions import MOTOR_NAMES
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
+from bp2_rl.robot.model import (
+    SOLE_SITES,
+    TRUNK_GEOMS,
+    foot_geom_ids,
+    load_model,
+)
 from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot
 
 
 @pytest.fixture(scope="module")
 def bp2() -> Anatomy:
-    return read_mjcf(asset_path("bp2_mjcf/bp2.xml")).anatomy
+    """The body that `robot.bp2` has the numbers of."""
+    return IDEAL.anatomy
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +54,8 @@ def accelerations(model: mujoco.MjModel, seed: int) -> np.ndarray:
     """Return what a random state with loaded feet does under random torques."""
     draws, data = np.random.default_rng(seed), mujoco.MjData(model)
     data.qpos[:] = load_model().key("stand").qpos + 0.02 * draws.normal(size=model.nq)
-    data.qvel[:], data.ctrl[:] = (
-        draws.normal(size=model.nv),
-        10.0 * draws.normal(size=model.nu),
-    )
+    data.qvel[:] = draws.normal(size=model.nv)
+    data.ctrl[:] = 10.0 * draws.normal(size=model.nu)
     mujoco.mj_normalizeQuat(model, data.qpos)
     mujoco.mj_forward(model, data)
     assert data.ncon > 0
@@ -60,6 +63,7 @@ def accelerations(model: mujoco.MjModel, seed: int) -> np.ndarray:
 
 
 def test_the_model_built_of_bp2s_numbers_is_bp2s(bp2: Anatomy):
+    """The XML by hand has the numbers of `robot.bp2`."""
     named = dataclasses.replace(bp2, name="bp2 on flat ground")
     built, written = build_spec(named).compile(), load_model(solid_free(IDEAL))
     assert (built.nq, built.nv, built.nu) == (written.nq, written.nv, written.nu)
@@ -73,45 +77,35 @@ def test_the_model_built_of_bp2s_numbers_is_bp2s(bp2: Anatomy):
         ("camera", "ncam"),
         ("light", "nlight"),
     ):
-        assert names(built, kind, getattr(built, count)) == names(
-            written, kind, getattr(written, count)
-        )
-    assert set(names(built, "geom", built.ngeom)) == set(
-        names(written, "geom", written.ngeom)
-    )
+        ours = names(built, kind, getattr(built, count))
+        assert ours == names(written, kind, getattr(written, count))
+    solids = names(built, "geom", built.ngeom)
+    assert set(solids) == set(names(written, "geom", written.ngeom))
+    close = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
     for i in range(1, built.nbody):
-        ours, theirs = built.body(i), written.body(i)
-        assert ours.mass == pytest.approx(theirs.mass, rel=1e-12)
+        close(built.body(i).mass, written.body(i).mass)
         # the trunk is placed by the keyframe
         for field in ("pos", "ipos") if i > 1 else ("ipos",):
-            np.testing.assert_allclose(
-                getattr(ours, field), getattr(theirs, field), atol=1e-12
-            )
-        np.testing.assert_allclose(
-            inertia_in_body(built, i),
-            inertia_in_body(written, i),
-            rtol=1e-12,
-            atol=1e-18,
-        )
-    for name in names(built, "geom", built.ngeom):
-        if name != "floor":
-            np.testing.assert_allclose(
-                built.geom(name).size, written.geom(name).size, rtol=1e-12
-            )
-            np.testing.assert_allclose(
-                built.geom(name).pos, written.geom(name).pos, atol=1e-12
-            )
-        for field in (
+            close(getattr(built.body(i), field), getattr(written.body(i), field))
+        ours, theirs = inertia_in_body(built, i), inertia_in_body(written, i)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-18)
+    for sole in SOLE_SITES:
+        close(built.site(sole).pos, written.site(sole).pos)
+    for beam in TRUNK_GEOMS:
+        close(built.geom(beam).quat, written.geom(beam).quat)
+    for name in solids:
+        ours, theirs = built.geom(name), written.geom(name)
+        for field in ("size", "pos") if name != "floor" else ():
+            close(getattr(ours, field), getattr(theirs, field), err_msg=name)
+        for field in [
             "friction",
             "solref",
             "contype",
             "conaffinity",
             "priority",
             "condim",
-        ):
-            np.testing.assert_array_equal(
-                getattr(built.geom(name), field), getattr(written.geom(name), field)
-            )
+        ]:
+            np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
 
 
 @settings(deadline=None, max_examples=30)  # the first example reads the scene
@@ -148,68 +142,45 @@ def test_bp2_built_and_bp2_written_move_alike(bp2: Anatomy, seed: int):
 
 
 def test_what_hardware_changes_in_bp2_it_changes_in_a_built_model(bp2: Anatomy):
-    spec = build_spec(bp2)
-    modelling._apply_springs(spec, IDEAL)
-    modelling._apply_motors(spec, IDEAL)
-    modelling._apply_contacts(spec, IDEAL)
-    modelling._make_legs_solid(spec)
-    modelling._drop_visuals(spec)
-    modelling._weigh(spec)
-    model = spec.compile()
+    hardware = HardwareSpec(body=bp2, gear_ratio=bp2.gear_ratio, solid_legs=True)
+    model = load_model(hardware, visual=False, weighed=True)
     assert model.nsensordata == 12
     assert model.actuator_forcerange.max() == IDEAL.joint_peak_torque
-    assert (
-        model.ngeom
-        == load_model(dataclasses.replace(IDEAL, solid_legs=True), visual=False).ngeom
-    )
+    solid = dataclasses.replace(IDEAL, solid_legs=True)
+    assert model.ngeom == load_model(solid, visual=False).ngeom
 
 
-def test_a_rigid_shank_has_no_spring(rigid: Anatomy):
+def test_a_rigid_shank_has_no_spring_and_both_cameras_see_it(rigid: Anatomy):
     model = build_spec(rigid).compile()
     assert (model.nq, model.nv, model.nu) == (19, 18, 12)
-    assert model.ntendon == 0
-    assert [
-        model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
-    ] == list(MOTOR_NAMES)
+    assert (model.ntendon, model.nmesh) == (0, 0)
+    driven = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
+    assert driven == list(MOTOR_NAMES)
+    assert {"track", "front"} <= set(names(model, "camera", model.ncam))
 
 
 def test_full_inertias_are_kept_and_scale_with_the_mass(rigid: Anatomy):
-    spec = build_spec(rigid)
-    for body in spec.bodies[1:]:
-        body.mass *= 2.0
-        body.inertia = np.asarray(body.inertia) * 2.0
-    once, twice = build_spec(rigid).compile(), spec.compile()
+    twice = HardwareSpec(body=rigid, mass_scale=2.0)
+    doubled, once = load_model(twice), build_spec(rigid).compile()
     for i in range(1, once.nbody):
-        np.testing.assert_allclose(
-            inertia_in_body(twice, i),
-            2.0 * inertia_in_body(once, i),
-            rtol=1e-9,
-            atol=1e-15,
-        )
+        ours, theirs = inertia_in_body(doubled, i), 2.0 * inertia_in_body(once, i)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-15)
 
 
-def test_the_keyframe_stands_on_the_ground(bp2: Anatomy, rigid: Anatomy):
-    for anatomy in (bp2, rigid):
-        model = build_spec(anatomy).compile()
-        data = mujoco.MjData(model)
-        mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-        mujoco.mj_forward(model, data)
-        soles = [
-            data.geom(f"{leg}_foot").xpos[2] - model.geom(f"{leg}_foot").size[0]
-            for leg in LEGS
-        ]
-        assert min(soles) == pytest.approx(0.0, abs=1e-12)
-        # the toe's axis is tilted
-        np.testing.assert_allclose(data.site("FR_sole").xpos[2], soles[0], atol=0.02)
+@pytest.mark.parametrize("name", ["bp2", "rigid"])
+def test_the_keyframe_stands_on_the_ground(name: str, request):
+    model = build_spec(request.getfixturevalue(name)).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    feet = foot_geom_ids(model)
+    soles = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
+    assert min(soles) == pytest.approx(0.0, abs=1e-12)
+    # the toe's axis is tilted
+    np.testing.assert_allclose(data.site("FR_sole").xpos[2], soles[0], atol=0.02)
 
 
 def test_stiffer_springs_sag_less(bp2: Anatomy):
     soft, hard = standing(bp2, 3000.0), standing(bp2, 12000.0)
     assert soft[10] == pytest.approx(4.0 * hard[10])
     assert soft[2] < hard[2]
-
-
-def test_both_cameras_see_it(rigid: Anatomy, tmp_path: Path):
-    model = build_spec(rigid).compile()
-    assert {"track", "front"} <= set(names(model, "camera", model.ncam))
-    assert model.nmesh == 0

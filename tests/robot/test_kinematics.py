@@ -2,6 +2,7 @@
 reach."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,9 @@ from bp2_rl.robot import bp2, kinematics, model
 from bp2_rl.robot.hardware import IDEAL
 
 RANGES = np.array([bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE])
+
+
+loaded = functools.cache(model.load_model)
 
 
 def legs(limits):
@@ -36,10 +40,10 @@ def postures(draw, leg_length=bp2.THIGH_LENGTH):
 
 
 def test_a_leg_with_zero_angles_hangs_straight_down():
+    fore, hind = (0.35, 0.195), (-0.35, 0.160)
+    below = [(x, side * y, -0.70) for x, y in (fore, hind) for side in (-1, 1)]
     feet = kinematics.foot_position(np.zeros((4, 3)))
-    assert feet[:, 0] == pytest.approx([0.35, 0.35, -0.35, -0.35], abs=1e-15)
-    assert feet[:, 1] == pytest.approx([-0.195, 0.195, -0.160, 0.160], abs=1e-15)
-    assert feet[:, 2] == pytest.approx(-0.70, abs=1e-15)
+    np.testing.assert_allclose(feet, below, rtol=0, atol=1e-15)
 
 
 def test_positive_angles_swing_the_leg_the_documented_way():
@@ -112,22 +116,24 @@ def test_jax_and_numpy_agree():
     np.testing.assert_allclose(found, kinematics.joint_angles(feet), atol=2e-5)
 
 
+@pytest.mark.parametrize(
+    "hardware",
+    [IDEAL, IDEAL.changed(leg_length=0.37, fore_track=0.40, hind_track=0.26)],
+)
+@settings(deadline=None)  # the first example compiles
 @given(seed=st.integers(0, 2**32 - 1))
-def test_soles_are_where_mujoco_has_them(seed, robot):
-    rng = np.random.default_rng(seed)
+def test_soles_are_where_mujoco_has_them(seed, hardware):
+    rng, robot = np.random.default_rng(seed), loaded(hardware)
     joints = rng.uniform(RANGES[:, 0], RANGES[:, 1], (4, 3))
     compression = rng.uniform(0.0, bp2.SPRING_TRAVEL, 4)
     data = mujoco.MjData(robot)
     data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-    data.qpos[model.MOTOR_QPOS], data.qpos[model.SPRING_QPOS] = (
-        joints.ravel(),
-        compression,
-    )
+    data.qpos[model.MOTOR_QPOS] = joints.ravel()
+    data.qpos[model.SPRING_QPOS] = compression
     mujoco.mj_kinematics(robot, data)
     soles = np.stack([data.site(name).xpos for name in model.SOLE_SITES])
-    np.testing.assert_allclose(
-        kinematics.foot_position(joints, compression), soles, rtol=0, atol=1e-12
-    )
+    found = kinematics.foot_position(joints, compression, hardware)
+    np.testing.assert_allclose(found, soles, rtol=0, atol=1e-12)
 
 
 @settings(deadline=None)  # the first example compiles
@@ -198,8 +204,3 @@ def test_reach_is_that_of_the_best_and_the_worst_knee_wherever_its_range_is(
     # not flat where it folds to a point
     assert distances.min() - 1e-3 * lower <= nearest <= distances.min() + 1e-12
     assert distances.max() - 1e-12 <= farthest <= distances.max() + 1e-6 * lower
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return model.load_model()

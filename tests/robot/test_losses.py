@@ -45,7 +45,8 @@ def joint_rates(qd: np.ndarray, slides: float = 0.0) -> np.ndarray:
 def test_nothing_resists_the_ideal_robot_and_its_bus_gives_everything():
     assert Resistance.from_hardware(IDEAL) is None
     # there is nothing to blow at
-    assert Resistance.from_hardware(HardwareSpec(losses=Losses(headwind=5.0))) is None
+    for nothing in (Losses(headwind=5.0), Losses(joint_friction=(0.0, 0.0, 0.0))):
+        assert Resistance.from_hardware(HardwareSpec(losses=nothing)) is None
     assert Actuator.from_hardware(IDEAL).bus is None
     assert Resistance.from_hardware(BUILT) is not None
     assert Actuator.from_hardware(BUILT).bus is not None
@@ -65,34 +66,19 @@ def test_drag_is_half_rho_cda_v_squared_against_the_relative_wind():
     )
 
 
-def test_joints_rub_by_coulomb_and_viscosity_against_their_motion():
-    rub = resist(Losses(joint_friction=2.0, joint_viscosity=0.05))
+@pytest.mark.parametrize(
+    ("friction", "viscosity"), [(2.0, 0.05), ((1.0, 2.0, 3.0), (0.0, 0.2, 1.0))]
+)
+def test_joints_rub_by_coulomb_and_viscosity_against_their_motion(friction, viscosity):
+    """Every joint by the robot's number, or by its own."""
+    rub = resist(Losses(joint_friction=friction, joint_viscosity=viscosity))
     qd = np.linspace(-20.0, 20.0, 12)
-    found = loss(rub, STANDING, joint_rates(qd), NO_TORQUE).joint
-    np.testing.assert_allclose(found, -2.0 * np.sign(qd) - 0.05 * qd, rtol=1e-12)
-
-
-def test_each_joint_rubs_by_its_own_numbers():
-    rub = resist(
-        Losses(joint_friction=(1.0, 2.0, 3.0), joint_viscosity=(0.0, 0.2, 1.0))
-    )
-    qd = np.linspace(-20.0, 20.0, 12)
-    expected = (
-        -np.tile([1.0, 2.0, 3.0], 4) * np.sign(qd) - np.tile([0.0, 0.2, 1.0], 4) * qd
-    )
-    np.testing.assert_allclose(
-        loss(rub, STANDING, joint_rates(qd), NO_TORQUE).joint, expected, rtol=1e-12
-    )
-    in_jax = loss(
-        rub, jnp.asarray(STANDING), jnp.asarray(joint_rates(qd)), jnp.asarray(NO_TORQUE)
-    ).joint
+    dry, viscous = (np.resize(x, 12) for x in (friction, viscosity))
+    expected = -dry * np.sign(qd) - viscous * qd
+    state = STANDING, joint_rates(qd), NO_TORQUE
+    np.testing.assert_allclose(loss(rub, *state).joint, expected, rtol=1e-12)
+    in_jax = loss(rub, *map(jnp.asarray, state)).joint
     np.testing.assert_allclose(in_jax, expected, rtol=1e-6)  # float32
-    assert (
-        Resistance.from_hardware(
-            HardwareSpec(losses=Losses(joint_friction=(0.0, 0.0, 0.0)))
-        )
-        is None
-    )
 
 
 @pytest.mark.parametrize("speed", [-0.05, -1e-4, 0.0, 1e-4, 0.05])
@@ -193,14 +179,12 @@ def test_numpy_and_jax_lose_the_same():
     rng = np.random.default_rng(0)
     qpos, qvel = np.tile(STANDING, (7, 1)), rng.normal(0.0, 8.0, (7, 22))
     qpos[:, 7:] += rng.normal(0.0, 0.02, (7, 16))
-    torque = rng.normal(0.0, 60.0, (7, 12))
+    state = qpos, qvel, rng.normal(0.0, 60.0, (7, 12))
     resistance = Resistance.from_hardware(BUILT)
     assert resistance is not None
-    ours = generalized(loss(resistance, qpos, qvel, torque), qvel)
-    theirs = generalized(
-        loss(resistance, jnp.asarray(qpos), jnp.asarray(qvel), jnp.asarray(torque)),
-        jnp.asarray(qvel),
-    )
+    ours = generalized(loss(resistance, *state), qvel)
+    in_jax = loss(resistance, *map(jnp.asarray, state))
+    theirs = generalized(in_jax, jnp.asarray(qvel))
     np.testing.assert_allclose(theirs, ours, rtol=1e-4, atol=1e-3)  # float32
     assert np.all(np.sum(ours * qvel, axis=-1) < 0.0)  # all of it against the motion
 
@@ -227,12 +211,9 @@ def ask(motor: Actuator, qd: np.ndarray, torque: float, xp=np):
 def test_power_is_mechanical_and_copper():
     motor, torque, qd = motors(bus_power_out=1e6), np.full(12, 50.0), np.full(12, 10.0)
     stall = stall_torque(120.0, 14.7, 21.4)
-    assert bus_power(motor, torque, qd) == pytest.approx(
-        12 * (500.0 + 50.0**2 * 21.4 / stall)
-    )
-    assert bus_power(motor, torque, qd) == pytest.approx(
-        12 * 500.0 + np.sum(copper_loss(torque, 21.4, stall))
-    )
+    heat = 50.0**2 * 21.4 / stall
+    assert bus_power(motor, torque, qd) == pytest.approx(12 * (500.0 + heat))
+    assert np.sum(copper_loss(torque, 21.4, stall)) == pytest.approx(12 * heat)
 
 
 @pytest.mark.parametrize("xp", [np, jnp])

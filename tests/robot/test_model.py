@@ -24,12 +24,10 @@ from bp2_rl.robot import actuator as act
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
-from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.robot.model import (
     FOOT_GEOMS,
     MOTOR_QPOS,
     MOTOR_QVEL,
-    SOLE_SITES,
     SPRING_QPOS,
     SPRING_QVEL,
     TRUNK_GEOMS,
@@ -40,13 +38,20 @@ from bp2_rl.robot.model import (
 )
 
 
+def at_key(model: mujoco.MjModel, name: str) -> mujoco.MjData:
+    """Return the state of a keyframe."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(name).id)
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
 @pytest.fixture(scope="module")
 def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
     """BP2 after 3 s under joint PD at its standing targets: model, state, and the foot
     forces (4, 3) in the world."""
     model = converged(load_model())
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data = at_key(model, "stand")
     target, torque = np.array(bp2.STAND_JOINTS), np.zeros(12)
     for _ in range(3000):
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
@@ -76,20 +81,17 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 def test_state_layout():
     model = load_model()
-    assert [
-        model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
-    ] == list(MOTOR_NAMES)
+    driven = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
+    assert driven == list(MOTOR_NAMES)
     assert [model.actuator(i).name for i in range(model.nu)] == list(MOTOR_NAMES)
-    for name, qpos, qvel in zip(MOTOR_NAMES, MOTOR_QPOS, MOTOR_QVEL, strict=True):
-        assert (model.joint(name).qposadr[0], model.joint(name).dofadr[0]) == (
-            qpos,
-            qvel,
-        )
-    for leg, qpos, qvel in zip(LEGS, SPRING_QPOS, SPRING_QVEL, strict=True):
-        assert (
-            model.joint(f"{leg}_spring").qposadr[0],
-            model.joint(f"{leg}_spring").dofadr[0],
-        ) == (qpos, qvel)
+    springs = [f"{leg}_spring" for leg in LEGS]
+    for names, qpos, qvel in (
+        (MOTOR_NAMES, MOTOR_QPOS, MOTOR_QVEL),
+        (springs, SPRING_QPOS, SPRING_QVEL),
+    ):
+        joints = [model.joint(name) for name in names]
+        assert [joint.qposadr[0] for joint in joints] == list(qpos)
+        assert [joint.dofadr[0] for joint in joints] == list(qvel)
 
 
 def test_total_mass():
@@ -134,16 +136,6 @@ def test_a_changed_trunks_inertia_is_the_planar_models(change):
     )
 
 
-def test_front_track_is_wider_than_the_hind():
-    feet = foot_position(np.zeros((4, 3)))
-    model = load_model()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    lateral = np.array([data.site(name).xpos[1] for name in SOLE_SITES])
-    np.testing.assert_allclose(lateral, feet[:, 1], atol=1e-12)
-    assert lateral[1] - lateral[0] > lateral[3] - lateral[2] > 0
-
-
 def test_only_feet_and_trunk_collide_and_only_with_the_floor():
     model = load_model()
     floor = model.geom("floor").id
@@ -156,25 +148,20 @@ def test_only_feet_and_trunk_collide_and_only_with_the_floor():
     assert model.geom_contype[np.arange(model.ngeom) != floor].max() == 0
 
 
-def test_keyframe_stand_has_its_soles_on_the_floor_and_run_is_in_flight():
-    for hardware in (HardwareSpec(), IDEAL.changed(leg_length=0.33)):
-        model = load_model(hardware)
-        data = mujoco.MjData(model)
-        feet = foot_geom_ids(model)
-        mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-        mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(data.geom_xpos[feet, 2], bp2.FOOT_RADIUS, atol=1e-3)
-        np.testing.assert_allclose(data.qpos[MOTOR_QPOS], bp2.STAND_JOINTS, atol=1e-12)
-        mujoco.mj_resetDataKeyframe(model, data, model.key("run").id)
-        mujoco.mj_kinematics(model, data)
-        assert data.geom_xpos[feet, 2].min() > bp2.FOOT_RADIUS + 0.02
-        assert data.qvel[0] == 10.0
+@pytest.mark.parametrize("hardware", [HardwareSpec(), IDEAL.changed(leg_length=0.33)])
+def test_keyframe_stand_has_its_soles_on_the_floor_and_run_is_in_flight(hardware):
+    model = load_model(hardware)
+    feet = foot_geom_ids(model)
+    stand, run = at_key(model, "stand"), at_key(model, "run")
+    np.testing.assert_allclose(stand.geom_xpos[feet, 2], bp2.FOOT_RADIUS, atol=1e-3)
+    np.testing.assert_allclose(stand.qpos[MOTOR_QPOS], bp2.STAND_JOINTS, atol=1e-12)
+    assert run.geom_xpos[feet, 2].min() > bp2.FOOT_RADIUS + 0.02
+    assert run.qvel[0] == 10.0
 
 
 def test_sensors_measure_the_imu_and_the_joints():
     model = load_model()
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data = at_key(model, "stand")
     data.qvel[3:6] = [0.1, 0.2, 0.3]
     # in free fall an accelerometer at the centre of mass reads nothing but rotation
     data.qpos[2] += 1.0
@@ -186,25 +173,20 @@ def test_sensors_measure_the_imu_and_the_joints():
         data.qacc[:3] + np.array([0, 0, 9.81]),
         atol=1e-9,
     )
-    for name, q in zip(MOTOR_NAMES, bp2.STAND_JOINTS, strict=True):
-        assert data.sensor(f"{name}_pos").data[0] == q
+    angles = [data.sensor(f"{name}_pos").data[0] for name in MOTOR_NAMES]
+    assert angles == list(bp2.STAND_JOINTS)
 
 
 # --- How it stands --------------------------------------------------------------------
 
 
-def test_settles_at_its_standing_height(standing):
-    _, data, _ = standing
+def test_settles_at_its_standing_height_and_the_floor_carries_the_weight(standing):
+    model, data, forces = standing
     assert data.qpos[2] == pytest.approx(bp2.STANDING_HEIGHT, abs=0.015)
     assert abs(data.qvel).max() < 0.05
     assert data.qpos[3] > 0.9999
-
-
-def test_floor_carries_the_weight_at_rest(standing):
-    model, _, forces = standing
-    assert forces[:, 2].sum() == pytest.approx(
-        mujoco.mj_getTotalmass(model) * conventions.GRAVITY, rel=1e-2
-    )
+    weight = mujoco.mj_getTotalmass(model) * conventions.GRAVITY
+    assert forces[:, 2].sum() == pytest.approx(weight, rel=1e-2)
 
 
 def test_springs_carry_the_axial_part_of_the_foot_force_at_rest(standing):
@@ -339,8 +321,7 @@ def test_touchdown_softness(softness, sinks, pushes):
     feet = foot_geom_ids(model)
     assert set(model.geom_solref[feet, 0]) == {0.005}
     model.geom_solref[feet, 0] = softness
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data = at_key(model, "stand")
     data.qvel[2] = -3.0
     depth, force = [], []
     for _ in range(50):
@@ -360,32 +341,22 @@ def test_loaded_feet_creep_slowly():
     """
     model = converged(load_model())
     model.dof_damping[MOTOR_QVEL] = 1e5  # locks the joints
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data = at_key(model, "stand")
     data.qpos[SPRING_QPOS] = 0.1
+    weight = mujoco.mj_getTotalmass(model) * conventions.GRAVITY
     velocity, depth, forces = [], [], []
-    for i in range(3000):
-        weight = mujoco.mj_getTotalmass(model) * conventions.GRAVITY
-        data.xfrc_applied[1] = [
-            4 * 300.0,
-            0,
-            weight - 4 * 700.0,
-            0,
-            -4 * 300.0 * data.qpos[2],
-            0,
-        ]
+    for _ in range(3000):
+        push = 4 * 300.0, 0, weight - 4 * 700.0
+        data.xfrc_applied[1] = *push, 0, -4 * 300.0 * data.qpos[2], 0
         mujoco.mj_step(model, data)
-        if i >= 2000:
-            velocity.append(data.qvel[0])
-            depth.append(
-                bp2.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].mean()
-            )
-            forces.append(foot_forces(model, data))
-    np.testing.assert_allclose(
-        np.mean(forces, axis=(0, 1))[[0, 2]], [-300.0, 700.0], rtol=0.02
-    )
-    assert 0.0 < np.mean(velocity) < 0.2
-    assert np.mean(depth) == pytest.approx(1e-3, rel=0.2)
+        heights = data.geom_xpos[foot_geom_ids(model), 2]
+        velocity.append(data.qvel[0])
+        depth.append(bp2.FOOT_RADIUS - heights.mean())
+        forces.append(foot_forces(model, data))
+    pushed = np.mean(forces[2000:], axis=(0, 1))[[0, 2]]
+    np.testing.assert_allclose(pushed, [-300.0, 700.0], rtol=0.02)
+    assert 0.0 < np.mean(velocity[2000:]) < 0.2
+    assert np.mean(depth[2000:]) == pytest.approx(1e-3, rel=0.2)
 
 
 # --- What load_model can change -------------------------------------------------------
@@ -418,46 +389,24 @@ def test_changed_hardware_changes_the_robot():
 
 def test_mass_moves_between_trunk_and_legs():
     """And inertias with it; the whole weighs what it did."""
-    model, published = (
-        load_model(IDEAL.changed(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)),
-        load_model(),
-    )
-    assert np.sum(model.body_mass) == pytest.approx(
-        np.sum(published.body_mass), rel=1e-12
-    )
+    change = IDEAL.changed(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)
+    model, published = load_model(change), load_model()
+    trunk = (21.0 - 4 * 1.95) / 21.0
+    total, before = np.sum(model.body_mass), np.sum(published.body_mass)
+    assert total == pytest.approx(before, rel=1e-12)
+    shares = {"thigh": (2.0, 2.0), "toe": (0.5, 0.5), "trunk": (trunk, 2.0 * trunk)}
     for body in range(1, model.nbody):
-        name = model.body(body).name
-        share = (
-            2.0
-            if "thigh" in name
-            else 0.5
-            if "toe" in name
-            else (21.0 - 4 * 1.95) / 21.0
-            if name == "trunk"
-            else 1.0
-        )
-        assert model.body_mass[body] == pytest.approx(
-            share * published.body_mass[body], rel=1e-12
-        ), name
-        spread = 2.0 * share if name == "trunk" else share
+        part = model.body(body).name.rpartition("_")[2]
+        mass, inertia = shares.get(part, (1.0, 1.0))
         np.testing.assert_allclose(
-            model.body_inertia[body], spread * published.body_inertia[body], rtol=1e-12
+            [model.body_mass[body], *model.body_inertia[body]],
+            [
+                mass * published.body_mass[body],
+                *(inertia * published.body_inertia[body]),
+            ],
+            rtol=1e-12,
+            err_msg=part,
         )
-
-
-def test_soles_are_where_the_kinematics_say():
-    hardware = IDEAL.changed(leg_length=0.37, fore_track=0.40, hind_track=0.26)
-    model = load_model(hardware)
-    data = mujoco.MjData(model)
-    data.qpos[:3] = 0.0
-    rng = np.random.default_rng(0)
-    joints, compression = rng.uniform(-1.0, 1.0, (4, 3)), rng.uniform(0.0, 0.13, 4)
-    data.qpos[MOTOR_QPOS], data.qpos[SPRING_QPOS] = joints.ravel(), compression
-    mujoco.mj_kinematics(model, data)
-    soles = np.array([data.site(name).xpos for name in SOLE_SITES])
-    np.testing.assert_allclose(
-        soles, foot_position(joints, compression, hardware), atol=1e-12
-    )
 
 
 def test_dropping_visuals_and_all_contacts_but_the_feets_keeps_the_physics():
@@ -466,8 +415,7 @@ def test_dropping_visuals_and_all_contacts_but_the_feets_keeps_the_physics():
     assert (lean.nsensor, lean.ncam, lean.nlight) == (0, 0, 0)
     accelerations = []
     for model in (full, lean):
-        data = mujoco.MjData(model)
-        mujoco.mj_resetDataKeyframe(model, data, model.key("run").id)
+        data = at_key(model, "run")
         data.qpos[2] -= 0.05
         mujoco.mj_forward(model, data)
         accelerations.append(data.qacc.copy())
@@ -501,7 +449,7 @@ def test_assets_are_found_in_a_checkout_and_in_an_installed_package(
     tmp_path: Path, monkeypatch
 ):
     assert asset_path("bp2_mjcf/bp2.xml").is_file()
-    monkeypatch.setattr(assets, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(assets, "PACKAGE", tmp_path)
     assert asset_path("bp2.xml") == tmp_path.parent / "assets" / "bp2.xml"
     (tmp_path / "assets").mkdir()
     assert asset_path("bp2.xml") == tmp_path / "assets" / "bp2.xml"

@@ -2,13 +2,13 @@
 it."""
 
 import dataclasses
-import importlib.util
 import json
 import random
 import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +18,14 @@ from odd_robots import (
     anymal_like,
     disagreement,
     drawn_crouching,
+    leg_numbers,
+    link_numbers,
     plain,
+    playground,
+    read,
     sprung,
     urdf,
+    written,
 )
 
 from bp2_rl.base.assets import asset_path
@@ -32,7 +37,7 @@ from bp2_rl.robot.compiling import load_mjcf
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.reading import read_mjcf
+from bp2_rl.robot.reading import RobotReading, read_mjcf
 from bp2_rl.robot.robot_file import (
     GainNumbers,
     RobotFile,
@@ -53,19 +58,25 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def numbers(anatomy: Anatomy) -> list[float]:
-    """Return all numbers of a body but its stand's abduction, which a file leaves at
-    zero."""
-    legs = [
-        list(np.concatenate([leg.anchor, leg.hip, leg.knee, leg.foot, *leg.ranges]))
-        for leg in anatomy.legs
-    ]
-    links = [[x.mass, *x.com, *x.inertia] for leg in anatomy.legs for x in leg.links]
-    return [
-        float(x)
-        for part in (*legs, *links, [anatomy.trunk.mass, *anatomy.trunk.inertia])
-        for x in part
-    ]
+def filled_in(
+    folder: Path, model: str, pointing: bool = True, **named: Any
+) -> tuple[RobotFile, RobotReading]:
+    """Return what `new` and `check` make of a model, and the model's reading."""
+    reading, name = read(folder, model, **named), written(folder, model).name
+    text = robot_text(reading, name if pointing else None, **named)
+    return load_robot(write(folder, text)), reading
+
+
+def line_of(text: str, start: str) -> str:
+    (line,) = [line for line in text.splitlines() if line.startswith(start)]
+    return line
+
+
+def require_that_kinematics_find_the_stand(robot: RobotFile) -> None:
+    target = np.reshape(robot.anatomy.stand, (4, 3))
+    feet = foot_position(target, 0.0, robot.hardware)
+    found = joint_angles(feet, 0.0, robot.hardware)
+    np.testing.assert_allclose(found, target, atol=1e-9)
 
 
 # --- What a file makes ----------------------------------------------------------------
@@ -79,34 +90,10 @@ def test_a_robot_that_ships_stands(path: Path):
     assert robot.sources
     assert robot.assumed
     stood = stand(robot)
-    assert stood.fallen_after is None
-    assert stood.feet_down == 4
-    assert stood.touching == ()
-    assert np.all(
-        np.abs(stood.torque)
-        < 0.5 * np.broadcast_to(robot.hardware.joint_peak_torque, 12)
-    )
-    assert not [
-        line for line in sheet(robot, stood).splitlines() if line.startswith("!")
-    ]
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_the_kinematics_of_a_robot_that_ships_are_its_models(path: Path):
-    robot = load_robot(path)
-    target = np.reshape(robot.anatomy.stand, (4, 3))
-    feet = foot_position(target, 0.0, robot.hardware)
-    np.testing.assert_allclose(
-        joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9
-    )
-
-
-def public_model(path: str) -> Anatomy:
-    spec = importlib.util.find_spec("mujoco_playground")
-    assert spec is not None
-    return read_mjcf(
-        Path((spec.submodule_search_locations or [])[0]) / "_src/locomotion" / path
-    ).anatomy
+    assert (stood.fallen_after, stood.feet_down, stood.touching) == (None, 4, ())
+    assert np.all(np.abs(stood.torque) < 0.5 * robot.hardware.joint_peak_torque)
+    assert not re.search("(?m)^!", sheet(robot, stood))
+    require_that_kinematics_find_the_stand(robot)
 
 
 @pytest.mark.parametrize(
@@ -114,32 +101,29 @@ def public_model(path: str) -> Anatomy:
     [("go1", "go1/xmls/go1_mjx_feetonly.xml"), ("spot", "spot/xmls/spot_mjx.xml")],
 )
 def test_the_joints_of_a_robot_that_ships_are_its_models(name: str, path: str):
-    ours, public = (
-        load_robot(asset_path(f"robots/{name}.toml")).anatomy,
-        public_model(path),
-    )
-    for joint, theirs in zip(ours.joints, public.joints, strict=True):
-        assert (joint.name, joint.sign) == (theirs.name, theirs.sign)
-        # the file has seven digits
-        assert joint.offset == pytest.approx(theirs.offset, abs=1e-7)
+    ours = load_robot(asset_path(f"robots/{name}.toml")).anatomy
+    public = read_mjcf(playground(path)).anatomy
+    require_same_joints(ours, public, 1e-7)
+    if name == "go1":
+        assert ours.mass == pytest.approx(public.mass, rel=1e-6)
+        for leg in (1, 3):  # of the right shanks the model has no mirror image
+            inertias = [
+                [link.inertia for link in anatomy.legs[leg].links]
+                for anatomy in (ours, public)
+            ]
+            np.testing.assert_allclose(*inertias, rtol=1e-5, atol=1e-9)
 
 
-def test_go1s_file_is_its_public_model(tmp_path: Path):
-    public = public_model("go1/xmls/go1_mjx_feetonly.xml")
-    ours = load_robot(asset_path("robots/go1.toml")).anatomy
-    assert ours.mass == pytest.approx(public.mass, rel=1e-6)
-    for leg in (1, 3):  # of the right shanks the model has no mirror image
-        for a, b in zip(ours.legs[leg].links, public.legs[leg].links, strict=True):
-            np.testing.assert_allclose(a.inertia, b.inertia, rtol=1e-5, atol=1e-9)
+def require_same_joints(ours: Anatomy, theirs: Anatomy, rounding: float) -> None:
+    """The file has seven digits."""
+    for joint, original in zip(ours.joints, theirs.joints, strict=True):
+        assert (joint.name, joint.sign) == (original.name, original.sign)
+        assert joint.offset == pytest.approx(original.offset, abs=rounding)
 
 
 @pytest.mark.parametrize("pointing", [True, False])
 def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: Path):
-    model = tmp_path / "model.xml"
-    model.write_text(anymal_like())
-    reading = read_mjcf(model)
-    path = write(tmp_path, robot_text(reading, "model.xml" if pointing else None))
-    robot = load_robot(path)
+    robot, reading = filled_in(tmp_path, anymal_like(), pointing)
     legs = slice(0, None) if pointing else slice(1, None, 2)
     ours, theirs = (
         [leg.anchor + leg.hip + leg.foot for leg in a.legs[legs]]
@@ -148,15 +132,17 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
     np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-9)
     assert robot.hardware.peak_torque == (80.0, 80.0, 80.0)
     assert np.ravel(robot.hardware.reflected_inertia)[0] == pytest.approx(0.02)
-    assert robot.gains is not None
-    assert robot.gains.stiffness == (80.0, 80.0, 80.0)
-    for joint, theirs in zip(robot.anatomy.joints, reading.joints, strict=True):
-        assert (joint.name, joint.sign) == (theirs.name, theirs.sign)
-        assert joint.offset == pytest.approx(theirs.offset, abs=1e-6)  # seven digits
+    assert robot.gains == GainNumbers((80.0, 80.0, 80.0), (2.0, 2.0, 2.0))
+    require_same_joints(robot.anatomy, reading.anatomy, 1e-6)
     if pointing:
-        np.testing.assert_allclose(numbers(robot.anatomy), numbers(reading.anatomy))
-    model_of_it = load_model(robot.hardware)
-    assert (model_of_it.nq, model_of_it.nv, model_of_it.nu) == (19, 18, 12)
+        for numbers in (leg_numbers, link_numbers):
+            ours, theirs = numbers(robot.anatomy), numbers(reading.anatomy)
+            np.testing.assert_allclose(ours, theirs)
+        said = sheet(robot, stand(robot))
+        assert line_of(said, "FL_knee ").split()[1] == "-LF_KFE"
+        assert "no keyframe" in said
+    model = load_model(robot.hardware)
+    assert (model.nq, model.nv, model.nu) == (19, 18, 12)
 
 
 @pytest.mark.parametrize("pointing", [True, False])
@@ -173,53 +159,26 @@ def test_a_keyframe_goes_through_a_file_whole(
 ):
     """Abduction, too, and within the ranges that the file is held to: the keyframe may
     leave them."""
-    legs = [
-        f"{side * leg[0]} {leg[1]} {leg[2]}" for leg in (fore, hind) for side in (-1, 1)
-    ]
-    key = f'<keyframe><key qpos="0 0 .3 1 0 0 0 {" ".join(legs)}"/></keyframe>'
-    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6", extra=key))
-    text = robot_text(
-        read_mjcf(tmp_path / "model.xml"), "model.xml" if pointing else None
-    )
-    robot = load_robot(write(tmp_path, text))
-    expected = np.clip(
-        [(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)],
-        -2.6,
-        2.6,
-    )
-    np.testing.assert_allclose(
-        np.reshape(robot.anatomy.stand, (4, 3)), expected, rtol=1e-6
-    )
+    legs = [(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)]
+    angles = " ".join(map(str, np.ravel(legs)))
+    key = f'<keyframe><key qpos="0 0 .3 1 0 0 0 {angles}"/></keyframe>'
+    model = plain(knee_range="-2.6 2.6", extra=key)
+    stands = np.reshape(filled_in(tmp_path, model, pointing)[0].anatomy.stand, (4, 3))
+    np.testing.assert_allclose(stands, np.clip(legs, -2.6, 2.6), rtol=1e-6)
 
 
-def test_the_stand_tells_how_a_knee_bends_that_can_do_both(tmp_path: Path):
-    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6"))
-    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")
-    forwards = re.sub(
-        "(?m)^hip = .*$", "hip = -0.6", re.sub("(?m)^knee = .*$", "knee = 1.2", text)
-    )
-    for content, bend in ((text, -1), (forwards, 1)):
-        robot = load_robot(write(tmp_path, content))
-        assert [leg.bend for leg in robot.anatomy.legs] == [bend] * 4
-        target = np.reshape(robot.anatomy.stand, (4, 3))
-        feet = foot_position(target, 0.0, robot.hardware)
-        np.testing.assert_allclose(
-            joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9
-        )
-
-
-def filled_in(folder: Path, model: str, pointing: bool = True) -> RobotFile:
-    """Return what `new` and `check` make of a model."""
-    (folder / "model.xml").write_text(model)
-    reading = read_mjcf(folder / "model.xml")
-    return load_robot(
-        write(folder, robot_text(reading, "model.xml" if pointing else None))
-    )
-
-
-def line_of(text: str, start: str) -> str:
-    (line,) = [line for line in text.splitlines() if line.startswith(start)]
-    return line
+@pytest.mark.parametrize(("hip", "knee"), [("", ""), ("-0.6", "1.2")])
+def test_the_stand_tells_how_a_knee_bends_that_can_do_both(
+    hip: str, knee: str, tmp_path: Path
+):
+    robot, _ = filled_in(tmp_path, plain(knee_range="-2.6 2.6"))
+    if knee:
+        text = (tmp_path / "robot.toml").read_text()
+        text = re.sub("(?m)^hip = .*$", f"hip = {hip}", text)
+        text = re.sub("(?m)^knee = .*$", f"knee = {knee}", text)
+        robot = load_robot(write(tmp_path, text))
+    assert [leg.bend for leg in robot.anatomy.legs] == [1 if knee else -1] * 4
+    require_that_kinematics_find_the_stand(robot)
 
 
 @pytest.mark.parametrize("pointing", [True, False])
@@ -230,9 +189,8 @@ def test_what_a_model_does_not_say_is_not_invented(
     """Motors without gains, limits and inertia: the robot stands at any weight, and the
     sheet says what is assumed."""
     trunk = f'<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="{mass}"/>'
-    robot = filled_in(
-        tmp_path, plain(actuator='<motor joint="{joint}"/>', trunk=trunk), pointing
-    )
+    model = plain(actuator='<motor joint="{joint}"/>', trunk=trunk)
+    robot, _ = filled_in(tmp_path, model, pointing)
     assert robot.gains is None
     assert {"motors.peak_torque", "motors.armature"} < set(robot.assumed)
     # of a robot of this size, by similarity with BP2
@@ -254,12 +212,11 @@ def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
         'frictionloss="1" damping="0.2"',
         'frictionloss="3" damping="1"',
     ]
-    robot = filled_in(tmp_path, plain(joints=joints), pointing)
+    robot, reading = filled_in(tmp_path, plain(joints=joints), pointing)
     losses = robot.hardware.losses
-    assert (losses.joint_friction, losses.joint_viscosity) == (
-        (1.0, 1.0, 3.0),
-        (0.2, 0.2, 1.0),
-    )
+    assert losses.joint_friction == (1.0, 1.0, 3.0)
+    assert losses.joint_viscosity == (0.2, 0.2, 1.0)
+    assert not any("differ" in note for note in reading.notes)
     said = sheet(robot, stand(robot))
     assert line_of(said, "friction, Nm").split()[-3:] == ["1", "1", "3"]
     # The knee: 3 Nm and 1 Nm s/rad x 25 rad/s of 30 Nm.
@@ -272,22 +229,18 @@ def test_damping_of_a_joint_stays_its_own_where_not_all_have_a_position_loop(
 ):
     """Without [gains] no loop could have it."""
     damped = plain(joints=['damping="0.2"', 'damping="0.2"', 'damping="1"'])
-    robot = filled_in(tmp_path, damped.replace("<motor", "<position kp='60'", 2), True)
+    robot, _ = filled_in(tmp_path, damped.replace("<motor", "<position kp='60'", 2))
     assert robot.gains is None
     assert robot.hardware.losses.joint_viscosity == (0.2, 0.2, 1.0)
 
 
 def test_feet_that_differ_in_friction_get_a_note(tmp_path: Path):
-    slippery = plain().replace(
-        '<geom name="FR_foot"', '<geom name="FR_foot" friction="0.2"'
-    )
-    robot = filled_in(tmp_path, slippery, True)
+    foot = '<geom name="FR_foot"'
+    slippery = plain().replace(foot, f'{foot} friction="0.2"')
+    robot, reading = filled_in(tmp_path, slippery)
     assert robot.hardware.friction == pytest.approx((0.2 + 3.0) / 4.0)
-    assert robot.reading is not None
-    assert (
-        "the feet's friction differs (0.2, 1, 1, 1): their mean is taken"
-        in robot.reading.notes
-    )
+    differ = "the feet's friction differs (0.2, 1, 1, 1): their mean is taken"
+    assert differ in reading.notes
 
 
 @pytest.mark.parametrize(("effort", "velocity"), [(30, 20), (0, 20), (30, 0)])
@@ -295,13 +248,12 @@ def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(
     effort: float, velocity: float, tmp_path: Path
 ):
     """A limit of 0 stands for none."""
-    (tmp_path / "robot.urdf").write_text(urdf(effort=effort, velocity=velocity))
-    text = robot_text(read_mjcf(tmp_path / "robot.urdf"), "robot.urdf")
-    robot = load_robot(write(tmp_path, text))
+    robot, _ = filled_in(tmp_path, urdf(effort=effort, velocity=velocity))
     assert ("motors.peak_torque" in robot.assumed) == (effort == 0)
     assert ("motors.no_load_speed" in robot.assumed) == (velocity == 0)
     assert robot.hardware.no_load_speed == ((velocity or 25.0),) * 3
     if effort and velocity:
+        text = (tmp_path / "robot.toml").read_text()
         assert robot.hardware.peak_torque == (30.0, 30.0, 30.0)
         assert line_of(text, "peak_torque").endswith("the URDF's effort")
         assert line_of(text, "no_load_speed").endswith("the URDF's velocity")
@@ -310,16 +262,12 @@ def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(
 
 
 def test_what_a_model_says_is_not_assumed(tmp_path: Path):
-    position = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
-    robot = filled_in(
-        tmp_path, plain(actuator=position, joints=('armature="0.02"',) * 3)
-    )
+    model = plain(actuator=POSITION, joints=('armature="0.02"',) * 3)
+    robot, _ = filled_in(tmp_path, model)
     assert robot.assumed == ("motors.corner_speed", "motors.no_load_speed")
     assert robot.gains == GainNumbers((60.0, 60.0, 60.0), (2.0, 2.0, 2.0))
-    assert (robot.hardware.peak_torque, robot.hardware.rotor_inertia) == (
-        (30.0, 30.0, 30.0),
-        (0.02, 0.02, 0.02),
-    )
+    assert robot.hardware.peak_torque == (30.0, 30.0, 30.0)
+    assert robot.hardware.rotor_inertia == (0.02, 0.02, 0.02)
     said = sheet(robot, stand(robot))
     assert not line_of(said, "peak torque, Nm").endswith("ASSUMED")
     assert "[60, 60, 60] Nm/rad" in line_of(said, "stands 5 s")
@@ -327,19 +275,13 @@ def test_what_a_model_says_is_not_assumed(tmp_path: Path):
 
 @pytest.mark.parametrize("pointing", [True, False])
 def test_a_sprung_robot_goes_through_a_file(pointing: bool, tmp_path: Path):
-    model = tmp_path / "model.xml"
-    model.write_text(sprung())
-    tips = ["fr_tip", "fl_tip", "rr_tip", "rl_tip"]
-    reading = read_mjcf(model, feet=tips, foot_radius=0.012)
-    text = robot_text(
-        reading, "model.xml" if pointing else None, feet=tips, foot_radius=0.012
-    )
-    robot = load_robot(write(tmp_path, text))
+    named = {"feet": TIPS, "foot_radius": 0.012}
+    robot, reading = filled_in(tmp_path, sprung(), pointing, **named)
     assert robot.hardware.spring_stiffness == 4000.0
     assert robot.hardware.spring_travel == pytest.approx(0.08)
-    np.testing.assert_allclose(
-        numbers(robot.anatomy), numbers(reading.anatomy), rtol=1e-5, atol=1e-9
-    )
+    for numbers in (leg_numbers, link_numbers):
+        ours, theirs = numbers(robot.anatomy), numbers(reading.anatomy)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-9)
     assert load_model(robot.hardware).nq == 23
 
 
@@ -455,28 +397,19 @@ EVERY_SHAPE = {
 def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: Path):
     """Its mass matrix in random poses is C MuJoCo's own of the model, to the rounding
     of angles in degrees."""
-    text = EVERY_SHAPE[shape]
-    path = tmp_path / ("model.urdf" if text.startswith("<robot") else "model.xml")
-    path.write_text(text)
     joints = PLAIN_JOINTS if "arm" in shape.split() else ()
     feet, radius = (TIPS, 0.012) if shape == "springs in the shanks" else ((), None)
-    reading, model = (
-        read_mjcf(path, joints=joints, feet=feet, foot_radius=radius),
-        load_mjcf(path, joints),
+    robot, reading = filled_in(
+        tmp_path, EVERY_SHAPE[shape], joints=joints, feet=feet, foot_radius=radius
     )
+    model = load_mjcf(written(tmp_path, EVERY_SHAPE[shape]), joints)
     model.dof_armature[:6] = 0.0  # of the trunk's free joint, which no robot has
     for seed in range(2):
         assert max(disagreement(model, reading, seed=seed)) < 1e-12
-    content = robot_text(
-        reading, path.name, joints=joints, feet=feet, foot_radius=radius
-    )
-    robot = load_robot(write(tmp_path, content))
     stood = stand(robot)
     assert (stood.fallen_after, stood.feet_down) == (None, 4)
-    assert (
-        preset("imitation", "cpu", robot=str(tmp_path / "robot.toml")).env.gait.height
-        > 0.4
-    )
+    trained = preset("imitation", "cpu", robot=str(tmp_path / "robot.toml"))
+    assert trained.env.gait.height > 0.4
 
 
 # --- What is refused ------------------------------------------------------------------
@@ -508,6 +441,12 @@ def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: P
         ),
         ("weighed_mass = 12.74", "weighed_mass = 127.4", "one is wrong"),
         ("weighed_mass = 12.74", 'mjcf = "nowhere.xml"', "either `mjcf`"),
+        pytest.param(
+            GO1,
+            f'mjcf = "gone.xml"\n{GO1[: GO1.index("[trunk]")]}',
+            "gone.xml cannot be read",
+            id="a model that is not there",
+        ),
         (
             "[stand]\nhip = 0.9\nknee = -1.8",
             "",
@@ -525,9 +464,8 @@ def test_a_mistake_is_named(before: str, after: str, complaint: str, tmp_path: P
     path = write(tmp_path, GO1.replace(before, after, 1))
     with pytest.raises(UserError) as refusal:
         load_robot(path)
-    assert complaint in str(refusal.value)
-    assert str(refusal.value).startswith(f"{path}: ")
-    assert "\n" not in str(refusal.value)
+    line = re.escape(f"{path}: ") + ".*" + re.escape(complaint) + ".*"
+    assert re.fullmatch(line, str(refusal.value))
 
 
 @pytest.mark.parametrize(
@@ -569,12 +507,6 @@ def test_a_key_of_many_levels_is_refused_at_once(text: str, tmp_path: Path):
     ):
         load_robot(write(tmp_path, text))
     assert time.monotonic() - began < 5.0
-
-
-def test_a_model_that_is_not_there_is_named(tmp_path: Path):
-    head = GO1[: GO1.index("[trunk]")]
-    with pytest.raises(UserError, match=r"gone\.xml cannot be read"):
-        load_robot(write(tmp_path, f'mjcf = "gone.xml"\n{head}'))
 
 
 def damaged() -> Iterator[bytes]:
@@ -662,35 +594,24 @@ def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(
     assert set(ended) == {0, 2}
 
 
-def test_a_folder_and_nothing_are_refused(tmp_path: Path):
-    with pytest.raises(UserError, match="is a folder"):
-        load_robot(tmp_path)
-    with pytest.raises(UserError, match="cannot be read"):
-        load_robot(tmp_path / "none.toml")
-
-
 # --- The sheet ------------------------------------------------------------------------
 
 
-def test_the_sheet_says_what_to_mend(tmp_path: Path):
-    weak = load_robot(
-        write(tmp_path, GO1.replace("stiffness = 35.0", "stiffness = 2.0"))
-    )
-    fallen = stand(weak)
-    assert fallen.fallen_after is not None
-    assert "! it falls after" in sheet(weak, fallen)
-    uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace(
-        "knee = -1.8", "knee = [-1.8, -0.9]"
-    )
-    robot = load_robot(
-        write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0"))
-    )
-    assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
-    stiff = load_robot(
-        write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5"))
-    )
-    # (0.3 + 0.5 x 30) / 23.7
-    assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("stiffness = 35.0", "stiffness = 2.0", "! it falls after"),
+        # (0.3 + 0.5 x 30) / 23.7
+        (
+            "joint_viscosity = 0.02",
+            "joint_viscosity = 0.5",
+            "! joints resist with up to 65% of the peak torque",
+        ),
+    ],
+)
+def test_the_sheet_says_what_to_mend(before: str, after: str, said: str, tmp_path):
+    robot = load_robot(write(tmp_path, GO1.replace(before, after)))
+    assert said in sheet(robot, stand(robot))
 
 
 @pytest.mark.parametrize(
@@ -705,10 +626,7 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
 def test_the_sheet_doubts_a_knee_that_hardly_stretches_a_leg(
     knee_range: str, doubted: bool, tmp_path: Path
 ):
-    (tmp_path / "model.xml").write_text(plain(knee_range=knee_range))
-    robot = load_robot(
-        write(tmp_path, robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml"))
-    )
+    robot, _ = filled_in(tmp_path, plain(knee_range=knee_range))
     assert ("! fore legs of 0.44 m reach from" in sheet(robot, stand(robot))) == doubted
 
 
@@ -716,21 +634,8 @@ def test_the_sheet_says_where_training_has_other_gains():
     robot = load_robot(asset_path("robots/go1.toml"))
     control = preset("imitation", "cpu", robot="go1").env.control
     assert trained_gains(robot) == pytest.approx((control.stiffness, control.damping))
-    (note,) = [
-        line
-        for line in sheet(robot, stand(robot)).splitlines()
-        if line.startswith("note: training's loop")
-    ]
+    note = line_of(sheet(robot, stand(robot)), "note: training's loop")
     assert f"{control.stiffness:.3g} Nm/rad" in note
     assert "--env.control.stiffness 35 --env.control.damping 0.5" in note
     own = dataclasses.replace(robot, gains=None)
     assert "training's loop" not in sheet(own, stand(own))
-
-
-def test_the_sheet_names_the_models_joints(tmp_path: Path):
-    model = tmp_path / "model.xml"
-    model.write_text(anymal_like())
-    robot = load_robot(write(tmp_path, robot_text(read_mjcf(model), "model.xml")))
-    lines = sheet(robot, stand(robot)).splitlines()
-    assert any(line.startswith("FL_knee  -LF_KFE") for line in lines)
-    assert any("no keyframe" in line for line in lines)

@@ -1,9 +1,8 @@
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig
-from bp2_rl.settings.training import RunConfig
+from bp2_rl.settings.training import ClusterConfig, RunConfig
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ class Stand:
         return self._rate
 
     def stepping(self, command: Sequence[float]) -> float:
-        """Return 1 for every command, as `bp2_rl.reference.standing` does."""
+        """Return 1 for every command, as `bp2_rl.reference.kinematic_trot` does."""
         return 1.0
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:

@@ -36,8 +36,7 @@ from bp2_rl.evaluation.benchmarks.variants import (
 )
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
-from bp2_rl.robot.hardware import robot_name
-from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
+from bp2_rl.robot.hardware import PARTS, differing, ideal_of, robot_name, with_parts
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -45,7 +44,7 @@ from bp2_rl.simulation.schedule import Ramp
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
 """What `bp2 paper trajectories limits --losses --robot built` found; parts by the names
-of `robot.variants`."""
+of `robot.hardware`."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -192,8 +192,7 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
     """Solve a chain's last problem from a solution, or else from a cold guess, and keep
     the outcome."""
     # CasADi only where something is solved
-    from bp2_rl.optimiser.collocation import solve
-    from bp2_rl.optimiser.guess import cold_guess
+    from bp2_rl.optimiser.collocation import cold_guess, solve
     from bp2_rl.optimiser.transcription import SolveOptions
 
     problem, path = chain.problems[-1], _path(chain, folder)

@@ -16,7 +16,7 @@ from matplotlib.ticker import MultipleLocator
 
 from bp2_rl.base.plotting import FAINT, INK, QUIET, WIDTH, styled
 from bp2_rl.optimiser.cycle import Cycle
-from bp2_rl.optimiser.figure_style import (
+from bp2_rl.optimiser.figure import (
     LEFT,
     RIGHT,
     letter,

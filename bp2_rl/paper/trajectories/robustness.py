@@ -41,8 +41,7 @@ def sweep_speeds(
 
 def _attempt(problem: Problem, start: int) -> Attempt:
     """Solve once, and say how it ended."""
-    from bp2_rl.optimiser.collocation import solve
-    from bp2_rl.optimiser.guess import cold_guess
+    from bp2_rl.optimiser.collocation import cold_guess, solve
 
     try:
         solution = solve(problem, cold_guess(problem, seed=start or None))

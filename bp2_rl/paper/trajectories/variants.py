@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import Gait, Problem
-from bp2_rl.robot.hardware import IDEAL
-from bp2_rl.robot.variants import differing, with_parts
+from bp2_rl.robot.hardware import IDEAL, differing, with_parts
 
 GAITS: dict[str, Gait] = {
     "trot (and pace)": "trot",

@@ -21,10 +21,17 @@ from bp2_rl.evaluation.benchmarks.tries.tasks import (
     all_manoeuvres,
     sizes_of,
 )
-from bp2_rl.robot.hardware import BUILT, IDEAL, Losses
+from bp2_rl.robot.hardware import (
+    BUILT,
+    IDEAL,
+    PARTS,
+    Losses,
+    differing,
+    ideal_of,
+    with_parts,
+)
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD
-from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.settings.presets import preset
 from bp2_rl.simulation.measuring import froude_number, standing_height

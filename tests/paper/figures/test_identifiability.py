@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.cycle import whole_cycle
-from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.figures import identifiability as numbers_module

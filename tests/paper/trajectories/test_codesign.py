@@ -8,8 +8,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, load_config, save_config, to_json
 from bp2_rl.optimiser import collocation
-from bp2_rl.optimiser.collocation import solve
-from bp2_rl.optimiser.guess import cold_guess
+from bp2_rl.optimiser.collocation import cold_guess, solve
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
 from bp2_rl.paper.trajectories.codesign import (

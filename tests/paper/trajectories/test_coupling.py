@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.cycle import whole_cycle
-from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.solution import Solution, resample

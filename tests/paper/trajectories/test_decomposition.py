@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser.guess import cold_guess
+from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.problem import Gait, Problem
 from bp2_rl.optimiser.solution import Motion, Solution
 from bp2_rl.paper.trajectories.decomposition import (

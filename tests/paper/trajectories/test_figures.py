@@ -17,9 +17,8 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from bp2_rl.base.plotting import QUIET
-from bp2_rl.optimiser.figure import trajectory_figure
-from bp2_rl.optimiser.figure_style import LEFT, RIGHT
-from bp2_rl.optimiser.guess import cold_guess
+from bp2_rl.optimiser.collocation import cold_guess
+from bp2_rl.optimiser.figure import LEFT, RIGHT, trajectory_figure
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.coupling import account_family, split_sources

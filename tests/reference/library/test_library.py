@@ -7,14 +7,14 @@ with impacts and rolling feet.
 """
 
 import dataclasses
-import functools
+import io
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gaits import around, rate, require_mirror_images, sample
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,7 +22,6 @@ from bp2_rl.base import serialization as config
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.file import (
     ARRAYS,
@@ -38,7 +37,6 @@ from bp2_rl.robot.hardware import IDEAL
 # m, of a leaning leg's sole
 SOLE_CLEARANCE = bp2.FOOT_RADIUS * (1.0 - np.cos(bp2.STAND_HIP))
 POINTS = 25
-ROWS = 2048
 SPEEDS = np.arange(0.5, 13.1, 0.5)
 KINEMATIC = KinematicGait()
 # Corners, the neighbourhood of standing, backwards, beyond the greatest speed, and
@@ -147,43 +145,6 @@ def _as_centres(reference):
     return kinematics.joint_angles(soles, spring + bp2.FOOT_RADIUS), spring
 
 
-def sample(gait, command, phase, dtype: Any = float) -> Reference:
-    """The reference over arrays of commands and phases as NumPy, joints and torques as
-    legs x (abad, hip, knee)."""
-    shape = np.broadcast_shapes(np.shape(command)[:-1], np.shape(phase))
-    rows = np.concatenate(
-        [
-            np.broadcast_to(command, (*shape, 3)),
-            np.broadcast_to(phase, shape)[..., None],
-        ],
-        axis=-1,
-    )
-    flat = rows.reshape(-1, 4).astype(dtype)
-    # few shapes: compiled once
-    padded = np.pad(flat, [(0, -len(flat) % ROWS), (0, 0)], mode="edge")
-    parts = [
-        _reference(gait, part[:, :3], part[:, 3])
-        for part in np.split(padded, len(padded) // ROWS)
-    ]
-    leaves = jax.tree.map(lambda *leaf: np.concatenate(leaf)[: len(flat)], *parts)
-    reference = jax.tree.map(
-        lambda leaf: leaf.reshape((*shape, *leaf.shape[1:])), leaves
-    )
-    names = ("joint_position", "joint_velocity", "torque")
-    return reference.replace(
-        **{name: getattr(reference, name).reshape((*shape, 4, 3)) for name in names}
-    )
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _reference(gait, command, phase):
-    return gait(command, phase)
-
-
-def rate(gait, command):
-    return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
-
-
 def centres(reference, hardware=IDEAL):
     """Centres of the feet from the trunk's centre in the heading frame, m."""
     p = kinematics.foot_position(
@@ -203,14 +164,6 @@ def clearance(reference):
     return centres(reference)[..., 2] + reference.height[..., None] - bp2.FOOT_RADIUS
 
 
-def around(gait, command, phase, step=1e-6):
-    """The reference now, and `step` seconds before and after."""
-    return (
-        sample(gait, command, phase + dt * rate(gait, command))
-        for dt in (0.0, -step, step)
-    )
-
-
 # --- What the library says ------------------------------------------------------------
 
 
@@ -220,53 +173,35 @@ def test_at_its_points_the_motion_is_the_librarys(solved, speed):
     left to the jumps there."""
     library = load_library(Path(solved.path))
     i = list(library.speeds).index(speed)
-    durations, points = (
-        library.durations[i].astype(float),
-        np.linspace(0.0, 1.0, library.q.shape[2])[1:-1],
-    )
+    durations = library.durations[i].astype(float)
+    points = np.linspace(0.0, 1.0, library.q.shape[2])[1:-1]
     for segment, begin in enumerate((0.0, durations[0])):
         phase = (begin + durations[segment] * points) / (2.0 * durations.sum())
+        q, v, tau = (
+            x[i, segment, 1:-1].astype(float)
+            for x in (library.q, library.v, library.tau)
+        )
         for legs, later in (([0, 1, 2, 3], 0.0), ([1, 0, 3, 2], 0.5)):
-            reference = sample(solved, [speed, 0.0, 0.0], phase + later)
-            q, v, tau = (
-                x[i, segment, 1:-1].astype(float)
-                for x in (library.q, library.v, library.tau)
-            )
+            found = sample(solved, [speed, 0.0, 0.0], phase + later)
             leg_q, leg_v = (x[:, 3:].reshape(-1, 4, 3)[:, legs] for x in (q, v))
-            np.testing.assert_allclose(
-                reference.joint_position[..., 1:], leg_q[..., :2], atol=1e-9
-            )
-            np.testing.assert_allclose(
-                reference.joint_position[..., 0], 0.0, atol=1e-12
-            )
-            np.testing.assert_allclose(
-                reference.joint_velocity[..., 1:], leg_v[..., :2], atol=1e-7
-            )
-            np.testing.assert_allclose(
-                reference.spring_compression, leg_q[..., 2], atol=1e-9
-            )
-            np.testing.assert_allclose(
-                reference.spring_velocity, leg_v[..., 2], atol=1e-7
-            )
-            np.testing.assert_allclose(
-                reference.torque[..., 1:], tau.reshape(-1, 4, 2)[:, legs], atol=1e-7
-            )
-            trunk = np.stack([reference.height, reference.pitch], axis=-1)
-            np.testing.assert_allclose(trunk, q[:, 1:3], atol=1e-9)
-            trunk = np.stack(
-                [
-                    reference.velocity[:, 0],
-                    reference.height_velocity,
-                    reference.pitch_rate,
-                ],
-                axis=-1,
-            )
-            np.testing.assert_allclose(trunk, v[:, :3], atol=1e-7)
-            np.testing.assert_allclose(reference.up[:, 0], np.sin(q[:, 2]), atol=1e-9)
-            np.testing.assert_array_equal(
-                reference.contact,
-                np.tile(np.isin(legs, [1, 2]) & (segment == 0), (23 // 2, 1)),
-            )
+            leg_tau = tau.reshape(-1, 4, 2)[:, legs]
+            for ours, theirs, tolerance in (
+                (found.joint_position[..., 1:], leg_q[..., :2], 1e-9),
+                (found.joint_position[..., 0], 0.0, 1e-12),
+                (found.joint_velocity[..., 1:], leg_v[..., :2], 1e-7),
+                (found.spring_compression, leg_q[..., 2], 1e-9),
+                (found.spring_velocity, leg_v[..., 2], 1e-7),
+                (found.torque[..., 1:], leg_tau, 1e-7),
+                (found.height, q[:, 1], 1e-9),
+                (found.pitch, q[:, 2], 1e-9),
+                (found.velocity[:, 0], v[:, 0], 1e-7),
+                (found.height_velocity, v[:, 1], 1e-7),
+                (found.pitch_rate, v[:, 2], 1e-7),
+                (found.up[:, 0], np.sin(q[:, 2]), 1e-9),
+            ):
+                np.testing.assert_allclose(ours, theirs, atol=tolerance)
+            stands = np.isin(legs, [1, 2]) & (segment == 0)
+            np.testing.assert_array_equal(found.contact, np.tile(stands, (11, 1)))
 
 
 @pytest.mark.parametrize(
@@ -278,26 +213,21 @@ def test_between_its_points_and_speeds_the_motion_is_that_which_was_sampled(
     """The kinematic gait: by cubics at the library's speeds (7e-6 rad found), blended
     between them (4e-3 rad)."""
     command = np.stack([speeds, 0.0 * speeds, 0.0 * speeds], axis=-1)
-    original, reference = (
-        sample(KINEMATIC, command, PHASES),
-        sample(made, command, PHASES),
-    )
-    joints, spring = _as_centres(original)
+    original, found = (sample(gait, command, PHASES) for gait in (KINEMATIC, made))
     np.testing.assert_allclose(
         rate(made, command), rate(KINEMATIC, command), rtol=tolerance / 5
     )
-    np.testing.assert_allclose(reference.joint_position, joints, atol=tolerance)
-    np.testing.assert_allclose(
-        reference.spring_compression, spring, atol=tolerance / 10
-    )
-    np.testing.assert_allclose(
-        reference.height - bp2.FOOT_RADIUS,
-        original.height - SOLE_CLEARANCE,
-        atol=tolerance / 20,
-    )
+    joints, spring = _as_centres(original)
+    height = original.height - SOLE_CLEARANCE + bp2.FOOT_RADIUS
+    for ours, theirs, share in (
+        (found.joint_position, joints, 1),
+        (found.spring_compression, spring, 10),
+        (found.height, height, 20),
+    ):
+        np.testing.assert_allclose(ours, theirs, atol=tolerance / share)
     on_mesh = np.isin(speeds, SPEEDS)
     np.testing.assert_array_equal(
-        reference.contact[:, on_mesh], original.contact[:, on_mesh]
+        found.contact[:, on_mesh], original.contact[:, on_mesh]
     )
 
 
@@ -515,16 +445,8 @@ def test_a_mirrored_command_gives_the_mirrored_motion_half_a_cycle_later(name, r
     gait = request.getfixturevalue(name)
     right = sample(gait, COMMANDS, PHASES)
     left = sample(gait, COMMANDS * [1.0, -1.0, -1.0], PHASES + 0.5)
-    swap, flip = [1, 0, 3, 2], np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(
-        left.joint_position, right.joint_position[..., swap, :] * flip, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        left.joint_velocity, right.joint_velocity[..., swap, :] * flip, atol=1e-6
-    )
-    np.testing.assert_allclose(left.torque, right.torque[..., swap, :], atol=1e-9)
-    np.testing.assert_array_equal(left.contact, right.contact[..., swap])
-    np.testing.assert_allclose(left.height, right.height, atol=1e-9)
+    require_mirror_images(left, right, rates=1e-6)
+    np.testing.assert_array_equal(left.contact, right.contact[..., [1, 0, 3, 2]])
 
 
 def test_fl_and_rr_land_at_phase_0(solved):
@@ -713,33 +635,38 @@ def test_legs_of_another_length_are_refused(made):
         other.phase_rate(jnp.zeros(3))
 
 
-def test_a_missing_file_is_refused(folder):
-    with pytest.raises(
-        UserError, match=r"cannot be read: No such file.*bp2 trajopt library build"
-    ):
-        load_library(folder / "nothing.npz")
+def _with_a_bit_changed(content):
+    changed = bytearray(content)
+    changed[len(content) // 2] ^= 0xFF
+    return changed
 
 
-@pytest.mark.parametrize("keep", [0, 3, 1000, 5000, -1])
-def test_a_truncated_file_is_refused(made, folder, keep):
+def _foreign(_):
+    array = io.BytesIO()
+    np.save(array, np.zeros(3))
+    return array.getvalue()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *(lambda content, keep=keep: content[:keep] for keep in (0, 3, 1000, 5000, -1)),
+        _with_a_bit_changed,
+        _foreign,
+    ],
+)
+def test_a_damaged_or_foreign_file_is_refused(made, folder, damage):
     path = folder / "broken.npz"
-    path.write_bytes(Path(made.path).read_bytes()[:keep])
+    path.write_bytes(damage(Path(made.path).read_bytes()))
     with pytest.raises(
         UserError, match=r"is damaged or no \.npz file.*bp2 trajopt library build"
     ):
         load_library(path)
-
-
-def test_a_damaged_or_foreign_file_is_refused(made, folder):
-    path = folder / "broken.npz"
-    contents = bytearray(Path(made.path).read_bytes())
-    contents[len(contents) // 2] ^= 0xFF
-    path.write_bytes(contents)
-    with pytest.raises(UserError, match=r"is damaged or no \.npz file"):
+    path.unlink()
+    with pytest.raises(
+        UserError, match=r"cannot be read: No such file.*bp2 trajopt library build"
+    ):
         load_library(path)
-    np.save(folder / "array.npy", np.zeros(3))
-    with pytest.raises(UserError, match=r"no \.npz file"):
-        load_library(folder / "array.npy")
 
 
 def _replaced(name, value):

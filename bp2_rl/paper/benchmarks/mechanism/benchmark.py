@@ -21,7 +21,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.optimiser.figure_style import letter
+from bp2_rl.optimiser.figure import letter
 from bp2_rl.paper.benchmarks.mechanism.forces import (
     STRIDES,
     MechanismAtSpeed,
