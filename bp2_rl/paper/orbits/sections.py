@@ -19,8 +19,9 @@ import math
 
 import numpy as np
 from jaxtyping import Float
+from scipy import stats
 
-CHI_SQUARE_95 = 7.814727903251179
+CHI_SQUARE_95 = float(stats.chi2.ppf(0.95, df=3))
 """Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three
 dimensions."""
 LEAST_POINTS = 6
@@ -98,14 +99,7 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
     return Inliers(share, math.sqrt(0.95 * 0.05 / len(points)))
 
 
-def _chi_square_5(x: float) -> float:
-    """Return the chi-square distribution of five degrees of freedom at x."""
-    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
-        -x / 2.0
-    ) * (1.0 + x / 3.0)
-
-
-TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
+TRIMMED = float(stats.chi2.cdf(CHI_SQUARE_95, df=5)) / 0.95
 """Covariance of a three-dimensional Gaussian within its 95 % bound, over that of all of
 it."""
 
