@@ -21,7 +21,7 @@ from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill, read_items
-from bp2_rl.paper.index.sources import SOURCES, Choice, Source, arguments
+from bp2_rl.paper.index.sources import SOURCES, Source, arguments
 
 FLAG = "--all"
 OUT = Path("reports/figures/all")
@@ -88,21 +88,19 @@ def _make_all(chosen: IndexArguments) -> None:
             f"--policy {policy} is no folder: name a policy or a training run"
         )
     _open(chosen.out)
-    choice = Choice(policy, chosen.quick, chosen.video)
     missing = {source.name: "not run yet" for source in SOURCES}
     _write(chosen, missing)
     for source in SOURCES:
         try:
             if others := [name for name in source.runs if name in missing]:
                 raise FailedError(f"left out, as {others[0]} failed")
-            made = _make(source, choice, chosen)
+            _make(source, policy, chosen)
         except FailedError as error:
-            missing[source.name], made = str(error), False
+            missing[source.name] = str(error)
             print(f"{source.name:14} {error}", flush=True)
         else:
             del missing[source.name]
-        if made or source is SOURCES[-1]:
-            _write(chosen, missing)
+        _write(chosen, missing)
     print(f"index: {chosen.out / PAGE}")
 
 
@@ -117,21 +115,21 @@ def _open(folder: Path) -> None:
             ) from None
 
 
-def _make(source: Source, choice: Choice, chosen: IndexArguments) -> bool:
-    """Let a command leave its report in its folder; whether it had to: not if that is
-    there.
+def _make(source: Source, policy: Path, chosen: IndexArguments) -> None:
+    """Let a command leave its report in its folder, if that is not there.
 
     Raises:
         FailedError: it cannot be run, or fails; what was in its folder stays.
     """
-    folder, words = chosen.out / source.name, arguments(source, choice, chosen.out)
+    folder = chosen.out / source.name
+    words = arguments(source, chosen.out, policy, quick=chosen.quick, film=chosen.video)
     read = [chosen.out / name / MADE for name in source.runs]
     if source.benchmark is not None:
-        read += choice.policy.rglob("*")
+        read += policy.rglob("*")
     inputs = (*read, folder / source.numbers)
     if not chosen.fresh and is_current(folder, words, inputs):
         print(f"{source.name:14} as it was", flush=True)
-        return False
+        return
     print(f"{source.name:14} {source.command} ...", flush=True)
     begun = time.monotonic()
     with new_folder(folder) as fresh:
@@ -159,7 +157,6 @@ def _make(source: Source, choice: Choice, chosen: IndexArguments) -> bool:
         run = CommandRun(bp2_rl.__version__, tuple(words), seconds)
         save_config(fresh / MADE, run)
     print(f"{'':14} {seconds:.0f} s", flush=True)
-    return True
 
 
 def is_current(folder: Path, words: list[str], inputs: Iterable[Path]) -> bool:

@@ -80,23 +80,29 @@ SOURCES = (
 """In the order in which they run: one that is told others' reports comes after them."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Choice:
-    """The choices that hold for all commands."""
+def arguments(
+    source: Source,
+    folder: Path,
+    policy: Path,
+    *,
+    quick: bool = False,
+    film: bool = True,
+) -> list[str]:
+    """Return the words of a command, after `bp2`, but for where its report goes.
 
-    policy: Path  # of those that run one
-    quick: bool = False
-    film: bool = True
-
-
-def arguments(source: Source, choice: Choice, folder: Path) -> list[str]:
-    """The words of a command, after `bp2`, but for where its report goes."""
+    Args:
+        source: the command.
+        folder: of all commands' folders.
+        policy: of those that run one.
+        quick: short versions, where there are some.
+        film: films, where there are some.
+    """
     told = list(source.words)
     if source.benchmark is not None:
-        told.insert(told.index("--benchmark"), str(choice.policy))
-    if source.film and not choice.film:
+        told.insert(told.index("--benchmark"), str(policy))
+    if source.film and not film:
         told.append("--no-video")
-    if source.quick and choice.quick:
+    if source.quick and quick:
         told.append("--quick")
     if source.runs:
         told += ["--runs", *(str(folder / name) for name in source.runs)]

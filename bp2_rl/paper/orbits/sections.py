@@ -20,6 +20,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
+from scipy.interpolate import make_interp_spline
 
 CHI_SQUARE_95 = float(stats.chi2.ppf(0.95, df=3))
 """Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three
@@ -125,9 +126,7 @@ def sample(
     signal: Float[np.ndarray, "N ..."], at: Float[np.ndarray, " M"]
 ) -> Float[np.ndarray, "M ..."]:
     """Interpolate a signal at places between its samples, counted in samples."""
-    left = np.clip(np.floor(at).astype(int), 0, len(signal) - 2)
-    share = (at - left).reshape(-1, *(1,) * (signal.ndim - 1))
-    return (1.0 - share) * signal[left] + share * signal[left + 1]
+    return make_interp_spline(np.arange(len(signal)), signal, k=1)(at)
 
 
 @dataclasses.dataclass(frozen=True)

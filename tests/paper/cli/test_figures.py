@@ -3,8 +3,7 @@
 import pytest
 
 from bp2_rl.base.serialization import load_config
-from bp2_rl.paper.cli.figures import FigureReport, main
-from bp2_rl.paper.cli.report import METRICS
+from bp2_rl.paper.cli.figures import METRICS, FigureReport, main
 from bp2_rl.simulation import simulator
 
 

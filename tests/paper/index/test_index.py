@@ -20,7 +20,7 @@ from bp2_rl.paper.index.item import (
     places,
     read_items,
 )
-from bp2_rl.paper.index.sources import SOURCES, Choice, arguments
+from bp2_rl.paper.index.sources import SOURCES, arguments
 
 SKELETON = Path(__file__).with_name("paper_items.tex")
 """The paper without its words: where its figures, tables, equations and movies are, and
@@ -127,18 +127,21 @@ def test_an_entry_is_found_by_place_by_number_and_by_name():
 
 
 def test_commands_are_told_what_is_chosen(tmp_path):
-    policy = tmp_path / "policy"
-    choice = Choice(policy, quick=True, film=False)
-    assert arguments(BY_NAME["endurance"], choice, tmp_path) == [
+    def told(name):
+        return arguments(
+            BY_NAME[name], tmp_path, Path("POLICY"), quick=True, film=False
+        )
+
+    assert told("endurance") == [
         "paper",
         "eval",
-        str(policy),
+        "POLICY",
         "--benchmark",
         "endurance",
         "--quick",
     ]
-    assert arguments(BY_NAME["topspeed"], choice, tmp_path)[-1] == "--no-video"
-    assert arguments(BY_NAME["race"], choice, tmp_path)[3:] == [
+    assert told("topspeed")[-1] == "--no-video"
+    assert told("race")[3:] == [
         "--runs",
         f"{tmp_path}/sprint",
         f"{tmp_path}/sprint_ideal",
