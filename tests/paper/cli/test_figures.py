@@ -67,8 +67,8 @@ def test_what_is_infinite_and_what_rests_is_in_the_report(tmp_path):
         for name in ("torque", "gaits")
     )
     assert torque["lengths"][-1]["length"] == "inf"
-    (trot,) = (row for row in gaits["gaits"] if row["gait"] == "trot")
-    assert trot["peak"] == pytest.approx(1.0, abs=1e-12)
+    trots = [row["peak"] for row in gaits["gaits"] if row["gait"] == "trot"]
+    assert trots == pytest.approx([1.0, 1.0], abs=1e-12)
 
 
 def test_an_item_without_its_number_is_left_out(tmp_path):
