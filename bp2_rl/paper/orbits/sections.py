@@ -19,10 +19,8 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
-from scipy.interpolate import make_interp_spline
 
-CHI_SQUARE_95 = float(stats.chi2.ppf(0.95, df=3))
+CHI_SQUARE_95 = 7.814727903251179
 """Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three
 dimensions."""
 LEAST_POINTS = 6
@@ -100,7 +98,14 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
     return Inliers(share, math.sqrt(0.95 * 0.05 / len(points)))
 
 
-TRIMMED = float(stats.chi2.cdf(CHI_SQUARE_95, df=5)) / 0.95
+def _chi_square_5(x: float) -> float:
+    """Return the chi-square distribution of five degrees of freedom at x."""
+    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
+        -x / 2.0
+    ) * (1.0 + x / 3.0)
+
+
+TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
 """Covariance of a three-dimensional Gaussian within its 95 % bound, over that of all of
 it."""
 
@@ -126,7 +131,9 @@ def sample(
     signal: Float[np.ndarray, "N ..."], at: Float[np.ndarray, " M"]
 ) -> Float[np.ndarray, "M ..."]:
     """Interpolate a signal at places between its samples, counted in samples."""
-    return make_interp_spline(np.arange(len(signal)), signal, k=1)(at)
+    left = np.clip(np.floor(at).astype(int), 0, len(signal) - 2)
+    share = (at - left).reshape(-1, *(1,) * (signal.ndim - 1))
+    return (1.0 - share) * signal[left] + share * signal[left + 1]
 
 
 @dataclasses.dataclass(frozen=True)
