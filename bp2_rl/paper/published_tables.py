@@ -2,18 +2,16 @@
 before use.
 
 A row is a frozen dataclass. Its fields are the columns, under the headings that
-`ColumnHeading` gives them, unit
-included: a column in km/h is not taken for one in m/s. A file may hold further columns,
-and the columns in any order.
+`ColumnHeading` gives them, unit included: a column in km/h is not taken for one in m/s.
+A file may hold further columns, and the columns in any order.
 """
 
 import csv
-import dataclasses
 import types
 import typing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
+from typing import NamedTuple, TypeVar, get_args
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
@@ -22,7 +20,6 @@ from bp2_rl.base.files import BadFileError, read_bytes
 TableRow = TypeVar("TableRow")
 
 LARGEST = 1 << 20  # bytes of a table that is read
-YES, NO = "yes", "no"
 
 
 class ColumnHeading(NamedTuple):
@@ -35,7 +32,7 @@ class ColumnHeading(NamedTuple):
 
 
 def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
-    """The rows of a CSV file, one at least.
+    """Return the rows of a CSV file, one at least.
 
     Args:
         path: of UTF-8 text whose first line holds the headings.
@@ -46,116 +43,99 @@ def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
         BadFileError: the file cannot be read, lacks a column, or holds what is no such
             row; the line says where.
     """
-    lines = _lines(path)
-    if len(lines) < 2:
-        raise BadFileError(
-            f"{path} holds no table: expected a line of headings, and rows below"
-        )
-    (_, head), *body = lines
-    columns = _columns(path, [cell.strip() for cell in head], row)
-    return tuple(
-        _row(f"{path}, line {number}", cells, len(head), columns, row)
-        for number, cells in body
-    )
-
-
-def headings(row: type[Any]) -> tuple[str, ...]:
-    """The headings that a table of such rows needs."""
-    return tuple(column.heading for column in _fields(row))
-
-
-class _Field(NamedTuple):
-    name: str
-    heading: str
-    type: Any
-    optional: bool
-
-
-def _fields(row: type[Any]) -> tuple[_Field, ...]:
-    hints = typing.get_type_hints(row, include_extras=True)
-    found = []
-    for field in dataclasses.fields(row):
-        remarks = (
-            get_args(hints[field.name])[1:]
-            if get_origin(hints[field.name]) is Annotated
-            else ()
-        )
-        heading = next(
-            (remark.text for remark in remarks if isinstance(remark, ColumnHeading)),
-            field.name,
-        )
-        bare = get_args(hints[field.name])[0] if remarks else hints[field.name]
-        members = get_args(bare) if isinstance(bare, types.UnionType) else (bare,)
-        found.append(_Field(field.name, heading, members[0], types.NoneType in members))
-    return tuple(found)
-
-
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the cells of all lines that are not empty, with the lines' numbers."""
     try:
         reader = csv.reader(
             read_bytes(path, LARGEST).decode("utf-8-sig").splitlines(keepends=True),
             strict=True,
         )
-        return [
-            (reader.line_num, cells)
+        lines = [
+            (reader.line_num, [cell.strip() for cell in cells])
             for cells in reader
             if any(cell.strip() for cell in cells)
         ]
     except (csv.Error, UnicodeDecodeError) as error:
         raise BadFileError(f"{path} is no CSV file in UTF-8: {error}") from error
-
-
-def _columns(path: Path, head: Sequence[str], row: type[Any]) -> dict[_Field, int]:
-    """Where each field's column is."""
-    fields = _fields(row)
-    if missing := [field.heading for field in fields if head.count(field.heading) != 1]:
+    if len(lines) < 2:
         raise BadFileError(
-            f"{path} needs one column {missing[0]!r}; its columns should be: {','.join(headings(row))}"
+            f"{path} holds no table: expected a line of headings, and rows below"
         )
-    return {field: head.index(field.heading) for field in fields}
+    (_, head), *body = lines
+    columns = _columns(row)
+    for heading in columns.values():
+        if head.count(heading) != 1:
+            raise BadFileError(
+                f"{path} needs one column {heading!r}; its columns should be: {','.join(columns.values())}"
+            )
+    return tuple(
+        _row(f"{path}, line {number}", head, cells, columns, row)
+        for number, cells in body
+    )
+
+
+def headings(row: type[object]) -> tuple[str, ...]:
+    """Return the headings that a table of such rows needs."""
+    return tuple(_columns(row).values())
+
+
+def _columns(row: type[object]) -> dict[str, str]:
+    """Return the headings of a row's columns by the names of its fields."""
+    hints = typing.get_type_hints(row, include_extras=True)
+    return {
+        name: next(
+            (one.text for one in get_args(hint) if isinstance(one, ColumnHeading)), name
+        )
+        for name, hint in hints.items()
+    }
 
 
 def _row(
     place: str,
+    head: Sequence[str],
     cells: Sequence[str],
-    width: int,
-    columns: dict[_Field, int],
+    columns: dict[str, str],
     row: type[TableRow],
 ) -> TableRow:
-    if len(cells) != width:
+    if len(cells) != len(head):
         raise BadFileError(
-            f"{place} has {len(cells)} cells, the line of headings {width}"
+            f"{place} has {len(cells)} cells, the line of headings {len(head)}"
         )
-    values = {
-        field.name: _value(place, field, cells[at].strip())
-        for field, at in columns.items()
-    }
+    found, hints = dict(zip(head, cells, strict=True)), typing.get_type_hints(row)
     try:
-        made = row(**values)
+        made = row(
+            **{
+                name: _value(heading, hints[name], found[heading])
+                for name, heading in columns.items()
+            }
+        )
         check_bounds(made)
     except UserError as error:
         raise BadFileError(f"{place}: {error}") from error
     return made
 
 
-def _value(place: str, field: _Field, cell: str) -> Any:
-    if cell == "" and field.optional:
+def _value(heading: str, hint: object, cell: str) -> str | float | bool | None:
+    """Return what a cell holds, of the type that its field has."""
+    kinds = get_args(hint) or (hint,)
+    if cell == "" and types.NoneType in kinds:
         return None
-    if field.type is str and cell:
-        return cell
-    if field.type is bool and cell in (YES, NO):
-        return cell == YES
-    if field.type in (int, float):
-        try:
-            return field.type(cell)
-        except ValueError:
-            pass
-    wanted = {
-        bool: "yes or no",
-        int: "a whole number",
-        float: "a number",
-        str: "some text",
-    }[field.type]
-    shown = cell if len(cell) <= 40 else f"{cell[:37]}..."
-    raise BadFileError(f"{place}: {field.heading} takes {wanted}, got {shown!a}")
+    read, wanted = READERS[kinds[0]]
+    try:
+        return read(cell)
+    except (ValueError, KeyError):
+        shown = cell if len(cell) <= 40 else f"{cell[:37]}..."
+        raise UserError(f"{heading} takes {wanted}, got {shown!a}") from None
+
+
+def _text(cell: str) -> str:
+    if not cell:
+        raise ValueError
+    return cell
+
+
+READERS: dict[object, tuple[Callable[[str], str | float | bool], str]] = {
+    bool: ({"yes": True, "no": False}.__getitem__, "yes or no"),
+    int: (int, "a whole number"),
+    float: (float, "a number"),
+    str: (_text, "some text"),
+}
+"""By the type of a field: how its cells are read, and what they should be."""

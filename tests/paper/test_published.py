@@ -10,7 +10,6 @@ from bp2_rl.paper.published import (
     best_level,
     power_demand,
     read_athletes,
-    read_mammals,
     read_robots,
     read_standards,
     speed_law,
@@ -69,17 +68,6 @@ def test_the_papers_ratio_needs_its_own_gravity():
         1.469, abs=5e-4
     )
     assert power_demand(2.0, 10.0, 3.0, 4.0, 5.0) == 3.0
-
-
-def test_a_users_mammals_are_read_in_their_units(tmp_path):
-    path = tmp_path / "mammals.csv"
-    path.write_text("species,mass [kg],top speed [km/h]\nAcinonyx jubatus,50,110\n")
-    (cheetah,) = read_mammals(path)
-    assert (cheetah.species, cheetah.mass, cheetah.top_speed) == (
-        "Acinonyx jubatus",
-        50.0,
-        110.0,
-    )
 
 
 # --- Races ----------------------------------------------------------------------------

@@ -8,20 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
+from bp2_rl.base.folders import open_report
 from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli.app import Command, Entry, choose
 from bp2_rl.cli.trajopt import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
-from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
+from bp2_rl.paper.cli.report import print_table, with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw
 from bp2_rl.paper.index.item import Statement, statements_of
 
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
-OUT = Path("reports/figures")
+OUT, METRICS = Path("reports/figures"), "metrics.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +50,19 @@ def _figure(name: str, arguments: Any) -> None:
 
 
 def open_figure_folder(folder: Path, name: str) -> None:
-    """Make the folder of a figure's report, which may hold an old one of the same
-    figure."""
-    open_folder(folder, name, lambda metrics: load_config(FigureReport, metrics).figure)
+    """Make the folder of a figure's report, before anything is written to it.
+
+    Raises:
+        UserError: it cannot be made or written, or holds anything but an old report of
+            this figure.
+    """
+    open_report(folder, METRICS, "report")
+    if not (folder / METRICS).is_file():
+        return
+    if (old := load_config(FigureReport, folder / METRICS).figure) != name:
+        raise UserError(
+            f"--out {folder} holds a report of {old}: name another folder for {name}"
+        )
 
 
 def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:

@@ -2,11 +2,11 @@
 paper, and a page."""
 
 import dataclasses
-import hashlib
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,25 +15,18 @@ import tyro
 import bp2_rl
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import read_bytes, read_json, require_name, write_text
+from bp2_rl.base.files import read_json, require_name, write_text
 from bp2_rl.base.folders import find_folder, new_folder, open_report
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill, read_items
-from bp2_rl.paper.index.sources import (
-    KEY,
-    SOURCES,
-    Choice,
-    Key,
-    Source,
-    arguments,
-    key_of,
-)
+from bp2_rl.paper.index.sources import SOURCES, Source, arguments
 
 FLAG = "--all"
 OUT = Path("reports/figures/all")
 PAGE, METRICS, LOG = "index.html", "metrics.json", "log.txt"
+MADE = "made.json"  # in a command's folder: how its report was made
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +34,8 @@ class IndexArguments:
     """Make every panel of the paper that can be made, and a page with a row for every
     item.
 
-    What a command made before is taken as it is, if the policy, the shipped files and
-    the version are the same.
+    What a command made before is taken as it is, if the version and the command are
+    the same, and the files that it read and left have not changed since.
     """
 
     policy: Annotated[Path | None, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
@@ -71,6 +64,15 @@ class IndexReport:
     numbers: dict[str, dict[str, Any]]  # of each item, by SOURCE:PATH
 
 
+@dataclasses.dataclass(frozen=True)
+class CommandRun:
+    """How a command's report was made: the content of its folder's made.json."""
+
+    version: str
+    words: tuple[str, ...]
+    seconds: float
+
+
 class FailedError(Exception):
     """A command ended otherwise than well; the message is its last line."""
 
@@ -86,23 +88,19 @@ def _make_all(chosen: IndexArguments) -> None:
             f"--policy {policy} is no folder: name a policy or a training run"
         )
     _open(chosen.out)
-    choice = Choice(policy, chosen.quick, chosen.video)
-    keys: dict[str, str] = {}
     missing = {source.name: "not run yet" for source in SOURCES}
     _write(chosen, missing)
     for source in SOURCES:
-        keys[source.name] = key = key_of(source, choice, bp2_rl.__version__, keys)
         try:
             if others := [name for name in source.runs if name in missing]:
                 raise FailedError(f"left out, as {others[0]} failed")
-            made = _make(source, choice, key, chosen)
+            _make(source, policy, chosen)
         except FailedError as error:
-            missing[source.name], made = str(error), False
+            missing[source.name] = str(error)
             print(f"{source.name:14} {error}", flush=True)
         else:
             del missing[source.name]
-        if made or source is SOURCES[-1]:
-            _write(chosen, missing)
+        _write(chosen, missing)
     print(f"index: {chosen.out / PAGE}")
 
 
@@ -117,34 +115,38 @@ def _open(folder: Path) -> None:
             ) from None
 
 
-def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> bool:
-    """Let a command leave its report in its folder; whether it had to: not if that is
-    there.
+def _make(source: Source, policy: Path, chosen: IndexArguments) -> None:
+    """Let a command leave its report in its folder, if that is not there.
 
     Raises:
         FailedError: it cannot be run, or fails; what was in its folder stays.
     """
     folder = chosen.out / source.name
-    if not chosen.fresh and is_current(source, folder, key):
+    words = arguments(source, chosen.out, policy, quick=chosen.quick, film=chosen.video)
+    read = [chosen.out / name / MADE for name in source.runs]
+    if source.benchmark is not None:
+        read += policy.rglob("*")
+    inputs = (*read, folder / source.numbers)
+    if not chosen.fresh and is_current(folder, words, inputs):
         print(f"{source.name:14} as it was", flush=True)
-        return False
+        return
     print(f"{source.name:14} {source.command} ...", flush=True)
     begun = time.monotonic()
     with new_folder(folder) as fresh:
-        words = [*arguments(source, choice, chosen.out), "--out", str(fresh)]
         # The film's GL library is bound in a process of its own; a command of ours
         # inherits nothing else that counts.
         ended = subprocess.run(
-            [sys.executable, "-m", "bp2_rl", *words],
+            [sys.executable, "-m", "bp2_rl", *words, "--out", str(fresh)],
             capture_output=True,
             text=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         if ended.returncode != 0 or not (fresh / source.numbers).is_file():
-            said = ended.stderr.strip().splitlines() or [
-                f"ended with status {ended.returncode}"
-            ]
-            raise FailedError(f"failed: {said[-1]}")
+            lines = ended.stderr.strip().splitlines()
+            # a refused flag comes in a box
+            boxed = [line.strip("│─ ") for line in lines if line.startswith("│")]
+            said = boxed or lines[-1:] or [f"ended with status {ended.returncode}"]
+            raise FailedError(f"failed: {' '.join(filter(None, said))}")
         write_text(fresh / LOG, ended.stdout)
         # they name the folder that they are in
         for file in (fresh / LOG, *fresh.glob("*.html")):
@@ -152,24 +154,22 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
                 file, file.read_text(encoding="utf-8").replace(str(fresh), str(folder))
             )
         seconds = time.monotonic() - begun
-        save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
+        run = CommandRun(bp2_rl.__version__, tuple(words), seconds)
+        save_config(fresh / MADE, run)
     print(f"{'':14} {seconds:.0f} s", flush=True)
-    return True
 
 
-def is_current(source: Source, folder: Path, key: str) -> bool:
-    """Return whether a folder holds the command's report: its key, and numbers that
-    nobody has touched since."""
-    folder = find_folder(folder)
+def is_current(folder: Path, words: list[str], inputs: Iterable[Path]) -> bool:
+    """Return whether a folder holds this version's report of a command, made after all
+    files that count in it."""
+    made = folder / MADE
     try:
-        found = load_config(Key, folder / KEY)
-        return found.key == key and found.numbers == _checksum(folder / source.numbers)
-    except UserError:
+        run = load_config(CommandRun, made)
+        newest = max(file.stat().st_mtime for file in inputs)
+    except (UserError, OSError):
         return False
-
-
-def _checksum(file: Path) -> str:
-    return hashlib.sha256(read_bytes(file)).hexdigest()
+    same = (run.version, list(run.words)) == (bp2_rl.__version__, words)
+    return same and newest <= made.stat().st_mtime
 
 
 def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
@@ -191,7 +191,8 @@ def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
         for heading, items in read_items().items()
     }
     seconds = {
-        name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()
+        name: load_config(CommandRun, folder / MADE).seconds
+        for name, folder in folders.items()
     }
     made = [
         Made(source, folders[source.name], seconds[source.name])

@@ -1,7 +1,6 @@
 """The folder of a command's report, and tables on the terminal."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,10 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.base import metric
-from bp2_rl.base.errors import UserError
-from bp2_rl.base.folders import open_report
 
-METRICS = "metrics.json"
 COLUMNS = 130  # of a table, at least
 
 
@@ -31,25 +27,6 @@ def with_folder(settings: type[object], out: Path) -> type[object]:
     return dataclasses.make_dataclass(
         "Arguments", fields, frozen=True, namespace={"__doc__": settings.__doc__}
     )
-
-
-def open_folder(folder: Path, name: str, read_name: Callable[[Path], str]) -> None:
-    """Make a folder for a command's report, before anything is written to it.
-
-    Args:
-        folder: what --out names.
-        name: the command's, as `read_name` reads it from `METRICS` of a report.
-        read_name: raises UserError for another kind of report.
-
-    Raises:
-        UserError: it cannot be made or written, or holds anything but an old report of
-            this command.
-    """
-    open_report(folder, METRICS, "report")
-    if (folder / METRICS).is_file() and (old := read_name(folder / METRICS)) != name:
-        raise UserError(
-            f"--out {folder} holds a report of {old}: name another folder for {name}"
-        )
 
 
 def print_table(table: metric.Table, *, folded: bool = False) -> None:

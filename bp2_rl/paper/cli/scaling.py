@@ -81,7 +81,6 @@ def _compare(arguments: Any) -> None:
     picture = {"scaling": draw_limits(compared)}
     drawn = Drawn(compared, study.tables(compared), picture)
     show_and_leave(arguments, FIGURE, drawn)
-    print(*study.summarise_speeds(compared), sep="\n")
     for what, names in (
         ("no trot was found of", compared.not_found),
         ("legs or motors not published", compared.left_out),

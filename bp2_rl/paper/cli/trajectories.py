@@ -381,7 +381,7 @@ def draw_figures(arguments: FiguresArguments) -> None:
     for name, figure in (
         ("decomposition", figures.decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),
-        ("coupling", figures.coupling_figure(sources, accounts)),
+        ("coupling", figures.coupling_figure(sources)),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
     numbers = coupling.FigureNumbers(

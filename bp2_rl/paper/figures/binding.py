@@ -15,10 +15,10 @@ from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.paper.benchmarks.efficiency.measured import measure_energy
 from bp2_rl.paper.benchmarks.speeds import whole_strides
-from bp2_rl.paper.figures.drawn import Drawn, name_rows
+from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.runs import read_runs
 from bp2_rl.paper.figures.settings import BindingSettings
-from bp2_rl.paper.trajectories.gait_summary import (
+from bp2_rl.paper.trajectories.comparison import (
     GaitSummary,
     running_cost,
     summarise_gait,
@@ -193,7 +193,6 @@ def describe_run(run: Trajectory) -> GaitSummary:
 
 
 MORE = 0.1  # by which a parameter is thought to grow where the greatest speed is told
-SHOWN = 1e-3  # m/s: prices below are nothing
 COLORS = FRONT, FALL, *(LEG_COLORS[leg] for leg in ("RR", "RL", "FL")), INK, QUIET
 
 
@@ -228,9 +227,9 @@ def _price_table(numbers: BindingNumbers) -> Table:
 
 @styled
 def binding_figure(numbers: BindingNumbers) -> Figure:
-    """Draw prices of the cost over speed, and gains of the greatest speed."""
-    figure = Figure(figsize=(1.3 * WIDTH, 4.4), layout="constrained")
-    over_speed, at_top = figure.subplots(1, 2)
+    """Draw prices of the cost over speed."""
+    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+    over_speed = figure.subplots()
     columns = [at for at in numbers.speeds if at.gait is not None]
     names = [name for name in columns[0].prices if name != SPEED]
     size = {name: max(abs(at.prices[name]) for at in columns) for name in names}
@@ -241,20 +240,9 @@ def binding_figure(numbers: BindingNumbers) -> Figure:
         over_speed.plot(speeds, prices, "o-", ms=4, color=color, label=name)
     over_speed.axhline(0.0, color=QUIET, linewidth=0.8)
     over_speed.set(
-        title="A   1 % more of each",
+        title="1 % more of each",
         xlabel="Speed [m/s]",
         ylabel="Change of the cost [%]",
     )
     over_speed.legend(fontsize=8)
-    top = numbers.greatest
-    gains = {name: MORE * price for name, price in top.prices.items()}
-    shown = [name for name in gains if abs(gains[name]) >= SHOWN]
-    shown.sort(key=lambda name: abs(gains[name]))
-    at_top.barh(range(len(shown)), [gains[name] for name in shown], color=FRONT)
-    at_top.axvline(0.0, color=QUIET, linewidth=0.8)
-    name_rows(at_top, shown)
-    at_top.set(
-        title=f"B   {MORE:.0%} more, from {top.speed:.1f} m/s",
-        xlabel="Change of the greatest speed [m/s]",
-    )
     return figure

@@ -14,22 +14,21 @@ the multipliers of their programs (`shadow_prices`); closed forms.
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from bp2_rl.base.metric import metric, table_of
-from bp2_rl.base.plotting import FRONT, INK, WIDTH, styled
+from bp2_rl.base.plotting import INK, WIDTH, styled
 from bp2_rl.optimiser.collocation import fastest, solve
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.figures.drawn import Drawn, name_rows
+from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
@@ -39,6 +38,7 @@ from bp2_rl.paper.trajectories.shadow_prices import (
     LOSSES,
     Change,
     find_shadow_prices,
+    times_fields,
 )
 from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import copper_loss, stall_torque
@@ -69,18 +69,20 @@ class Assumed:
         return 0.5 * math.log(self.high / self.low)
 
 
-def _force_scale(problem: Problem, factor: float) -> Problem:
-    weights = dataclasses.replace(problem.weights, force=factor * problem.weights.force)
-    return dataclasses.replace(problem, weights=weights)
-
-
 def _foot_radius(problem: Problem, factor: float) -> Problem:
     return dataclasses.replace(problem, foot_radius=factor * bp2.FOOT_RADIUS)
 
 
 _LOSSES, _MOTOR = BUILT.losses, MotorHeat()
 MECHANICAL = (
-    Assumed("F bar", "N", BODY_WEIGHT, BODY_WEIGHT, 3.0 * BODY_WEIGHT, _force_scale),
+    Assumed(
+        "F bar",
+        "N",
+        BODY_WEIGHT,
+        BODY_WEIGHT,
+        3.0 * BODY_WEIGHT,
+        times_fields("weights.force"),
+    ),
     # the text, and Table S1
     Assumed("peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),
     Assumed(
@@ -308,10 +310,9 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
     network = Network.from_spec(
         MotorHeat(), next(one.value for one in HEAT if one.heat == "winding_to_case")
     )
-    found: Any = brentq(
-        lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, 1.0, 5e3
-    )
-    power = float(found)
+    power = root_scalar(
+        lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, bracket=(1.0, 5e3)
+    ).root
     base, cool = _figures(cruise), hip_heat(cruise)
 
     def described(solution: Solution) -> dict[str, float]:
@@ -457,23 +458,9 @@ LINEAR = 0.1  # units: below, the map's colours are linear
 
 @styled
 def identifiability_figure(numbers: IdentifiabilityNumbers) -> Figure:
-    """Draw the Jacobian above, and the part of every assumption's range that is left."""
-    figure = Figure(figsize=(1.3 * WIDTH, 9.0), layout="constrained")
-    above, below = figure.subplots(2, 1)
-    _draw_map(figure, above, numbers)
-    names = sorted(numbers.left, key=lambda name: -numbers.left[name])
-    left = [100.0 * numbers.left[name] for name in names]
-    below.barh(range(len(names)), left, color=FRONT, height=0.7)
-    name_rows(below, names)
-    below.set(
-        xlim=(0.0, 100.0),
-        xlabel="Left of the range [%]",
-        title="B   What the paper's numbers leave open",
-    )
-    return figure
-
-
-def _draw_map(figure: Figure, axes: Axes, numbers: IdentifiabilityNumbers) -> None:
+    """Draw the Jacobian."""
+    figure = Figure(figsize=(1.3 * WIDTH, 5.2), layout="constrained")
+    axes = figure.subplots()
     J = jacobian(numbers.rows)
     top = float(np.max(np.abs(J)))
     image = axes.imshow(
@@ -490,6 +477,7 @@ def _draw_map(figure: Figure, axes: Axes, numbers: IdentifiabilityNumbers) -> No
     axes.set_yticks(range(len(rows)), rows)
     axes.grid(visible=False)
     axes.set_title(
-        "A   What half an assumption's range does to a number of the paper, in its uncertainties"
+        "What half an assumption's range does to a number of the paper, in its uncertainties"
     )
     figure.colorbar(image, ax=axes, pad=0.01, ticks=[-10, -1, 0, 1, 10])
+    return figure

@@ -5,7 +5,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +19,9 @@ from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, sty
 from bp2_rl.evaluation import races
 from bp2_rl.evaluation.races import LAUNCH_DISTANCE, TRACK
 from bp2_rl.paper import published
-from bp2_rl.paper.figures.drawn import DASHES, ON_WHITE, Drawn, name_rows, note
+from bp2_rl.paper.figures.drawn import DASHES, Drawn
 from bp2_rl.paper.figures.settings import RaceSettings
-from bp2_rl.paper.published import Athlete, read_standards
+from bp2_rl.paper.published import Athlete
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.measuring import track_position
 from bp2_rl.simulation.metrics import RIPPLE
@@ -103,7 +103,7 @@ def race(settings: RaceSettings) -> Drawn:
         "Times; a robot's clock starts with the command; -: not published, or no level"
     )
     simulated = {athlete.name: profile for athlete, profile in runs}
-    picture = race_figure(numbers, profiles, simulated)
+    picture = race_figure(profiles, simulated)
     return Drawn(numbers, (table_of(title, ranked),), {"race": picture})
 
 
@@ -162,7 +162,8 @@ def fit_profile(athlete: Athlete) -> Profile:
     """Return the smoothest curve from a stand through an athlete's splits: a cubic
     spline, straight at its end."""
     clock = np.array((0.0, *(s - (athlete.reaction or 0.0) for s in athlete.splits)))
-    ends: Any = ((1, 0.0), (2, 0.0))  # the first derivative there, the second here
+    # the first derivative at the start, the second at the end
+    ends = ((1, 0.0), (2, 0.0))
     curve = CubicSpline(clock, (0.0, *athlete.distances), bc_type=ends)
     time = np.arange(0.0, clock[-1], STEP)
     return Profile(time, curve(time), curve(time, 1))
@@ -232,53 +233,34 @@ def check_paper() -> PaperRace:
 
 
 @styled
-def race_figure(
-    numbers: RaceNumbers, profiles: dict[str, Profile], runs: dict[str, Profile]
-) -> Figure:
-    """Draw BP2 beside the fastest, the trained and the untrained; the first metres; and
-    the times."""
-    figure = Figure(figsize=(1.3 * WIDTH, 12.2), layout="constrained")
-    panels = figure.subplot_mosaic(
-        [["B", "C"], ["D", "E"], ["F", "F"]], height_ratios=(1.0, 1.0, 0.85)
-    )
-    fastest, trained, untrained, starts = (panels[letter] for letter in "BCDE")
+def race_figure(profiles: dict[str, Profile], runs: dict[str, Profile]) -> Figure:
+    """Draw BP2 beside the fastest, the trained and the untrained."""
+    figure = Figure(figsize=(1.6 * WIDTH, 4.4), layout="constrained")
+    panels = fastest, trained, untrained = figure.subplots(1, 3).tolist()
     ours = paper_profile()
     curves = [
         *((*run, color, "-") for run, color in zip(runs.items(), RUNS, strict=False)),
         ("BP2: exponential, 10.74 m/s, 12.2 s", ours, FALL, DASHES),
     ]
     top = 1.06 * max(p.speed.max() for p in (*profiles.values(), *runs.values(), ours))
-    for axes in (fastest, trained, untrained, starts):
+    for axes in panels:
         for name, profile, color, dashes in curves:
             (line,) = axes.plot(profile.distance, profile.speed, label=name)
             line.set(color=color, linestyle=dashes, linewidth=1.8)
         axes.set(xlabel="Distance [m]", ylabel="Speed [m/s]", ylim=(0.0, top))
         axes.set_xlim(0.0, TRACK)
-    for axes in (fastest, starts):
-        for (name, profile), color in zip(profiles.items(), ATHLETES, strict=False):
-            axes.plot(profile.distance, profile.speed, color=color, label=name)
+    for (name, profile), color in zip(profiles.items(), ATHLETES, strict=False):
+        fastest.plot(profile.distance, profile.speed, color=color, label=name)
     _draw_mean(trained, races.TRAINED, races.TRAINED_TIME)
     _draw_mean(untrained, races.UNTRAINED, races.UNTRAINED_TIME)
-    distance, said = np.linspace(0.0, LAUNCH_DISTANCE, 200), []
-    for (name, time), color in zip(
-        numbers.paper.constant_times.items(), (INK, QUIET, FALL), strict=True
-    ):
-        acceleration = published.PUBLISHED_ACCELERATIONS[name]
-        label = f"{name}, constant {acceleration:g} m/s²: {time:.2f} s"
-        speed = np.sqrt(2.0 * acceleration * distance)
-        said += starts.plot(distance, speed, color=color, linestyle=DOTS, label=label)
     titles = (
-        "Beside the fastest",
-        "Beside a trained sprinter",
-        "Beside untrained adults",
+        "B   Beside the fastest",
+        "C   Beside a trained sprinter",
+        "D   Beside untrained adults",
     )
-    for letter, title in zip("BCD", titles, strict=True):
-        panels[letter].set_title(f"{letter}   {title}")
-        panels[letter].legend(loc="lower right", fontsize=8)
-    starts.set_title(f"E   The first {LAUNCH_DISTANCE:g} m; solid and dashed as in B")
-    starts.set(xlim=(0.0, LAUNCH_DISTANCE), ylim=(0.0, 9.0))
-    starts.legend(handles=said, loc="lower right", fontsize=8)
-    _draw_times(panels["F"], numbers)
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(title)
+        axes.legend(loc="lower right", fontsize=8)
     return figure
 
 
@@ -287,39 +269,3 @@ def _draw_mean(axes: Axes, name: str, time: float) -> None:
     mean = TRACK / time
     label = f"{name}: mean of 100 m, {mean:.2f} m/s"
     axes.axhline(mean, color=INK, linewidth=1.2, linestyle=DOTS, label=label)
-
-
-def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
-    """Draw times, a row each: from the gun, and open without the reaction where that is
-    known; above them Table S2."""
-    arrived = [
-        (racer.time, racer)
-        for racer in (*numbers.racers, *numbers.runs)
-        if racer.time is not None
-    ]
-    ranked = sorted(arrived, key=lambda timed: -timed[0])
-    for row, (time, racer) in enumerate(ranked):
-        color = FRONT if racer in numbers.runs else INK
-        axes.plot(time, row, "o", ms=6.5, color=color, zorder=3)
-        if racer.reaction:
-            axes.plot(time - racer.reaction, row, "o", ms=6.5, color=color, mfc="white")
-        note(axes, f"{time:.2f}", (time, row), (8, 0), va="center", bbox=ON_WHITE)
-    names = [racer.name for _, racer in ranked]
-    for category, whose, color in (
-        ("female", "women", LEG_COLORS["RL"]),
-        ("male", "men", FRONT),
-    ):
-        row = len(names)
-        standards = [one for one in read_standards() if one.category == category]
-        times = [standard.time for standard in standards]
-        axes.vlines(times, -0.6, row, color=color, linewidth=0.9, linestyle=DASHES)
-        for standard in standards:
-            place = {"ha": "center", "va": "center", "color": color, "bbox": ON_WHITE}
-            note(axes, f"{standard.level}", (standard.time, row), (0, 0), **place)
-        names.append(f"Table S2, {whose}, level")
-    name_rows(axes, names, 9.5)
-    axes.set(
-        title="F   Times over 100 m, and what Table S2 asks of men and women for levels 1 to 3",
-        xlabel="Time from the gun, or since the command [s]; open: without the reaction",
-        xlim=(np.floor(ranked[-1][0]) - 0.2, np.ceil(ranked[0][0])),
-    )

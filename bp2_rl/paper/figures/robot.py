@@ -98,8 +98,8 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
     side, front = figure.subplots(1, 2, width_ratios=(1.15, 0.85))
     colors: dict[str | None, str] = {None: INK, **LEG_COLORS}
     for axes, plane, title, across in (
-        (side, (0, 2), "Side", "x"),
-        (front, (1, 2), "Front", "y"),
+        (side, (0, 2), f"{numbers.length:.2f} m long", "x"),
+        (front, (1, 2), f"{numbers.width:.2f} m wide", "y"),
     ):
         parts = outlines(model, data, plane)
         draw_outlines(axes, parts, colors)
@@ -109,26 +109,10 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
             title=title,
             xlabel=f"{across} [m]",
             aspect="equal",
-            ylim=(-0.04, high[1] + 0.16),
+            ylim=(-0.04, high[1] + 0.06),
         )
-        axes.set_xlim(low[0] - 0.17, high[0] + 0.06)
+        axes.set_xlim(low[0] - 0.06, high[0] + 0.06)
     side.set_ylabel("z [m]")
-    half = 0.5 * numbers.length
-    top = float(extent(outlines(model, data, (0, 2)))[1][1]) + 0.05
-    _dimension(side, (-half, top), (half, top), f"{numbers.length:.2f} m")
-    _dimension(
-        front,
-        (-0.5 * numbers.width, top),
-        (0.5 * numbers.width, top),
-        f"{numbers.width:.2f} m",
-    )
-    edge = side.get_xlim()[0] + 0.06
-    _dimension(
-        side,
-        (edge, 0.0),
-        (edge, numbers.standing_height),
-        f"{numbers.standing_height:.3f} m",
-    )
     handles = [
         side.fill([], [], color=color, label=leg or "trunk")[0]
         for leg, color in colors.items()
@@ -141,38 +125,12 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
         columnspacing=1.0,
     )
     figure.suptitle(
-        f"BP2 as it is modelled, standing; {numbers.mass:.1f} kg",
+        f"BP2 as it is modelled: {numbers.mass:.1f} kg, hips {numbers.standing_height:.3f} m high",
         x=0.01,
         ha="left",
         fontsize=9.5,
     )
     return figure
-
-
-def _dimension(
-    axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str
-) -> None:
-    """Draw an arrow with two heads, and its length."""
-    arrow = {
-        "arrowstyle": "<->",
-        "color": QUIET,
-        "linewidth": 0.9,
-        "shrinkA": 0.0,
-        "shrinkB": 0.0,
-    }
-    axes.annotate("", end, start, arrowprops=arrow)
-    upright = start[0] == end[0]
-    middle = (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-    axes.annotate(
-        text,
-        middle,
-        (-4, 0) if upright else (0, 3),
-        textcoords="offset points",
-        rotation=90 if upright else 0,
-        ha="right" if upright else "center",
-        va="center" if upright else "bottom",
-        fontsize=8.5,
-    )
 
 
 # --- The robot's shape in a plane, part by part: no GL library is needed --------------

@@ -2,18 +2,13 @@
 what they ask of their motors."""
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullLocator
-from matplotlib.transforms import Bbox
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -38,6 +33,7 @@ BP2, TREADMILL = "BP2", "BP2, treadmill"  # the first as in Table S1
 BAND = 0.6, 0.8  # in which the paper has the ratio "typically distributed"
 MASSES = np.geomspace(1e-2, 1e4, 400)  # kg, of the law
 SHARES = 0.8, 0.4  # of the law, drawn as lines
+NAMED = 0.45  # of the law: faster robots are named beside their points
 GROUPS = {
     "legs": ("o", INK),
     "wheels on legs": ("s", LEG_COLORS["RR"]),
@@ -225,10 +221,6 @@ def scaling_figure(numbers: ScalingNumbers) -> Figure:
     law, ratio = figure.subplots(2, 1, height_ratios=(1.0, 0.8))
     _draw_law(law, numbers)
     _draw_ratios(ratio, numbers)
-    # the layout is final from here: names are placed among what is there
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    _name_points(law, numbers)
     return figure
 
 
@@ -257,6 +249,19 @@ def _draw_law(axes: Axes, numbers: ScalingNumbers) -> None:
             zorder=3,
         )
         named.add(group)
+        if robot.share >= NAMED:
+            # BP2's speeds lie close above each other
+            left = robot is numbers.treadmill
+            note(
+                axes,
+                f"{robot.name}, {robot.share:.2f} of the law",
+                (robot.mass, robot.top_speed),
+                (-7 if left else 7, 0),
+                ha="right" if left else "left",
+                va="center",
+                fontsize=7.5,
+                color=color,
+            )
     points = [*mammals, *((robot.mass, robot.top_speed) for robot in numbers.robots)]
     masses, speeds = zip(*points, (36.0, 0.6), (36.0, 25.0), strict=True)
     axes.set(
@@ -306,51 +311,3 @@ def _group(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     if robot.name in (BP2, TREADMILL):
         return "BP2, measured"
     return "wheels on legs" if robot.wheels else "legs"
-
-
-# --- Names beside points --------------------------------------------------------------
-
-CLEAR = 3.5  # points of the page around a mark
-RADII = (6.0, 10.0, 16.0, 24.0, 34.0, 46.0, 60.0)  # points of the page
-DIRECTIONS = np.deg2rad((0, 180, 35, -35, 145, -145, 70, -70, 110, -110, 90, -90))
-HALO = withStroke(linewidth=2.0, foreground="white")  # keeps a name readable on a line
-
-
-def _name_points(axes: Axes, numbers: ScalingNumbers) -> None:
-    """Write each robot's name as near to its point as there is room, with a line to it;
-    the axes have their final place and limits."""
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    renderer = FigureCanvasAgg(figure).get_renderer()
-    clear = CLEAR * figure.dpi / 72.0
-    points = [(robot.mass, robot.top_speed) for robot in numbers.everyone]
-    marks = axes.transData.transform(points)
-    taken = [
-        Bbox.from_bounds(x - clear, y - clear, 2 * clear, 2 * clear) for x, y in marks
-    ]
-    page = axes.get_window_extent(renderer)
-    for robot, point in zip(numbers.everyone, points, strict=True):
-        group = _group(numbers, robot)
-        share = f", {robot.share:.2f} of the law" if group.startswith("BP2") else ""
-        text = axes.annotate(
-            robot.name + share,
-            point,
-            (0.0, 0.0),
-            textcoords="offset points",
-            fontsize=7.5,
-            color=GROUPS[group][1],
-            va="center",
-            arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.5},
-            zorder=4,
-        )
-        text.set_path_effects([HALO])
-        for radius, angle in itertools.product(RADII, DIRECTIONS):
-            right, up = float(np.cos(angle)), float(np.sin(angle))
-            side = "left" if right > 0.2 else "right" if right < -0.2 else "center"
-            text.set(position=(radius * right, radius * up), horizontalalignment=side)
-            text.update_positions(renderer)
-            box = Text.get_window_extent(text, renderer)  # without its line
-            inside = page.x0 <= box.x0 and box.x1 <= page.x1
-            if inside and not box.count_overlaps(taken):
-                break
-        taken.append(Text.get_window_extent(text, renderer))

@@ -212,17 +212,12 @@ def _same(value: Any, wanted: str) -> bool:
 
 
 def _filled(text: str, reports: Reports) -> tuple[str | ReportNumber, ...]:
-    parts: list[str | ReportNumber] = []
-    end = 0
-    for match in _NUMBER.finditer(text):
-        parts.append(text[end : match.start()])
-        parts.append(_number(match[1], match[2], reports))
-        end = match.end()
-    return tuple(part for part in (*parts, text[end:]) if part)
-
-
-def _number(at: str, form: str, reports: Reports) -> ReportNumber:
-    value = look_up(reports, at)
-    if isinstance(value, str) or value is None:
-        return ReportNumber(value or "-", value, at)
-    return ReportNumber(format(value, form), value, at)
+    """Return a text's words and, at their places, its numbers."""
+    words, *rest = _NUMBER.split(text)
+    parts: list[str | ReportNumber] = [words]
+    for at, form, words in zip(rest[::3], rest[1::3], rest[2::3], strict=True):
+        value = look_up(reports, at)
+        plain = isinstance(value, str) or value is None
+        shown = (value or "-") if plain else format(value, form)
+        parts += [ReportNumber(shown, value, at), words]
+    return tuple(filter(None, parts))

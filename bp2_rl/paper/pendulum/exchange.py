@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import cumulative_simpson
 
@@ -21,7 +20,7 @@ EVEN = 0.05  # of m g l: means that differ by less are called even
 PAPER_PERIODS = 6.0
 PAPER_MEAN = 0.25
 """The paper's: "near-equipartition, about 0.25, within roughly six natural periods"."""
-PENDULUMS, BEAM = (FRONT, FALL), LEG_COLORS["RR"]  # colours
+COLORS = {"pendulum 1": FRONT, "pendulum 2": FALL, "beam": LEG_COLORS["RR"]}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -118,68 +117,34 @@ def study_exchange(settings: PendulumExchangeSettings) -> Drawn:
 
 @styled
 def exchange_figure(runs: Sequence[Exchange]) -> Figure:
-    """Energies at each time and their means since the release (paper, Fig. 3 C): a row
-    for each mass ratio.
-
-    Left as seen from the ground, where the three add up; right as seen from the beam.
-    """
+    """Draw energies and their means since the release, as seen from the ground (paper,
+    Fig. 3 C); a row for each mass ratio."""
     figure = Figure(figsize=(WIDTH, 1.5 + 1.9 * len(runs)), layout="constrained")
-    panels = figure.subplots(len(runs), 2, sharex=True, sharey=True, squeeze=False)
-    show = joined(".3f")
-    for run, (ground, moving) in zip(runs, panels, strict=True):
+    panels = figure.subplots(len(runs), 1, sharex=True, sharey=True, squeeze=False)
+    paper = f"paper: {PAPER_MEAN:g} within {PAPER_PERIODS:g} periods"
+    for run, axes in zip(runs, panels[:, 0], strict=True):
         one = run.sharing
-        for axes, seen, energies, means in (
-            (ground, "ground", run.energies.pendulums, run.means.pendulums),
-            (moving, "beam", run.energies.beam_frame, run.means.beam_frame),
+        axes.axvspan(0.0, PAPER_PERIODS, color=FAINT, alpha=0.7, linewidth=0)
+        axes.axhline(PAPER_MEAN, color=INK, linestyle=DASHES, label=paper)
+        energies = *run.energies.pendulums.T, run.energies.beam
+        means = *run.means.pendulums.T, run.means.beam
+        for energy, mean, (label, color) in zip(
+            energies, means, COLORS.items(), strict=True
         ):
-            axes.axvspan(
-                0.0,
-                PAPER_PERIODS,
-                color=FAINT,
-                alpha=0.7,
-                linewidth=0,
-                label=f"paper: {PAPER_PERIODS:g} periods",
-            )
-            axes.axhline(
-                PAPER_MEAN,
-                color=INK,
-                linewidth=0.9,
-                linestyle=DASHES,
-                label=f"paper: {PAPER_MEAN:g}",
-            )
-            for pendulum, color in enumerate(PENDULUMS):
-                curves = energies[:, pendulum], means[:, pendulum]
-                _draw(axes, run.time, *curves, color, f"pendulum {pendulum + 1}")
-            axes.set_title(f"R = {one.mass_ratio:g}, seen from the {seen}")
-        _draw(ground, run.time, run.energies.beam, run.means.beam, BEAM, "beam")
+            axes.plot(run.time, energy, color=color, linewidth=0.6, alpha=0.35)
+            axes.plot(run.time, mean, color=color, linewidth=2.0, label=label)
         even = (
             "never even"
             if one.even_after is None
             else f"even after {one.even_after:.1f} $T_0$"
         )
-        remark(ground, f"means {show(one.mean)}, beam {one.mean_beam:.3f}\n{even}")
-        remark(moving, f"means {show(one.mean_in_beam_frame)}")
-        ground.set_ylabel("Energy / (m g l)")
-    top = max(
-        float(part.max())
-        for run in runs
-        for part in (run.energies.pendulums, run.energies.beam_frame)
-    )
+        remark(
+            axes,
+            f"means {joined('.3f')(one.mean)}, beam {one.mean_beam:.3f}\n{even}",
+        )
+        axes.set(title=f"R = {one.mass_ratio:g}", ylabel="Energy / (m g l)")
+    top = max(float(run.energies.pendulums.max()) for run in runs)
     panels[0, 0].set(xlim=(0.0, runs[0].time[-1]), ylim=(0.0, 1.35 * top))
-    for axes in panels[-1]:
-        axes.set_xlabel("Time / $T_0$")
-    legend_above(figure, panels[0, 0], 5)
+    panels[-1, 0].set_xlabel("Time / $T_0$")
+    legend_above(figure, panels[0, 0], 4)
     return figure
-
-
-def _draw(
-    axes: Axes,
-    time: Float[np.ndarray, " samples"],
-    energy: Float[np.ndarray, " samples"],
-    mean: Float[np.ndarray, " samples"],
-    color: str,
-    label: str,
-) -> None:
-    """One energy, light, and its mean since the release, bold."""
-    axes.plot(time, energy, color=color, linewidth=0.6, alpha=0.35, zorder=2)
-    axes.plot(time, mean, color=color, linewidth=2.0, zorder=3, label=label)

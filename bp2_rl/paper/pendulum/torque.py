@@ -15,8 +15,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import metric, table_of
-from bp2_rl.base.plotting import FALL, FRONT, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, note, remark
+from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, remark
 from bp2_rl.paper.pendulum import beam
 from bp2_rl.paper.pendulum.settings import (
     LEG_LENGTH,
@@ -26,12 +26,10 @@ from bp2_rl.paper.pendulum.settings import (
 
 SAMPLES = 256
 """Of a cycle. A peak between two of them is found to 1e-7 of it."""
-LENGTHS = (0.05, 10.0)  # m, of the curve over lengths
-POINTS = 200  # of the curve
 # W at which gravity is a part in 1e12 of inertia: the limit of long pendulums
 FASTEST = 1e6
 TAKES, ADDS = "#BFE3D6", "#F5D2BC"  # colours of what coupling takes and adds
-PENDULUMS, GREEN = (FRONT, FALL), LEG_COLORS["RR"]
+PENDULUMS = FRONT, FALL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,20 +125,16 @@ class LengthRow:
 
 @dataclasses.dataclass(frozen=True)
 class Prescribed:
-    """One motion: its cycle at one length, and the ratios at several."""
+    """One motion: its cycle at one length, and the ratios at several lengths."""
 
     cycle: PendulumCycle
     rows: tuple[LengthRow, ...]  # at the length shown, at BP2's leg, and in the limit
-    lengths: Float[np.ndarray, " points"]  # m
-    peaks: Float[np.ndarray, "points 2"]  # free over fixed
-    root_mean_squares: Float[np.ndarray, "points 2"]
 
 
 def prescribe(
     mass_ratio: float, amplitude: float, phase: float, hertz: float, length: float
 ) -> Prescribed:
     """Move two pendulums alike, the second ahead by `phase`, `hertz` times a second."""
-    lengths = np.geomspace(*LENGTHS, POINTS)
     printed = list(dict.fromkeys((length, LEG_LENGTH)))  # once, if they are the same
 
     def at(frequency: Float[np.ndarray, "*many"]) -> PendulumCycle:
@@ -150,29 +144,23 @@ def prescribe(
 
     rows = [_row(one, reduced_frequency(hertz, one), at) for one in printed]
     limit = dataclasses.replace(_row(math.inf, FASTEST, at), frequency=math.inf)
-    curve = _ratios(at(np.array([reduced_frequency(hertz, one) for one in lengths])))
     cycle = at(np.array(rows[0].frequency))
-    return Prescribed(cycle, (*rows, limit), lengths, *curve)
+    return Prescribed(cycle, (*rows, limit))
 
 
 def _row(
     length: float, frequency: float, at: Callable[[np.ndarray], PendulumCycle]
 ) -> LengthRow:
     """Return the ratios of the motion that `at` makes at a W."""
+    cycle = at(np.array(frequency))
     peaks, root_mean_squares = (
-        (float(one), float(two)) for one, two in _ratios(at(np.array(frequency)))
+        (float(one), float(two))
+        for one, two in (
+            measured(cycle.free) / measured(cycle.fixed)
+            for measured in (peak, root_mean_square)
+        )
     )
     return LengthRow(length, frequency, peaks, root_mean_squares)
-
-
-def _ratios(
-    cycle: PendulumCycle,
-) -> tuple[Float[np.ndarray, "*many 2"], Float[np.ndarray, "*many 2"]]:
-    """Return each pendulum's peak torque and root mean square torque, free over
-    fixed."""
-    return peak(cycle.free) / peak(cycle.fixed), root_mean_square(
-        cycle.free
-    ) / root_mean_square(cycle.fixed)
 
 
 def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
@@ -190,11 +178,10 @@ def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
 
 @styled
 def torque_figure(case: Prescribed) -> Figure:
-    """Torques over a cycle, shaded where coupling adds or takes (paper, Fig. 3 E);
-    below, ratios over the length."""
-    figure = Figure(figsize=(WIDTH, 6.2), layout="constrained")
-    panels = figure.subplot_mosaic([["one", "two"], ["over", "over"]])
-    pair, over = (panels["one"], panels["two"]), panels["over"]
+    """Draw torques over a cycle, shaded where coupling adds or takes (paper, Fig.
+    3 E)."""
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    pair = figure.subplots(1, 2).tolist()
     cycle, shown = case.cycle, case.rows[0]
     top = float(np.max(np.abs((cycle.fixed, cycle.free))))
     around = np.append(cycle.angle, 2.0 * math.pi) / (2.0 * math.pi)
@@ -233,21 +220,4 @@ def torque_figure(case: Prescribed) -> Figure:
             f"free / fixed: peak {shown.peak[pendulum]:.3f}, r.m.s. {shown.root_mean_square[pendulum]:.3f}",
         )
     legend_above(figure, pair[0], 4)
-    greatest = case.peaks.max(axis=-1), case.root_mean_squares.max(axis=-1)
-    over.plot(case.lengths, greatest[0], color=FRONT, label="peak")
-    over.plot(case.lengths, greatest[1], color=GREEN, label="root mean square")
-    *within, limit = case.rows
-    for row, side in zip(within, ("left", "right"), strict=False):
-        at = (row.length, max(row.peak))
-        over.plot(*at, "o", color=FRONT, ms=5)
-        note(over, f"{at[1]:.3f} at {row.length:g} m", at, (0, 9), ha=side)
-    over.set(
-        title=f"C   What the free beam leaves; peak of a very long one: {max(limit.peak):.3f}",
-        xscale="log",
-        xlabel="Length of a pendulum [m], which the paper does not give",
-        ylabel="Free / fixed",
-        xlim=LENGTHS,
-        ylim=(0.0, 1.2 * max(1.0, *(max(row.peak) for row in case.rows))),
-    )
-    over.legend(loc="lower right", ncols=2)
     return figure

@@ -8,7 +8,6 @@ the model.
 """
 
 import dataclasses
-import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +22,7 @@ from bp2_rl.paper.published import PublishedRobot, read_robots
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
-from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
+from bp2_rl.paper.scaling.variants import BP2, bp2_variants, leg_share
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import shipped_files
 from bp2_rl.robot.robot_file import load_robot
@@ -157,7 +156,7 @@ def choose_robots(
 def simulate(
     search: LimitSearch, workers: int, begun: SpeedLimits | None = None
 ) -> Iterator[SpeedLimits]:
-    """Yield all limits found so far, each time that a limit is found.
+    """Search robots' limits, and yield all found so far whenever one is found.
 
     Args:
         search: whose limits are found.
@@ -271,34 +270,6 @@ def refutations(study: ScalingStudy) -> list[str]:
     return lines or [
         f"no speed of {len(study.robots)} robots, published or learned, is above the optimiser's limit"
     ]
-
-
-def summarise_speeds(study: ScalingStudy) -> list[str]:
-    """Return sentences on the shares of their limits that robots and BP2 run."""
-    others = [robot for robot in study.robots if robot.robot != BP2]
-    published = [1.0 / robot.ratio for robot in others]
-    learned = [max(one.learned) / one.limit.speed for one in others if one.learned]
-    lines = [
-        f"{whose} speeds are {min(shares):.2f} to {max(shares):.2f}, in the median {statistics.median(shares):.2f}, "
-        "of other robots' limits"
-        for whose, shares in (("Published", published), ("Learned", learned))
-        if shares
-    ]
-    limits = {one.variant: one.limit.speed for one in study.variants}
-    legs = [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]
-    for robot in study.robots:
-        if robot.robot == BP2:
-            top, best = robot.limit.speed, max(robot.learned, default=0.0)
-            lines.append(
-                f"BP2's limit by the same rules is {top:.2f} m/s: it learned {best / top:.2f} of that, and the "
-                f"published {robot.published:g} m/s are {robot.published / top:.2f}"
-            )
-    if RIGID in limits and legs:
-        lines.append(
-            f"With rigid shanks BP2's limit is {limits[RIGID]:.2f} m/s, with its motors on rigid legs of other robots "
-            f"{min(legs):.2f} to {max(legs):.2f} m/s"
-        )
-    return lines
 
 
 def tables(study: ScalingStudy) -> tuple[Table, ...]:

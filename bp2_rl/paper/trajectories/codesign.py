@@ -15,7 +15,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -23,7 +23,6 @@ import numpy as np
 
 from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import write_text
 from bp2_rl.base.metric import metric
 from bp2_rl.base.processes import spawned
 from bp2_rl.base.serialization import config_hash
@@ -37,6 +36,7 @@ from bp2_rl.optimiser.problem import (
 from bp2_rl.optimiser.solution import (
     NotSolved,
     Solution,
+    is_saved,
     load_solution,
     resample,
     save_solution,
@@ -146,56 +146,43 @@ def solve_chain(chain: Chain, folder: Path) -> Solution | None:
     """Solve the problems of a chain, keep their solutions in `folder`, and return the
     last one's; None if IPOPT failed.
 
-    What is in the folder is not solved again. A problem that cannot be solved is passed
-    over: the next one starts from the last solution before it.
+    A solution in the folder is not sought again. A problem that cannot be solved is
+    passed over: the next one starts from the last solution before it.
     """
     last = solution = None
     for part in chain.parts:
-        solution = (
-            read_solution(part, folder)
-            if is_solved(part, folder)
-            else _solve_end(part, last, folder)
+        solution = keep_best(
+            _path(part, folder),
+            [lambda part=part, last=last: _solve_end(part, last)],
+            lambda solution: -solution.cost,
         )
         last = solution or last
     return solution
-
-
-def is_solved(chain: Chain, folder: Path) -> bool:
-    """Return whether a chain's last problem was tried before."""
-    path = _path(chain, folder)
-    return path.with_suffix(".json").exists() or path.with_suffix(".failed").exists()
 
 
 def read_solution(chain: Chain, folder: Path) -> Solution | None:
     """Read what `solve_chain` left of a chain's last problem; None where IPOPT
     failed."""
     path = _path(chain, folder)
-    return None if path.with_suffix(".failed").exists() else load_solution(path)
+    return load_solution(path) if is_saved(path) else None
 
 
 def solve_chains(chains: Sequence[Chain], folder: Path, workers: int) -> None:
     """Solve what is not in `folder` yet in `workers` processes, or in this one if it is
     one."""
-    missing = [
-        chain
-        for chain in chains
-        if not all(is_solved(part, folder) for part in chain.parts)
-    ]
     with contextlib.ExitStack() as stack:
-        alone = workers == 1 or not missing
-        run = map if alone else stack.enter_context(spawned(workers)).map
-        for done, _ in enumerate(run(solve_chain, missing, itertools.repeat(folder))):
-            print(f"solved {done + 1} of {len(missing)}", flush=True)
+        run = map if workers == 1 else stack.enter_context(spawned(workers)).map
+        for done, _ in enumerate(run(solve_chain, chains, itertools.repeat(folder))):
+            print(f"solved {done + 1} of {len(chains)}", flush=True)
 
 
-def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution | None:
-    """Solve a chain's last problem from a solution, or else from a cold guess, and keep
-    the outcome."""
+def _solve_end(chain: Chain, start: Solution | None) -> Solution:
+    """Solve a chain's last problem from a solution, or else from a cold guess."""
     # CasADi only where something is solved
     from bp2_rl.optimiser.collocation import cold_guess, solve
     from bp2_rl.optimiser.transcription import SolveOptions
 
-    problem, path = chain.problems[-1], _path(chain, folder)
+    problem = chain.problems[-1]
     if start is None:
         guess = cold_guess(problem, seed=chain.seed or None)
     else:
@@ -203,17 +190,29 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
             **{name: start.problem.hardware.parameter(name) for name in chain.free}
         )
         guess = resample(start.problem, start.motion, problem)
-    try:
-        options = SolveOptions(
-            free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals
-        )
-        solution = solve(problem, guess, options)
-    except NotSolved as failure:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path.with_suffix(".failed"), f"{failure}\n")
-        return None
-    save_solution(path, solution)
-    return solution
+    options = SolveOptions(
+        free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals
+    )
+    return solve(problem, guess, options)
+
+
+def keep_best(
+    path: Path,
+    tries: Sequence[Callable[[], Solution]],
+    worth: Callable[[Solution], float],
+) -> Solution | None:
+    """Return the solution that is kept at `path`, or else the worthiest of the tries,
+    which is then kept."""
+    if is_saved(path):
+        return load_solution(path)
+    found: list[Solution] = []
+    for solve_it in tries:
+        with contextlib.suppress(NotSolved):
+            found.append(solve_it())
+    best = max(found, key=worth, default=None)
+    if best is not None:
+        save_solution(path, best)
+    return best
 
 
 def _path(chain: Chain, folder: Path) -> Path:

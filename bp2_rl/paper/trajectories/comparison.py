@@ -9,26 +9,88 @@ import contextlib
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.base import serialization as config
-from bp2_rl.base.metric import Table, metrics_of
+from bp2_rl.base.metric import Table, metric, metrics_of
 from bp2_rl.base.processes import spawned
-from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
+from bp2_rl.optimiser.problem import CostWeights, Problem, motor_coordinates
 from bp2_rl.optimiser.solution import (
-    NotSolved,
     Solution,
-    is_saved,
-    load_solution,
-    save_solution,
     speed_name,
 )
-from bp2_rl.paper.trajectories.gait_summary import GaitSummary, summarise_gait
+from bp2_rl.optimiser.verify import StrideSummary, summarise
+from bp2_rl.paper.trajectories.codesign import keep_best
+from bp2_rl.robot.hardware import HardwareSpec
 
 GREATEST = "greatest"  # name of the file
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaitSummary(StrideSummary):
+    """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along
+    the track and up."""
+
+    speed: float = metric("Speed", "m/s")
+    rms_torque: float = metric("RMS torque", "Nm", ".1f")
+    # cost of transport: the motors' positive work
+    positive: float = metric("Work / m g d", form=".3f")
+    # mean over time of the optimiser's R without its smoothness
+    running_cost: float = metric("R")
+
+
+def summarise_gait(solution: Solution) -> GaitSummary:
+    """Summarise a solution as a whole robot's gait: the running cost of half a robot
+    counts twice."""
+    cycle = whole_cycle(solution)
+    motion, weights = cycle.motion, cycle.weights / cycle.period
+
+    def mean(values: Float[np.ndarray, "segments points"]) -> float:
+        return float(np.sum(weights * values))
+
+    qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
+    R = running_cost(
+        motion.tau,
+        qd,
+        motion.force,
+        solution.problem.hardware,
+        solution.problem.weights,
+    )
+    return GaitSummary(
+        speed=solution.problem.speed,
+        **vars(summarise(solution)),
+        rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),
+        positive=cost_of_transport(solution),
+        running_cost=mean(R) / solution.problem.share,
+    )
+
+
+def running_cost(
+    torque: Float[np.ndarray, "... motors"],
+    qd: Float[np.ndarray, "... motors"],
+    force: Float[np.ndarray, "... contacts"],
+    hardware: HardwareSpec,
+    weights: CostWeights,
+) -> Float[np.ndarray, "..."]:
+    """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and
+    forces as shares of the greatest."""
+    tau, load = torque / hardware.joint_peak_torque, force / weights.force
+    power = tau * qd / hardware.joint_no_load_speed
+    return weights.power * _squares(power) + weights.load * (
+        _squares(tau) + _squares(load)
+    )
+
+
+def _squares(values: Float[np.ndarray, "... k"]) -> Float[np.ndarray, "..."]:
+    return np.sum(values**2, axis=-1)
+
+
+# --- Variants -------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,36 +167,17 @@ def _rows(
         tries = [
             lambda start=start, asked=asked: solve(asked, start) for start in starts
         ]
-        solution = _kept(
+        solution = keep_best(
             kept / speed_name(speed), tries, lambda solution: -solution.cost
         )
         found += [] if solution is None else [solution]
         rows.append(_row(name, speed, solution, greatest=False))
     tries = [lambda start=start: fastest(start) for start in found[-2:]]
-    top = _kept(kept / GREATEST, tries, lambda solution: solution.problem.speed)
+    top = keep_best(kept / GREATEST, tries, lambda solution: solution.problem.speed)
     return [
         *rows,
         _row(name, None if top is None else top.problem.speed, top, greatest=True),
     ]
-
-
-def _kept(
-    path: Path,
-    tries: Sequence[Callable[[], Solution]],
-    worth: Callable[[Solution], float],
-) -> Solution | None:
-    """Return the solution that is kept at `path`, or else the worthiest of the tries,
-    which is then kept."""
-    if is_saved(path):
-        return load_solution(path)
-    found: list[Solution] = []
-    for solve_it in tries:
-        with contextlib.suppress(NotSolved):
-            found.append(solve_it())
-    best = max(found, key=worth, default=None)
-    if best is not None:
-        save_solution(path, best)
-    return best
 
 
 def _row(

@@ -278,20 +278,17 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     """
     if not solutions:
         raise UserError("there are no solutions to compare: give at least one")
-    first, *others = ordered = sorted(
-        solutions, key=lambda solution: solution.problem.speed
-    )
-    for before, other in itertools.pairwise(ordered):
-        if before.problem.speed == other.problem.speed:
+    ordered = sorted(solutions, key=lambda solution: solution.problem.speed)
+    for one, other in itertools.pairwise(solution.problem for solution in ordered):
+        if one.speed == other.speed:
             raise UserError(
-                f"two solutions have the speed {other.problem.speed:g} m/s: give one for each speed"
+                f"two solutions have the speed {other.speed:g} m/s: give one for each speed"
             )
-    for name in ("gait", "hardware", "rotor_coupling"):
-        for other in others:
-            if getattr(other.problem, name) != getattr(first.problem, name):
-                speeds = f"{first.problem.speed:g} and {other.problem.speed:g} m/s"
+        for name in ("gait", "hardware", "rotor_coupling"):
+            if getattr(one, name) != getattr(other, name):
                 raise UserError(
-                    f"the solutions for {speeds} differ in {name}: give solutions that differ in speed only"
+                    f"the solutions for {one.speed:g} and {other.speed:g} m/s differ in {name}: give solutions that "
+                    "differ in speed only"
                 )
     return ordered
 

@@ -29,8 +29,6 @@ from bp2_rl.paper.trajectories.coupling import (
     ENDS,
     HARMONICS,
     PAPER_INSTANT,
-    WITHIN,
-    CouplingAccount,
     Sources,
     keep_harmonics,
 )
@@ -203,43 +201,32 @@ def _share_panel(axes: Axes, trends: Trends, kind: int) -> None:
 # --- Whose inertia balances whose -----------------------------------------------------
 
 MAIN, PARTNER, SPRING, TRUNK = TERM_COLORS["main inertial"], "#D55E00", "#F2A65A", INK
-SOURCES = {
-    "knee of the leg": PARTNER,
-    "spring of the leg": SPRING,
-    "trunk: all else": TRUNK,
-}
 PAPER_C_Z = (0.75, 1.19)  # share of the cycle, over weight
 
 
 @styled
-def coupling_figure(sources: Sources, accounts: Sequence[CouplingAccount]) -> Figure:
-    """Draw where the coupled inertial torque of the hips comes from, at one speed and
-    over speed.
+def coupling_figure(sources: Sources) -> Figure:
+    """Draw where the coupled inertial torque of the hips comes from at one speed.
 
     Colours say the source: blue the main torque, vermilion shades the leg's own parts,
     black what comes through the trunk.
-
-    Args:
-        sources: at the speed of all panels but D.
-        accounts: over speed, for panel D.
     """
     terms = sources.decomposition
     figure = Figure(figsize=(WIDTH, 9.4), layout="constrained")
-    panels = figure.subplots(3, 2)
-    by_source, hips, knees, over_speed, kept, velocities = panels.ravel().tolist()
+    panels = figure.subplot_mosaic([["A", "B"], ["A", "C"], ["D", "E"]])
+    by_source, hips, knees, kept, velocities = (panels[name] for name in "ABCDE")
     _by_source(by_source, sources)
     _fixed_trunk(hips, sources, "hip")
     _fixed_trunk(knees, sources, "knee")
-    _shares(over_speed, accounts)
     _harmonics(kept, terms)
     _velocity_force(velocities, terms)
     for axes in (by_source, kept, velocities):
         axes.set(xlabel="Time / period", xlim=(0.0, 1.0))
     for axes in (by_source, hips, knees, kept):
         axes.set_ylabel("Torque [Nm]")
-    letter(panels.ravel().tolist())
+    letter([by_source, hips, knees, kept, velocities])
     figure.suptitle(
-        f"All but D at {terms.cycle.problem.speed:g} m/s; grey: stance. The mass matrix joins no two legs: other limbs "
+        f"At {terms.cycle.problem.speed:g} m/s; grey: stance. The mass matrix joins no two legs: other limbs "
         "act through the trunk alone",
         fontsize=8.5,
         color=QUIET,
@@ -293,26 +280,6 @@ def _fixed_trunk(axes: Axes, sources: Sources, joint: str) -> None:
         xlabel="Time since touchdown / period",
         xlim=(0.0, 1.0),
     )
-    _legend_inside(axes, 2)
-
-
-def _shares(axes: Axes, accounts: Sequence[CouplingAccount]) -> None:
-    """Draw shares of the main torque that each source makes up for, over speed."""
-    speeds = [account.speed for account in accounts]
-    parts = np.array(
-        [[account.within[name] for name in WITHIN] for account in accounts]
-    )
-    parts = np.column_stack([parts[:, :2], np.sum(parts[:, 2:], axis=1)])
-    width, tops = 0.8 * min(np.diff(speeds), default=1.0), np.zeros((2, len(speeds)))
-    for part, (name, color) in zip(parts.T, SOURCES.items(), strict=True):
-        side = np.where(part >= 0.0, 0, 1)  # what is negative stands below the line
-        bottom = tops[side, range(len(speeds))]
-        axes.bar(speeds, part, width, bottom, color=color, linewidth=0, label=name)
-        tops[side, range(len(speeds))] += part
-    covered = [account.covered for account in accounts]
-    axes.plot(speeds, covered, "o", ms=3, color=MAIN, label="all that is coupled")
-    axes.axhline(0.0, color=INK, linewidth=0.8)
-    axes.set(title="Share of hips' main torque covered", xlabel="Speed [m/s]")
     _legend_inside(axes, 2)
 
 

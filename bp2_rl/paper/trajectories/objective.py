@@ -1,5 +1,4 @@
-"""Trajectories and designs by the weight of forces in the cost: F bar of one, two and
-three body weights side by side.
+"""Trajectories and designs under F bars of one, two and three body weights.
 
 The paper has one cost for analysis and co-design and leaves open what forces are
 divided by (`CostWeights.force`). The library is made with one body weight, co-design

@@ -19,7 +19,7 @@ robot is changed at a time.
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import Gait, Problem
@@ -42,7 +42,7 @@ LIMBS: dict[str, tuple[str, float]] = {
     for factor in factors
 }
 """A field of the hardware, and by what it is multiplied."""
-HARDWARE_CHANGES: dict[str, dict[str, Any]] = {
+HARDWARE_CHANGES: dict[str, dict[str, float]] = {
     "BP2 as specified": {},
     "straight-line envelope (corner at 0)": {"corner_speed": 0.0},
     "corner at 18 rad/s": {"corner_speed": 18.0},

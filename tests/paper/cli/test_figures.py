@@ -3,8 +3,7 @@
 import pytest
 
 from bp2_rl.base.serialization import load_config
-from bp2_rl.paper.cli.figures import FigureReport, main
-from bp2_rl.paper.cli.report import METRICS
+from bp2_rl.paper.cli.figures import METRICS, FigureReport, main
 from bp2_rl.simulation import simulator
 
 
@@ -14,15 +13,31 @@ def settled_soon(monkeypatch):
     monkeypatch.setattr(simulator, "SETTLING_TIME", 0.1)
 
 
-@pytest.mark.parametrize("name", ["scaling", "race", "robot", "rewards"])
+QUICK: dict[str, list[str]] = {
+    "scaling": [],
+    "race": [],
+    "robot": [],
+    "rewards": [],
+    "exchange": ["--mass-ratio", "1", "10", "--periods", "4"],
+    "sections": ["--mass-ratio", "2", "--periods", "6"],
+    "torque": [],
+    "map": ["--mass-ratio", "1"],
+    "trapping": ["--thresholds", "1.5"],
+    "gaits": ["--mass-ratio", "8.8"],
+}
+"""Figures that need no report, with flags that let them end in a moment."""
+
+
+@pytest.mark.parametrize("name", QUICK)
 def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced
-        assert main([name, "--out", str(out)]) == 0
+        assert main([name, *QUICK[name], "--out", str(out)]) == 0
     report = load_config(FigureReport, out / "metrics.json")
     assert report.figure == name
-    assert report.comparisons
     assert report.results
+    assert "out" not in report.settings
+    assert (out / f"{name}.png").stat().st_size > 20_000
     assert {path.suffix for path in out.iterdir()} == {".json", ".png"}
     assert str(out) in capsys.readouterr().out
 
@@ -42,6 +57,18 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
     assert table_s2.ours == "12.2 s is level 3 of men and level 1 of women"
     assert table_s2.verdict == "differs"
     assert f"it {report.results['paper']['deficit']:.2f} s" in shown
+
+
+def test_what_is_infinite_and_what_rests_is_in_the_report(tmp_path):
+    for name in ("torque", "gaits"):
+        assert main([name, "--out", str(tmp_path / name)]) == 0
+    torque, gaits = (
+        load_config(FigureReport, tmp_path / name / METRICS).results
+        for name in ("torque", "gaits")
+    )
+    assert torque["lengths"][-1]["length"] == "inf"
+    trots = [row["peak"] for row in gaits["gaits"] if row["gait"] == "trot"]
+    assert trots == pytest.approx([1.0, 1.0], abs=1e-12)
 
 
 def test_an_item_without_its_number_is_left_out(tmp_path):
@@ -64,7 +91,44 @@ def test_an_item_without_its_number_is_left_out(tmp_path):
         (["strides"], "--runs takes one report"),
         (["operating"], "--runs takes reports"),
         (["learning"], "--runs: name the folders of one training or more"),
-        (["scaling", "--speed", "3"], "--speed"),
+        (["swing"], "no command 'swing': did you mean scaling?"),
+        (
+            ["exchange", "--mass-ratio", "0"],
+            "--mass-ratio must be from 0.05 to 10000, got 0",
+        ),
+        (
+            ["exchange", "--mass-ratio", "nan"],
+            "--mass-ratio must be from 0.05 to 10000, got nan",
+        ),
+        (["exchange", "--mass-ratio", "1", "1"], "--mass-ratio: 1 1 has a value twice"),
+        (
+            ["exchange", "--mass-ratio", *"1234567"],
+            "--mass-ratio takes 1 to 6 values, got 7",
+        ),
+        (
+            ["exchange", "--amplitude", "4"],
+            "--amplitude must be from 0.001 to 3.1, got 4",
+        ),
+        (
+            ["exchange", "--periods", "1e9"],
+            "--periods must be from 2 to 1000, got 1e+09",
+        ),
+        (["torque", "--phase", "7"], "--phase must be from -6.28319 to 6.28319, got 7"),
+        (["torque", "--length", "-1"], "--length must be from 0.001 to 1000, got -1"),
+        (
+            ["torque", "--frequency", "0.49848657"],
+            "is a pendulum's own frequency at a length of 1 m",
+        ),
+        (
+            ["map", "--frequency", "inf"],
+            "--frequency must be from 0.01 to 1000, got inf",
+        ),
+        (
+            ["trapping", "--thresholds", "2"],
+            "--thresholds must be from 0.3 to 1.5, got 2",
+        ),
+        (["gaits", "--mass-ratio", *"1234"], "--mass-ratio takes 1 to 3 values, got 4"),
+        (["gaits", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(

@@ -9,7 +9,7 @@ from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.figures import binding as numbers_module
 from bp2_rl.paper.figures.binding import binding, describe_run
 from bp2_rl.paper.figures.settings import BindingSettings
-from bp2_rl.paper.trajectories.gait_summary import running_cost
+from bp2_rl.paper.trajectories.comparison import running_cost
 from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
 from bp2_rl.robot.bp2 import TOTAL_MASS
 from bp2_rl.robot.hardware import IDEAL

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import to_json
 from bp2_rl.evaluation import races
 from bp2_rl.evaluation.benchmarks.run import measure_splits
 from bp2_rl.paper.figures.race import (
@@ -130,17 +128,7 @@ def test_a_run_that_ends_early_is_shown_as_far_as_it_came(run, leave_report):
     assert (racer.time, racer.splits, racer.male_level) == (None, (), None)
 
 
-def test_a_report_of_something_else_is_refused(run, leave_report):
-    with pytest.raises(UserError, match="--benchmark sprint"):
-        race(RaceSettings(runs=(leave_report(run, "topspeed"),)))
-
-
 # --- The figure -----------------------------------------------------------------------
-
-
-def test_level_two_is_missed(drawn):
-    ours = find(drawn.results, races.PAPER_BP2)
-    assert (ours.male_level, ours.female_level) == (3, 1)
 
 
 def test_a_users_splits_complete_an_athlete(tmp_path):
@@ -153,38 +141,3 @@ def test_a_users_splits_complete_an_athlete(tmp_path):
     numbers = race(RaceSettings(athletes=path)).results
     assert [racer.name for racer in numbers.racers].count(races.LYLES) == 1
     assert find(numbers, races.LYLES).means[2] == pytest.approx(20.0 / 1.64)
-
-
-def test_the_picture_shows_the_numbers_of_the_file(run, leave_report):
-    whole = race(RaceSettings(runs=(leave_report(run, "sprint"),)))
-    data = to_json(whole.results)
-    panels = whole.pictures["race"].axes
-    dots = [
-        np.asarray(line.get_xdata())
-        for line in panels[4].get_lines()
-        if line.get_marker() == "o"
-    ]
-    shown = {round(float(x), 9) for (x,) in dots}
-    timed = [
-        racer for racer in (*data["racers"], *data["runs"]) if racer["time"] is not None
-    ]
-    assert shown >= {round(racer["time"], 9) for racer in timed}
-    assert shown >= {
-        round(racer["time"] - racer["reaction"], 9)
-        for racer in timed
-        if racer["reaction"]
-    }
-    bolt = next(
-        line for line in panels[0].get_lines() if line.get_label() == races.BOLT
-    )
-    reached = np.asarray(bolt.get_ydata())[-1]
-    # the curve's end beside the last mean
-    assert reached == pytest.approx(data["racers"][0]["means"][-1], abs=0.1)
-    legend = panels[3].get_legend()
-    assert legend is not None
-    (label,) = [
-        text.get_text()
-        for text in legend.get_texts()
-        if races.TRAINED in text.get_text()
-    ]
-    assert f"{data['paper']['constant_times'][races.TRAINED]:.2f} s" in label

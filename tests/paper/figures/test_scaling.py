@@ -1,20 +1,10 @@
-import dataclasses
-import itertools
-
-import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.text import Text
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import to_json
 from bp2_rl.paper.figures.scaling import (
     ScalingNumbers,
     compare_robots,
     count_band,
-    scaling,
-    scaling_figure,
     shipped,
 )
 from bp2_rl.paper.figures.settings import ScalingSettings
@@ -95,26 +85,25 @@ def test_reports_take_its_place(leave_topspeed):
     assert ideal.demand == pytest.approx(2.087, abs=5e-4)
 
 
-def test_a_policy_on_another_robot_than_its_own_is_said_to_be_one(leave_topspeed):
-    folders = (
-        leave_topspeed(**{"trained on": "built: with losses"}),
-        leave_topspeed(**{"trained on": "ideal: no losses"}, name="other"),
-    )
-    names = [
-        robot.name for robot in compare_robots(ScalingSettings(runs=folders)).simulated
+@pytest.mark.parametrize(
+    ("first", "other", "names"),
+    [
+        (
+            {"trained on": "built: with losses"},
+            {"trained on": "ideal: no losses"},
+            ["built policy on the ideal robot", "ideal robot"],
+        ),
+        ({}, {}, ["ideal robot, {}", "ideal robot, {}"]),
+    ],
+    ids=["another robot than its own", "told apart by folders"],
+)
+def test_runs_are_named(leave_topspeed, first, other, names):
+    folders = leave_topspeed(**first), leave_topspeed(**other, name="other")
+    found = compare_robots(ScalingSettings(runs=folders)).simulated
+    assert [robot.name for robot in found] == [
+        f"simulated, {name.format(folder)}"
+        for name, folder in zip(names, folders, strict=True)
     ]
-    assert names == [
-        "simulated, built policy on the ideal robot",
-        "simulated, ideal robot",
-    ]
-
-
-def test_runs_of_one_robot_are_told_apart_by_their_folders(leave_topspeed):
-    folders = leave_topspeed(), leave_topspeed(speed=14.0, name="other")
-    names = [
-        robot.name for robot in compare_robots(ScalingSettings(runs=folders)).simulated
-    ]
-    assert all(str(folder) in name for folder, name in zip(folders, names, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -139,50 +128,3 @@ def test_a_users_mammals_are_weighed_against_the_law(tmp_path):
     assert [species.share for species in numbers.mammals] == pytest.approx(
         [1.0, 0.5], abs=1e-4
     )
-
-
-def test_the_picture_shows_the_numbers_of_the_file(numbers):
-    data = to_json(scaling(ScalingSettings()).results)
-    law, ratio = scaling_figure(numbers).axes
-    robots = [*data["robots"], data["treadmill"], *data["simulated"]]
-    assert points(law) >= {(robot["mass"], robot["top_speed"]) for robot in robots}
-    known = [robot for robot in robots if robot["demand"] is not None]
-    assert {x for x, _ in points(ratio)} >= {
-        robot["demand_as_printed"] for robot in known
-    }
-
-
-def points(axes: Axes) -> set[tuple[float, float]]:
-    """What is drawn as single marks."""
-    lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
-    return {
-        (float(x), float(y)) for ((x, y),) in (line for line in lines if len(line) == 1)
-    }
-
-
-@pytest.mark.parametrize("more", [(), (15.26, 14.0, 12.0)])
-def test_no_robots_name_covers_another(numbers, more):
-    extra = tuple(
-        dataclasses.replace(
-            numbers.treadmill, name=f"simulated {speed:g}", top_speed=speed
-        )
-        for speed in more
-    )
-    figure = scaling_figure(
-        dataclasses.replace(numbers, simulated=(*numbers.simulated, *extra))
-    )
-    renderer = FigureCanvasAgg(figure).get_renderer()
-    axes = figure.axes[0]
-    names = [text for text in axes.texts if text.get_path_effects()]
-    assert len(names) > 15
-    boxes = [Text.get_window_extent(text, renderer) for text in names]
-    touching = [
-        (one.get_text(), other.get_text())
-        for (one, a), (other, b) in itertools.combinations(
-            zip(names, boxes, strict=True), 2
-        )
-        if a.overlaps(b)
-    ]
-    assert not touching
-    page = axes.get_window_extent(renderer)
-    assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for box in boxes)

@@ -1,7 +1,5 @@
 """What a run wears, against the run itself, and the figure of it."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from runs import no_action, run_one
@@ -9,7 +7,7 @@ from runs import no_action, run_one
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.settings import WearSettings
-from bp2_rl.paper.figures.wear import WEAK, measure_wear, wear, wear_figure, wear_of
+from bp2_rl.paper.figures.wear import WEAK, measure_wear, wear, wear_of
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import EnvConfig
@@ -44,20 +42,6 @@ def test_weak_brakes_are_the_drives_line():
     lower, upper = torque_limits(Actuator.from_hardware(WEAK), speeds)
     np.testing.assert_allclose(lower[speeds < -14.7], -upper[speeds > 14.7][::-1])
     np.testing.assert_allclose(lower[speeds > 14.7], -upper[speeds > 14.7], atol=1e-9)
-
-
-def test_circles_are_filled_where_weak_brakes_do_and_missing_where_the_robot_fell(trot):
-    stands = dataclasses.replace(
-        measure_wear("a", 4.0, trot, weak_fell_at=None), fell_at=None
-    )
-    falls = dataclasses.replace(stands, policy="b", weak_fell_at=2.0)
-    lost = dataclasses.replace(stands, policy="c", landing_reward=0.0, fell_at=1.0)
-    none, four = wear_figure((stands, falls, lost)).axes[0].collections
-    assert np.shape(none.get_offsets()) == (0, 2)
-    assert np.shape(four.get_offsets()) == (2, 2)
-    filled, open_ = np.asarray(four.get_facecolor())
-    assert np.all(open_ == 1.0)
-    assert not np.all(filled == 1.0)
 
 
 def test_a_policy_that_is_none_is_named(tmp_path):

@@ -20,7 +20,7 @@ from bp2_rl.paper.index.item import (
     places,
     read_items,
 )
-from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
+from bp2_rl.paper.index.sources import SOURCES, arguments
 
 SKELETON = Path(__file__).with_name("paper_items.tex")
 """The paper without its words: where its figures, tables, equations and movies are, and
@@ -43,30 +43,6 @@ def test_no_item_of_the_paper_is_without_a_row():
     of_paper = [item.id for item in ITEMS if not item.beyond]
     assert sorted(paper_items(SKELETON.read_text())) == sorted(of_paper)
     assert len({item.id for item in ITEMS}) == len(ITEMS)
-
-
-def test_the_parse_of_the_paper_finds_panels_ranges_and_what_has_no_number():
-    tex = r"""
-    \begin{figure}\caption{\textbf{All.} (\textbf{A-C}) x, \textbf{D}, the left inset}\end{figure}
-    \begin{figure}\caption{\textbf{A robot.} none}\end{figure} \begin{equation}a\end{equation} Movie~S1
-    \setcounter{figure}{0}
-    \begin{equation}b\end{equation} \begin{table}\caption{x}\end{table} \begin{table}\end{table} Movies S1 and S3
-    """
-    assert paper_items(tex) == [
-        "fig-1-a",
-        "fig-1-b",
-        "fig-1-c",
-        "fig-1-d",
-        "fig-1-inset",
-        "fig-2",
-        "eq-1",
-        "eq-s1",
-        "table-s1",
-        "table-s1-symbols",
-        "movie-s1",
-        "movie-s2",
-        "movie-s3",
-    ]
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.id)
@@ -147,56 +123,25 @@ def test_an_entry_is_found_by_place_by_number_and_by_name():
             look_up(REPORTS, f"one:{path}")
 
 
-# --- What a report is made of ---------------------------------------------------------
+# --- Commands -------------------------------------------------------------------------
 
 
-@pytest.fixture
-def policy(tmp_path):
-    folder = tmp_path / "policy"
-    folder.mkdir()
-    (folder / "card.json").write_text("{}")
-    return folder
+def test_commands_are_told_what_is_chosen(tmp_path):
+    def told(name):
+        return arguments(
+            BY_NAME[name], tmp_path, Path("POLICY"), quick=True, film=False
+        )
 
-
-def keys(choice, version="1"):
-    found = {}
-    for source in SOURCES:
-        found[source.name] = key_of(source, choice, version, found)
-    return found
-
-
-def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(
-    policy, tmp_path
-):
-    before = keys(Choice(policy))
-    moved = policy.rename(tmp_path / "elsewhere")
-    assert keys(Choice(moved)) == before
-    assert not set(keys(Choice(moved), version="2").values()) & set(before.values())
-    (moved / "card.json").write_text('{"seed": 1}')
-    of_policy = {
-        name for name, key in keys(Choice(moved)).items() if key != before[name]
-    }
-    runs = {source.name for source in SOURCES if source.benchmark}
-    # which draw runs
-    assert of_policy == runs | {"scaling", "race", "strides", "operating", "binding"}
-    quick = keys(Choice(moved, quick=True))
-    assert {
-        name for name, key in keys(Choice(moved)).items() if key != quick[name]
-    } == {source.name for source in SOURCES if source.quick}
-
-
-def test_commands_are_told_what_is_chosen(policy, tmp_path):
-    choice = Choice(policy, quick=True, film=False)
-    assert arguments(BY_NAME["endurance"], choice, tmp_path) == [
+    assert told("endurance") == [
         "paper",
         "eval",
-        str(policy),
+        "POLICY",
         "--benchmark",
         "endurance",
         "--quick",
     ]
-    assert arguments(BY_NAME["topspeed"], choice, tmp_path)[-1] == "--no-video"
-    assert arguments(BY_NAME["race"], choice, tmp_path)[3:] == [
+    assert told("topspeed")[-1] == "--no-video"
+    assert told("race")[3:] == [
         "--runs",
         f"{tmp_path}/sprint",
         f"{tmp_path}/sprint_ideal",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import from_json, load_config, save_config, to_json
+from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.optimiser import collocation
 from bp2_rl.optimiser.collocation import cold_guess, solve
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
@@ -123,15 +123,6 @@ def test_bounds_without_a_design_are_refused(bounds, says):
     assert "\n" not in str(refused.value)
 
 
-def test_impossible_settings_are_refused():
-    with pytest.raises(UserError, match="starts must be from 1 to 1000, got -1"):
-        dataclasses.replace(SETTINGS, starts=-1)
-
-
-def test_settings_are_the_same_after_json():
-    assert from_json(CodesignSettings, to_json(SETTINGS)) == SETTINGS
-
-
 def lengthening() -> Chain:
     """Three problems, whose legs grow longer."""
     lengths = (0.3, 0.35, 0.4)
@@ -161,7 +152,7 @@ def test_an_interrupted_chain_goes_on_where_it_stood(tmp_path, monkeypatch):
     assert calls == [*lengths, lengths[2]]
 
 
-def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
+def test_a_failure_is_passed_over(tmp_path, monkeypatch):
     up = lengthening()
     starts = []
 
@@ -177,8 +168,6 @@ def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
     assert read_solution(up.parts[1], tmp_path) is None
     # the third began where the first had ended
     assert starts[2] == made_up.motion.durations[0]
-    solve_chain(up.parts[1], tmp_path)
-    assert len(starts) == 3
 
 
 def test_starts_differ_in_design_and_guess():

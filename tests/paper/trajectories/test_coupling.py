@@ -17,7 +17,6 @@ from bp2_rl.paper.trajectories.coupling import (
     CouplingAccount,
     Sources,
     account_coupling,
-    account_family,
     covered_by,
     keep_harmonics,
     split_sources,
@@ -204,12 +203,6 @@ def test_rotors_that_turn_with_their_links_are_in_the_split(trot):
     np.testing.assert_allclose(
         added, 2e-4 * 8.5 * pitch[:, None] * np.ones(8), rtol=0, atol=1e-9
     )
-
-
-def test_the_account_is_by_ascending_speed(trot):
-    other = dataclasses.replace(trot, problem=trot.problem.at(12.0))
-    accounts = account_family([other, trot])
-    assert [each.speed for each in accounts] == [10.0, 12.0]
 
 
 def test_half_a_robot_has_no_leg_of_the_same_pair():

@@ -59,30 +59,22 @@ def rows(asked, folder) -> list[ObjectiveRow]:
     return compare_objectives(SETTINGS, folder)
 
 
-def test_f_bar_is_one_and_three_body_weights_in_newton(rows, asked):
-    # 36 kg x 9.81 m/s2
+def test_the_right_problems_are_asked_for(rows, asked):
+    # 36 kg x 9.81 m/s2, and three times as much
     assert {problem.weights.force for problem, _ in asked} == {353.0, 1059.0}
     assert {problem.speed for problem, _ in asked} == {10.0}
-
-
-def test_bp2_is_asked_for_as_it_is_and_with_the_librarys_reserve(rows, asked):
-    fixed = {
+    # BP2 as it is and with the library's reserve
+    assert {
         (problem.hardware.peak_torque, problem.hardware.friction, problem.speed_margin)
         for problem, free in asked
         if not free
-    }
-    assert fixed == {(120.0, 0.9, 1.0), (108.0, 0.7, 0.9)}
-
-
-def test_codesign_has_all_three_parameters_free_under_its_own_margin_and_ends_on_the_mesh_that_is_compared(
-    rows, asked
-):
-    designs = [
+    } == {(120.0, 0.9, 1.0), (108.0, 0.7, 0.9)}
+    # co-design, all free under its own margin, ends on the mesh that is compared
+    assert {
         (problem.intervals, free, problem.speed_margin)
         for problem, free in asked
         if free
-    ]
-    assert set(designs) == {(8, PARAMETERS, 0.6), (4, PARAMETERS, 0.6)}
+    } == {(8, PARAMETERS, 0.6), (4, PARAMETERS, 0.6)}
 
 
 def test_there_is_a_row_for_all_that_was_solved(rows):
@@ -103,9 +95,10 @@ def test_a_row_is_of_the_cheapest_start(rows):
 def test_what_was_solved_is_not_solved_again_and_numbers_can_be_read(
     rows, asked, folder, tmp_path
 ):
-    before = list(asked)
+    before = len(asked)
     again = compare_objectives(SETTINGS, folder)
-    assert asked == before
+    # what could not be solved is tried again
+    assert all(free and one.weights.force > 1000.0 for one, free in asked[before:])
     assert repr(again) == repr(rows)  # a guess has no peaks: its share is nan
     save_config(tmp_path / "objective.json", Objective(SETTINGS, tuple(rows)))
     read = load_config(Objective, tmp_path / "objective.json")

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import table_of
-from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, mark_level, styled
+from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_simulator,
@@ -21,7 +21,6 @@ from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.optimiser.figure import letter
 from bp2_rl.paper.benchmarks.efficiency.measured import (
-    ENDS,
     EfficiencyAtSpeed,
     EfficiencyMetrics,
     Energy,
@@ -55,8 +54,7 @@ PART = "accounted for are the whole strides of that, but of its first 1.5 s at t
 CAPTION = (
     "A: costs of transport over speed. The band is what becomes of the motors' braking: from all of it lost (upper "
     "edge) to all of it returned (lower). B: where the energy goes if all is returned. C: what springs give of what "
-    "springs and motors give, and the motors' efficiency while they drive. D: greatest power of one motor in a "
-    "millisecond, driving and braking (dashed); grey: the two peaks that the paper names of hind legs."
+    "springs and motors give, and the motors' efficiency while they drive."
 )
 CAUSE_COLORS = {
     "copper": "#D55E00",
@@ -141,9 +139,9 @@ def say_cost(metrics: EfficiencyMetrics) -> str:
 
 @styled
 def draw_efficiency(metrics: EfficiencyMetrics) -> Figure:
-    """Draw costs, where the energy goes, springs and motors, and peaks over speed."""
-    figure = Figure(figsize=(WIDTH, 6.8), layout="constrained")
-    (costs, causes), (shares, peaks) = figure.subplots(2, 2)
+    """Draw costs, where the energy goes, and springs and motors over speed."""
+    figure = Figure(figsize=(1.3 * WIDTH, 4.0), layout="constrained")
+    costs, causes, shares = figure.subplots(1, 3)
     speeds = [at.speed for at, _ in metrics.found]
     energies = [energy for _, energy in metrics.found]
     _draw_costs(costs, speeds, energies)
@@ -162,8 +160,7 @@ def draw_efficiency(metrics: EfficiencyMetrics) -> Figure:
         ],
     )
     shares.set(title="Springs and motors", ylabel="Share", ylim=(0.0, 1.0))
-    _draw_peaks(peaks, speeds, energies)
-    letter([costs, causes, shares, peaks])
+    letter([costs, causes, shares])
     return figure
 
 
@@ -182,17 +179,3 @@ def _draw_costs(axes: Axes, speeds: list[float], energies: list[Energy]) -> None
     draw_lines(axes, speeds, lines)
     axes.set(title="Cost of transport", ylabel="Power / (m g v)")
     axes.set_ylim(0.0, 1.35 * max(most))
-
-
-def _draw_peaks(axes: Axes, speeds: list[float], energies: list[Energy]) -> None:
-    axes.axhline(min(bp2.HIND_PEAK_POWERS), color=QUIET, linewidth=0.9, linestyle="--")
-    mark_level(axes, max(bp2.HIND_PEAK_POWERS), "paper")
-    kinds = [f"{end} {joint}" for end in ENDS for joint in ("hip", "knee")]
-    for kind, color in zip(kinds, LEG_COLORS.values(), strict=True):
-        motors = [next(j for j in e.joints if j.name == kind) for e in energies]
-        driving = Line(kind, [motor.peak for motor in motors], color)
-        braking = Line("", [-motor.hardest for motor in motors], color, "o--")
-        draw_lines(axes, speeds, [driving, braking])
-    axes.axhline(0.0, color=INK, linewidth=0.8)
-    axes.set(title="Greatest power of a motor", ylabel="Driving, braking [W]")
-    axes.margins(y=0.2)

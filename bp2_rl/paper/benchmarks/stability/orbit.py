@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.spatial.transform import Rotation
 
 from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup
 from bp2_rl.robot import conventions
@@ -169,33 +170,17 @@ class Coordinates:
         )
 
 
-def angles_of(
-    quaternion: Float[np.ndarray, "N 4"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def angles_of(quaternion: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "3 N"]:
     """Return yaw, pitch and roll of w-x-y-z quaternions, rad."""
-    w, x, y, z = quaternion.T
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return yaw, pitch, roll
+    return Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_euler("ZYX").T
 
 
 def quaternion_of(
     yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray
 ) -> Float[np.ndarray, "N 4"]:
     """Return the w-x-y-z quaternions of these angles, rad."""
-    (cy, sy), (cp, sp), (cr, sr) = (
-        (np.cos(a / 2.0), np.sin(a / 2.0)) for a in (yaw, pitch, roll)
-    )
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
+    turn = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=-1))
+    return turn.as_quat()[:, [3, 0, 1, 2]]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -74,12 +74,6 @@ def test_touchdowns_that_keep_time_jitter_by_less_than_a_sample(make_steady):
         assert landing.floor == pytest.approx(1e-3 * FREQUENCY / math.sqrt(6.0))
 
 
-def test_without_robots_there_is_nothing_to_measure():
-    assert measure_section([]) is None
-    assert measure_landings([], 0.25) == ()
-    assert show_sections([], None, 0.25).noisy == ()
-
-
 # --- The whole benchmark, with made-up runs -------------------------------------------
 
 
