@@ -20,7 +20,7 @@ import threading
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TextIO, TypeVar
 
 from bp2_rl.base.errors import (
     FAILED,
@@ -67,8 +67,10 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
             it has `GRACE` seconds.
     """
     try:
-        with _terminable(patient), _without_reader():
+        output: Any = _ClosableStream(sys.stdout)
+        with _terminable(patient), contextlib.redirect_stdout(output):
             command()
+            output.flush()
     except SystemExit as end:  # help was asked for
         return int(end.code or OK)
     except FlagError as error:
@@ -155,33 +157,20 @@ def _printable(text: str) -> str:
     return "\n".join(shown)
 
 
-def _forget(stream: Any) -> None:
+def _forget(stream: TextIO) -> None:
     """Let a stream without a reader swallow what is written from now on, and what is
     still buffered."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-@contextlib.contextmanager
-def _without_reader() -> Generator[None]:
-    """Go on where the reader of standard output ends early, as `head` and a terminal
-    may: the results are on disk."""
-    stream = sys.stdout
-    sys.stdout = _ClosableStream(stream)
-    try:
-        yield
-        sys.stdout.flush()
-    finally:
-        sys.stdout = stream
-
-
 class _ClosableStream:
-    """A stream that says so once, on standard error, when its reader has left, and
-    swallows the rest."""
+    """A stream that swallows what is written once its reader has left, as `head` and a
+    terminal may, and says so once on standard error: the results are on disk."""
 
-    def __init__(self, stream: Any):
+    def __init__(self, stream: TextIO):
         self._stream = stream
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:

@@ -157,7 +157,7 @@ class RobotMetrics:
 
     @property
     def upright(self) -> bool:
-        """Whether the robot fell in neither run."""
+        """Tell whether the robot stayed upright in both runs."""
         return self.fell_at is None and self.fell_in_sprint_at is None
 
 
