@@ -20,7 +20,7 @@ import threading
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TextIO, TypeVar
+from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import (
     FAILED,
@@ -157,7 +157,7 @@ def _printable(text: str) -> str:
     return "\n".join(shown)
 
 
-def _forget(stream: TextIO) -> None:
+def _forget(stream: Any) -> None:
     """Let a stream without a reader swallow what is written from now on, and what is
     still buffered."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
@@ -167,10 +167,10 @@ class _ClosableStream:
     """A stream that swallows what is written once its reader has left, as `head` and a
     terminal may, and says so once on standard error: the results are on disk."""
 
-    def __init__(self, stream: TextIO):
+    def __init__(self, stream: Any):
         self._stream = stream
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
