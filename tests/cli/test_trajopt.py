@@ -84,7 +84,11 @@ def test_a_speed_without_a_trajectory_is_one_line_and_status_2(
     monkeypatch.chdir(tmp_path)
     found = Program.solve
     monkeypatch.setattr(
-        Program, "solve", lambda self, _, perhaps: found(self, 0.1, perhaps)
+        Program,
+        "solve",
+        lambda self, time_limit, perhaps_infeasible: found(
+            self, 0.1, perhaps_infeasible
+        ),
     )
     flags = ["--speed", "21", "--intervals", "2", "--starts", "1"]
     assert trajopt.main(["solve", *flags]) == 2

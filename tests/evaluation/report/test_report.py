@@ -191,21 +191,20 @@ def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_
 
 
 @pytest.mark.parametrize(
-    ("duration", "shot", "first", "last"),
+    ("duration", "shot", "best", "first", "last"),
     [
-        # around the best second
-        (20.0, video.Shot(), 9.5 - video.Shot.length / 2, 9.5 + video.Shot.length / 2),
+        (20.0, video.Shot(), 9.0, 7.5, 11.5),
         # of a short run as much as there is
-        (0.5, video.Shot(), 0.0, 0.5),
-        (4.5, video.Shot(), 0.25, 0.25 + video.Shot.length),
-        (9.0, video.Shot(length=3.0, to_the_end=True), 6.0, 9.0),
+        (4.5, video.Shot(), 3.5, 0.5, 4.5),
+        (0.5, video.Shot(), 0.0, 0.0, 0.5),
+        (9.0, video.Shot(length=3.0, to_the_end=True), 2.0, 6.0, 9.0),
     ],
 )
 def test_film_shows_the_seconds_around_the_best_one(
-    make_run, duration, shot, first, last
+    make_run, duration, shot, best, first, last
 ):
     run = make_run(duration=duration)
-    run.qvel[9000:10000, 0] = 7.0
+    run.qvel[round(1e3 * best) :][:1000, 0] = 7.0
     times = video.frame_samples(run, shot) * 1e-3
     assert times[0] == pytest.approx(first, abs=1e-3)
     assert times[-1] == pytest.approx(last, abs=1.1 / shot.frame_rate)
