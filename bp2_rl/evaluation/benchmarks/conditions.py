@@ -18,7 +18,6 @@ from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
 from bp2_rl.simulation.schedule import Ramp
 
-UNNAMED = "card's own"  # robot
 BEYOND = 0.25, 0.7
 """Shares of its fastest command: a robot that runs at best between them is told what it
 runs; a slower one does not run at all."""
@@ -186,7 +185,7 @@ def title_of(hardware: HardwareSpec) -> str:
     """Name the robot for a title."""
     if not hardware.is_bp2:
         return hardware.anatomy.name
-    return f"{robot_name(hardware) or UNNAMED} robot"
+    return f"{robot_name(hardware) or 'unnamed'} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:

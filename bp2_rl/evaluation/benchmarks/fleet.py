@@ -168,8 +168,18 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         rows=rows_of(metrics),
         tiles=("Without a fall", "Mean speed", "Off the line", "Worst off the line"),
         pictures=(
-            Picture("robots", ROBOTS_CAPTION, robots_figure(metrics)),
-            Picture("fleet", FLEET_CAPTION, fleet_figure(run)),
+            Picture(
+                "robots",
+                "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; "
+                "crosses: fallen.",
+                robots_figure(metrics),
+            ),
+            Picture(
+                "fleet",
+                "Speed over time (0.25-s means) of the robots that had not fallen until then: the median, and the "
+                "bands that hold half and nine tenths of them; ticks: falls.",
+                fleet_figure(run),
+            ),
         ),
         metrics=metrics,
         results=card_of(metrics)
@@ -271,12 +281,6 @@ def summarise_fleet(metrics: RobustnessMetrics) -> str:
 
 
 # --- Pictures -------------------------------------------------------------------------
-
-ROBOTS_CAPTION = "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; crosses: fallen."
-FLEET_CAPTION = (
-    "Speed over time (0.25-s means) of the robots that had not fallen until then: the median, and the bands that hold "
-    "half and nine tenths of them; ticks: falls."
-)
 
 
 @styled
