@@ -16,6 +16,8 @@ Each public name has its own help, such as `help(bp2_rl.rollout)`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from bp2_rl.base import __version__ as __version__
+
 if TYPE_CHECKING:  # isort: off
     from bp2_rl.base.errors import RunStopped as RunStopped, UserError as UserError
     from bp2_rl.env.bp2_env import BP2Env as BP2Env, make as make
@@ -40,7 +42,6 @@ if TYPE_CHECKING:  # isort: off
     from bp2_rl.simulation.world import Push as Push, World as World
 # isort: on
 
-__version__ = "0.1.0"
 HOMES = {
     name: home
     for home, names in {

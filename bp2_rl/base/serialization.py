@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
+from bp2_rl.base import __version__
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
@@ -204,9 +205,13 @@ def utc_now() -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """The versions that a result depends on, to be written beside it."""
-    names = "bp2_rl jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
-    return {name: importlib.metadata.version(name) for name in names.split()}
+    """Return the versions of all packages that a result depends on.
+
+    bp2_rl itself need not be installed.
+    """
+    others = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    found = {name: importlib.metadata.version(name) for name in others.split()}
+    return {"bp2_rl": __version__} | found
 
 
 # --- The walk over a type, in both directions -----------------------------------------
