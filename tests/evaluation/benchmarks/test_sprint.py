@@ -107,14 +107,10 @@ def test_a_fall_before_five_metres_has_no_launch(make_race):
 
 
 def test_the_clock_runs_along_the_first_heading(make_race):
-    straight = make_race()
-    turn, qpos = 0.4, straight.qpos.copy()
-    qpos[:, 0], qpos[:, 1] = (
-        3.0 + np.cos(turn) * qpos[:, 0],
-        -2.0 + np.sin(turn) * qpos[:, 0],
-    )
-    qpos[:, 3], qpos[:, 6] = np.cos(turn / 2), np.sin(turn / 2)
-    turned = dataclasses.replace(straight, qpos=qpos)
+    straight, turned, turn = make_race(), make_race(), 0.4
+    heading = np.array([np.cos(turn), np.sin(turn)])
+    turned.qpos[:, :2] = (3.0, -2.0) + straight.qpos[:, :1] * heading
+    turned.qpos[:, 3], turned.qpos[:, 6] = np.cos(turn / 2), np.sin(turn / 2)
     assert time_at(turned, 70.0) == pytest.approx(time_at(straight, 70.0), abs=1e-9)
     np.testing.assert_allclose(track_position(turned)[1], 0.0, atol=1e-9)
 
@@ -150,18 +146,15 @@ def test_a_turned_trunk_is_wider(make_race):
 
 
 def test_feet_are_where_mujoco_has_them(make_run):
-    rng = np.random.default_rng(0)
     model = load_model(visual=False)
-    data = mujoco.MjData(model)
-    run = make_run(duration=0.01)
-    qpos = run.qpos + rng.normal(scale=0.2, size=run.qpos.shape)
-    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
-    centres = foot_centres(dataclasses.replace(run, qpos=qpos))
-    for k, state in enumerate(qpos):
+    data, run = mujoco.MjData(model), make_run(duration=0.01)
+    run.qpos[:] += np.random.default_rng(0).normal(scale=0.2, size=run.qpos.shape)
+    run.qpos[:, 3:7] /= np.linalg.norm(run.qpos[:, 3:7], axis=1, keepdims=True)
+    for state, centres in zip(run.qpos, foot_centres(run), strict=True):
         data.qpos[:] = state
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(
-            centres[k], data.geom_xpos[foot_geom_ids(model)], atol=1e-12
+            centres, data.geom_xpos[foot_geom_ids(model)], atol=1e-12
         )
 
 
