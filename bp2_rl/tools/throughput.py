@@ -142,7 +142,7 @@ def measure_case(
     make_env: Callable[[int], envs.Env],
     config: PPOConfig,
     robots: int,
-    devices: Sequence[jax.Device],
+    devices: Sequence[Any],
     parts: Sequence[PartName] = PARTS,
     seconds: float = 2.0,
     tell: Callable[[PartTiming], None] = lambda timing: None,

@@ -23,7 +23,7 @@ from concurrent.futures import (
     wait,
 )
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place
@@ -37,7 +37,7 @@ from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import Preset
 from bp2_rl.simulation.parallel import compute_here
-from bp2_rl.tools.study.outcome import PolicyMeasurement, measure_policies
+from bp2_rl.tools.study.outcome import measure_policies
 from bp2_rl.tools.study.plan import STAGES, Plan, Training
 
 if TYPE_CHECKING:
@@ -362,7 +362,7 @@ def run_study(
             waiting, failed = plan.chains, []
             # at work -> what is left of its chain, itself included
             trainings: dict[Future[bool], list[Training]] = {}
-            measurements: dict[Future[list[PolicyMeasurement]], Training] = {}
+            measurements: dict[Future[Any], Training] = {}
             while waiting or trainings or measurements:
                 while waiting and len(trainings) < place.slots:
                     chain = waiting.pop(0)

@@ -75,6 +75,8 @@ def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
     m = fleet_metrics(fleet)
     assert (m.upright, m.share) == (5, pytest.approx(5 / 6))
     assert m.share_interval == wilson_interval(5, 6)
+    assert m.mean_speed is not None
+    assert m.offset is not None
     # linear between the order statistics
     assert dataclasses.astuple(m.mean_speed) == pytest.approx((9.1, 10.0, 10.9))
     assert m.offset.median == pytest.approx(0.2, rel=1e-4)
