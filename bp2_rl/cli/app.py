@@ -67,8 +67,10 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
             it has `GRACE` seconds.
     """
     try:
-        with _terminable(patient), _without_reader():
+        output: Any = _ClosableStream(sys.stdout)
+        with _terminable(patient), contextlib.redirect_stdout(output):
             command()
+            output.flush()
     except SystemExit as end:  # help was asked for
         return int(end.code or OK)
     except FlagError as error:
@@ -161,22 +163,9 @@ def _forget(stream: Any) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-@contextlib.contextmanager
-def _without_reader() -> Generator[None]:
-    """Go on where the reader of standard output ends early, as `head` and a terminal
-    may: the results are on disk."""
-    stream = sys.stdout
-    sys.stdout = _ClosableStream(stream)
-    try:
-        yield
-        sys.stdout.flush()
-    finally:
-        sys.stdout = stream
-
-
 class _ClosableStream:
-    """A stream that says so once, on standard error, when its reader has left, and
-    swallows the rest."""
+    """A stream that swallows what is written once its reader has left, as `head` and a
+    terminal may, and says so once on standard error: the results are on disk."""
 
     def __init__(self, stream: Any):
         self._stream = stream

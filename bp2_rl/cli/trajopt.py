@@ -471,7 +471,7 @@ def load_family(path: Path) -> list[Solution]:
 
 
 def _load_folder(folder: Path) -> list[Solution]:
-    """Return a folder's cheapest solution of each speed, the slowest first."""
+    """Load the cheapest solution for every speed in a folder, slowest first."""
     cards = sorted(folder.glob("speed-*.npz"))
     if not cards:
         raise UserError(

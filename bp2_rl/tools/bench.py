@@ -199,7 +199,7 @@ def _measure_peer(
 
 
 def make_env(config: TrainConfig, robots: int) -> BP2Env:
-    """Return the environment of a training, for at most so many robots a device."""
+    """Make the environment of a training with at most `robots` robots on a device."""
     return BP2Env(config.env, impl=config.impl, num_robots=robots)
 
 

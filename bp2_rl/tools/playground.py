@@ -7,7 +7,7 @@ import functools
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import Any
 from unittest import mock
 
@@ -90,7 +90,7 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
     randomise: Any = locomotion.get_domain_randomizer(TASK)
     clock: list[float] = []
 
-    def look(*_: Any) -> None:
+    def look(*_: object) -> None:
         clock.append(time.perf_counter())
         if len(clock) >= WARM_UP + 2 and clock[-1] - clock[WARM_UP - 1] >= seconds:
             raise _TimedEnoughError
@@ -144,7 +144,7 @@ def without_meshes(mjcf: bytes) -> bytes:
 def _removed_from_jax() -> Generator[None]:
     """Brax calls a function that JAX has removed."""
 
-    def device_put_replicated(tree: Any, devices: Any) -> Any:
+    def device_put_replicated(tree: object, devices: Sequence[object]) -> object:
         return jax.tree.map(
             lambda x: jnp.broadcast_to(x, (len(devices), *jnp.shape(x))), tree
         )

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import jax
@@ -83,6 +82,7 @@ def whole(tmp_path_factory):
     return folder, console.export_text()
 
 
+MEASURED = "environment", "resets", "policy", "sgd", "training"
 STARTS = """
 import json, os, pathlib, sys, time
 assert sys.argv[1:3] == ["--preset", "smoke"]
@@ -100,13 +100,7 @@ print(json.dumps({"imported": now, "traced": now, "compiled": now + 1, "first_st
 def test_the_report_holds_every_number(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
     (case,) = report.cases
-    assert [m.part for m in case.measurements] == [
-        "environment",
-        "resets",
-        "policy",
-        "sgd",
-        "training",
-    ]
+    assert tuple(m.part for m in case.measurements) == MEASURED
     assert case.error is None
     assert sum(case.shares.values()) == pytest.approx(1.0)
     for m in case.measurements:
@@ -116,6 +110,14 @@ def test_the_report_holds_every_number(whole):
     assert report.versions["jax"] == jax.__version__
     assert (report.platform, report.device_count) == ("cpu", jax.device_count())
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", report.created)
+    # rows come as they are measured, and the table last
+    rows = re.findall(r"^(\w+), 16 robots|(control/s)", whole[1], re.MULTILINE)
+    assert [row or head for row, head in rows] == [
+        *MEASURED,
+        "acting",
+        "brax",
+        "control/s",
+    ]
 
 
 def test_the_peer_runs_beside_the_learner(whole):
@@ -192,33 +194,13 @@ def test_playground_is_compared_with_a_training_of_as_many_robots_on_one_device(
     )
 
 
-def test_without_playground_a_bench_is_one_line_and_status_2(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(sys.modules, "mujoco_playground.config.locomotion_params", None)
-    assert command.main([*SMALL, "--peer", "playground", "--out", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: --peer playground needs the package playground")
-    assert error.count("\n") == 1
-
-
 def test_the_second_start_finds_what_the_first_compiled(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
-    assert report.cold_start is not None
-    assert report.warm_start is not None
-    # from before the process began: Python takes its time
-    assert 0 < report.cold_start.imported < 5
-    assert report.cold_start.first_step == pytest.approx(
-        report.cold_start.imported + 60
-    )
-    assert report.warm_start.first_step == pytest.approx(report.warm_start.imported + 2)
-
-
-def test_rows_come_as_they_are_measured_and_the_table_last(whole):
-    text = whole[1]
-    for part in ("environment", "resets", "policy", "sgd", "training"):
-        assert re.search(rf"^{part}, 16 robots", text, re.MULTILINE)
-    assert text.index("training, 16 robots") < text.index("control/s")
+    for start, takes in ((report.cold_start, 60), (report.warm_start, 2)):
+        assert start is not None
+        # from before the process began: Python takes its time
+        assert 0 < start.imported < 5
+        assert start.first_step == pytest.approx(start.imported + takes)
 
 
 def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
@@ -234,12 +216,18 @@ def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
     )
 
 
-def test_each_number_of_robots_is_measured_on_each_number_of_devices(monkeypatch):
+@pytest.mark.parametrize(
+    ("flags", "sizes"),
+    [
+        (["--robots", "64", "128", "64"], ((64, 6), (128, 6))),
+        (["--devices", "1", "2"], ((8192, 1), (8192, 2))),
+    ],
+)
+def test_each_number_of_robots_is_measured_on_each_number_of_devices(
+    flags, sizes, monkeypatch
+):
     monkeypatch.setattr(jax, "device_count", lambda: 6)
-    arguments = read("--preset", "gpu", "--robots", "64", "128", "64")
-    assert command.choose_sizes(arguments) == ((64, 6), (128, 6))
-    arguments = read("--preset", "gpu", "--devices", "1", "2")
-    assert command.choose_sizes(arguments) == ((8192, 1), (8192, 2))
+    assert command.choose_sizes(read("--preset", "gpu", *flags)) == sizes
 
 
 def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
@@ -247,15 +235,9 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
 
     def measure(request, size, parts, console):
         tried.append(size)
-        error = (
-            OUT_OF_MEMORY
-            if size[0] / size[1] > 32
-            else "an odd number"
-            if size[0] % 2
-            else None
-        )
-        return Case(*size, error=error)
+        return Case(*size, error=errors.get(size))
 
+    errors = {(15, 1): "an odd number", (64, 1): OUT_OF_MEMORY}
     monkeypatch.setattr(measuring, "_measure", measure)
     sizes = ((15, 1), (16, 1), (64, 1), (128, 1), (64, 2), (48, 1))
     request = BenchRequest(
@@ -302,15 +284,14 @@ def test_wrong_flags_are_told_and_status_2(argv, words, tmp_path, monkeypatch, c
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path, capsys):
+def test_a_folder_with_other_things_in_it_and_what_measures_nothing_are_refused(
+    tmp_path, capsys
+):
     (tmp_path / "thesis.tex").touch()
-    assert command.main([*SMALL, "--out", str(tmp_path)]) == 2
-    assert "other files" in capsys.readouterr().err
-    (tmp_path / "file").touch()
-    assert command.main([*SMALL, "--out", str(tmp_path / "file" / "below")]) == 2
-    assert "cannot write to" in capsys.readouterr().err
-
-
-def test_nothing_measured_is_a_mistake(tmp_path, capsys):
-    assert command.main([*SMALL, "--robots", "15", "--out", str(tmp_path)]) == 2
-    assert "nothing could be measured" in capsys.readouterr().err
+    for out, sizes, word in (
+        (tmp_path, [], "other files"),
+        (tmp_path / "thesis.tex" / "below", [], "cannot write to"),
+        (tmp_path / "new", ["--robots", "15"], "nothing could be measured"),
+    ):
+        assert command.main([*SMALL, *sizes, "--out", str(out)]) == 2
+        assert word in capsys.readouterr().err

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import is_told
+from synthetic import make_card
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.conditions import speed_to_command
-from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
-from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.learning.policy import Policy, load_policy, save_policy
 
 SIZE = sum(size for _, size in LAYOUT)
 
@@ -23,25 +23,13 @@ def standing_policy(seed: int = 0) -> Policy:
     """A policy that keeps to the standing pose, with weights of its own that have no
     say."""
     kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
-    card = PolicyCard(
-        stage="imitation",
-        observation_layout=LAYOUT,
-        action_size=12,
-        activation="swish",
-        hidden_layer_sizes=(4,),
-        env=EnvConfig(control=ControlConfig(mode="absolute")),
-        reference="none",
-        physics_steps=1_000_000,
-        seed=seed,
-        versions={"bp2_rl": "0.1.0"},
-        config_hash="0" * 12,
-        results={"curriculum_level": 0.5, "top_speed": 99.0},
-        created="2026-11-20T12:00:00+00:00",
-    )
+    card = make_card(seed=seed, results={"curriculum_level": 0.5, "top_speed": 99.0})
     zeros = np.zeros((4, 12), np.float32), np.zeros(12, np.float32)
-    mean, std = np.zeros(SIZE, np.float32), np.ones(SIZE, np.float32)
     return Policy(
-        card=card, mean=mean, std=std, layers=((kernel, np.zeros(4, np.float32)), zeros)
+        card=card,
+        mean=np.zeros(SIZE, np.float32),
+        std=np.ones(SIZE, np.float32),
+        layers=((kernel, np.zeros(4, np.float32)), zeros),
     )
 
 
@@ -100,10 +88,8 @@ def test_the_copy_is_the_runs_policy(capsys, source):
     assert command.main([source, "--to", "kept/policy"]) == 0
     assert capsys.readouterr().out == f"exported {source} to kept/policy\n"
     for name in ("card.json", "weights.npz"):
-        assert (
-            Path("kept/policy", name).read_bytes()
-            == Path("run/policies/64", name).read_bytes()
-        )
+        written = Path("run/policies/64", name).read_bytes()
+        assert Path("kept/policy", name).read_bytes() == written
 
 
 def test_the_card_says_what_the_report_says():
@@ -114,9 +100,8 @@ def test_the_card_says_what_the_report_says():
     found = report["metrics"]
     assert results["curriculum_level"] == 0.5  # what the training wrote stays
     assert said["schedule"] == report["conditions"]["schedule"]
-    assert said["commanded_speed"] == 0.3
-    assert said["fell_at"] is None
-    assert said["outside_envelope"] == 0
+    known = {"commanded_speed": 0.3, "fell_at": None, "outside_envelope": 0}
+    assert known.items() <= said.items()
     for name in set(said) & set(found):
         # The card rounds to four digits. A robot that stands has no cost of transport:
         # None is None.
@@ -131,62 +116,40 @@ def test_the_card_says_what_the_report_says():
     assert all(isinstance(value, flat) for value in said.values())
 
 
-def test_the_card_says_what_several_reports_say():
-    assert (
-        command.main(["run", "--to", "kept", "--report", "report", "--report", "race"])
-        == 0
-    )
-    results = load_policy("kept").card.results
+@pytest.mark.parametrize("at_once", [True, False])
+def test_the_card_says_what_several_reports_say(at_once):
+    first, second = ["--report", "report"], ["--report", "race"]
+    if at_once:
+        assert command.main(["run", "--to", "kept", *first, *second]) == 0
+    else:
+        assert command.main(["run", "--to", "kept", *first]) == 0
+        assert command.main(["kept", "--to", "kept", *second]) == 0
+    policy = load_policy("kept")
+    results = policy.card.results
     assert set(results) == {"curriculum_level", "top_speed", "topspeed", "sprint"}
     assert results["topspeed"]["commanded_speed"] == 0.3
     assert results["sprint"]["sprint_acceleration"] == 3.0
     assert results["sprint"]["time_100m"] is None  # it stands
-
-
-def test_a_later_report_adds_to_the_card():
-    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
-    assert command.main(["kept", "--to", "kept", "--report", "race"]) == 0
-    assert {"topspeed", "sprint"} < set(load_policy("kept").card.results)
-
-
-def test_a_policy_may_get_its_results_where_it_lies():
-    before = Path("run/policies/64/weights.npz").read_bytes()
-    assert command.main(["run", "--to", "run/policies/64", "--report", "report"]) == 0
-    assert load_policy("run").card.results["topspeed"]["commanded_speed"] == 0.3
-    assert Path("run/policies/64/weights.npz").read_bytes() == before
-
-
-def test_an_exported_policy_can_be_measured_as_it_was():
-    """By default eval.py commands what was commanded when the card's figures were
-    measured."""
-    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
-    assert speed_to_command(load_policy("kept")) == 0.3
+    assert speed_to_command(policy) == 0.3  # by default it is measured as it was
 
 
 # --- Wrong input ----------------------------------------------------------------------
 
 
 def test_the_copys_launches_and_stops_can_be_eased(capsys):
-    launch = ["--launching", "6", "--launching-speed", "18"]
-    assert (
-        command.main(
-            ["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9", *launch]
-        )
-        == 0
-    )
-    assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
-    ours, copy = load_policy(Path("run")), load_policy(Path("copy"))
     law = {
         "braking": 4.0,
         "stopping_time": 0.9,
         "launching": 6.0,
         "launching_speed": 18.0,
     }
-    control = dataclasses.replace(ours.card.env.control, **law)
-    assert copy.card.env == dataclasses.replace(ours.card.env, control=control)
-    assert copy.card.weights_sha256 == ours.card.weights_sha256
-    assert command.main(["copy", "--to", "again"]) == 0
-    assert load_policy(Path("again")).card.env == copy.card.env
+    flags = [f"--{name.replace('_', '-')}={value}" for name, value in law.items()]
+    assert command.main(["run", "--to", "copy", *flags]) == 0
+    assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
+    ours, copy = load_policy(Path("run")).card, load_policy(Path("copy")).card
+    control = dataclasses.replace(ours.env.control, **law)
+    assert copy.env == dataclasses.replace(ours.env, control=control)
+    assert copy.weights_sha256 == ours.weights_sha256
 
 
 @pytest.mark.parametrize(
@@ -238,22 +201,18 @@ def test_a_report_of_another_shape_is_refused(capsys, content, words):
     assert "report/metrics.json" in message
 
 
-def test_a_report_of_another_policy_is_refused(capsys):
+def test_a_report_of_another_policy_or_of_none_is_refused(capsys):
     save_policy(Path("other"), standing_policy(seed=1))
     message = refused(capsys, "other", "--to", "kept", "--report", "report")
     assert "report report is of another policy" in message
-    assert load_policy("run").card.weights_sha256[:12] in message
-    assert load_policy("other").card.weights_sha256[:12] in message
-
-
-def test_a_report_that_does_not_say_of_which_policy_is_refused(capsys):
+    for name in ("run", "other"):
+        assert load_policy(name).card.weights_sha256[:12] in message
     path = Path("report/metrics.json")
     report = json.loads(path.read_text())
     del report["conditions"]["weights_sha256"]
     path.write_text(json.dumps(report))
-    assert "weights unknown" in refused(
-        capsys, "run", "--to", "kept", "--report", "report"
-    )
+    message = refused(capsys, "run", "--to", "kept", "--report", "report")
+    assert "weights unknown" in message
 
 
 def test_a_damaged_policy_is_not_passed_on(capsys):

@@ -90,6 +90,7 @@ def test_the_first_screen_names_flags_that_there_are(command, capsys):
 
 
 def test_all_settings_are_listed_with_their_defaults(capsys):
+    assert "--stage" in shown(capsys, "train", "--nope", "--preset", "huge", "--help")
     text = shown(capsys, "train", "--preset", "gpu", "--help-all")
     robots = preset("imitation", "gpu").ppo.num_envs
     assert re.search(rf"--ppo.num-envs INT\W+\(default: {robots}\)", text)
@@ -107,7 +108,3 @@ def test_a_script_is_called_as_it_was_typed(script):
     ).stdout
     assert said.startswith(f"usage: python {script} [")
     assert "{prog}" not in said
-
-
-def test_help_answers_before_any_mistake_on_the_line(capsys):
-    assert "--stage" in shown(capsys, "train", "--nope", "--preset", "huge", "--help")

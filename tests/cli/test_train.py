@@ -18,22 +18,23 @@ def early_flags(words: list[str]) -> train.EarlyFlags:
 
 
 @pytest.mark.parametrize(
-    ("words", "threads"),
+    ("words", "ours", "threads"),
     [
-        ([], "3"),  # without an accelerator the kernel simulates
-        (["--preset", "cpu"], "3"),
-        (["--preset", "smoke", "--impl", "kernel"], "3"),
-        (["--preset", "cpu", "--impl", "jax"], "1"),
-        (["--preset", "smoke"], "1"),
-        (["--resume", "nowhere"], "1"),
+        ([], True, "3"),  # without an accelerator the kernel simulates
+        (["--preset", "cpu"], True, "3"),
+        (["--preset", "cpu"], False, "1"),  # the user has said how many
+        (["--preset", "smoke", "--impl", "kernel"], True, "3"),
+        (["--preset", "cpu", "--impl", "jax"], True, "1"),
+        (["--preset", "smoke"], True, "1"),
+        (["--resume", "nowhere"], True, "1"),
     ],
 )
 def test_xla_has_all_processors_where_mjx_does_not_simulate(
-    words, threads, monkeypatch
+    words, ours, threads, monkeypatch
 ):
     """With MJX its thread pool may wait for ever."""
     monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(processes, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(processes, "NPROC_IS_OURS", ours)
     monkeypatch.setenv("XLA_FLAGS", "")
     monkeypatch.setattr(processes, "processors", lambda: 3)
     train.use_processors(early_flags(words))
@@ -134,13 +135,6 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_users_number_of_threads_stands(monkeypatch):
-    monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(processes, "NPROC_IS_OURS", False)
-    train.use_processors(early_flags(["--preset", "cpu"]))
-    assert os.environ["NPROC"] == "1"
-
-
 @pytest.mark.parametrize(
     ("flags", "known"),
     [
@@ -173,24 +167,11 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
     save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
-    child = train.read_arguments(
-        ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
-    ).env
-    preset_env = presets.preset("relaxed", preset, robot="ideal").env
-    assert child == dataclasses.replace(
-        preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3)
-    )
-    assert child != dataclasses.replace(mine, reward=preset_env.reward)
-    moved = train.read_arguments(
-        [
-            "--stage",
-            "relaxed",
-            "--preset",
-            preset,
-            "--from",
-            str(tmp_path),
-            "--robot",
-            "built",
-        ]
-    ).env
+    words = ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
+    relaxed = presets.preset("relaxed", preset, robot="ideal").env
+    asked = dataclasses.replace(relaxed.commands, max_lateral=0.3)
+    child = train.read_arguments(words).env
+    assert child == dataclasses.replace(relaxed, commands=asked)
+    assert child != dataclasses.replace(mine, reward=relaxed.reward)
+    moved = train.read_arguments([*words, "--robot", "built"]).env
     assert moved.hardware == presets.preset("relaxed", preset).env.hardware

@@ -4,7 +4,6 @@ first result on."""
 import re
 import threading
 from concurrent.futures import Future
-from pathlib import Path
 
 import pytest
 
@@ -119,8 +118,7 @@ def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(
     monkeypatch.setattr(films, "make_video", make_video)
     with filming(Fleet({64: FAST, 128: FAST, 192: FALLEN}), said.append) as judge:
         assert len(hear(judge, tmp_path, 64, 128, 192)) == 3
-    assert len(said) == 1
-    assert said[0].startswith("warning: no ")
+    assert [line.startswith("warning: no ") for line in said] == [True]
     assert str(error).split(": ")[-1] in page(tmp_path)
     assert page(tmp_path).count("no film<") == 3
 
@@ -142,6 +140,17 @@ def test_a_run_whose_folder_is_gone_gets_no_new_one(tmp_path, camera):
     assert not run_dir.exists()
 
 
+def test_a_judge_that_fails_is_heard_of_and_leaves_no_page(tmp_path, camera):
+    failed = Future()
+    failed.set_exception(RuntimeError("killed"))
+    with (
+        filming(Fleet({64: failed}), print) as judge,
+        pytest.raises(RuntimeError, match="killed"),
+    ):
+        hear(judge, tmp_path, 64)
+    assert not (tmp_path / PAGE).exists()
+
+
 def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera):
     late = Future()
     judge = Fleet({64: FAST, 128: late})
@@ -155,36 +164,15 @@ def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera
     assert "128" not in before
 
 
-def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera):
+@pytest.mark.parametrize(("until", "best"), [(None, "64"), (10.5, "128")])
+def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera, until, best):
     """One that ends the run comes before one that falls less, as in `judged.json`."""
     slow, reaching = JudgeResult(9.0, 0, 3, 9.0), JudgeResult(11.0, 2, 3, 4.0)
-    for until, best in ((None, "64"), (10.5, "128")):
-        run_dir = tmp_path / best
-        run_dir.mkdir()
-        with filming(Fleet({64: slow, 128: reaching}), print, until=until) as judge:
-            hear(judge, run_dir, 64, 128)
-        [marked] = re.findall(r"the best at (\d+) control", page(run_dir))
-        assert marked == best
-
-
-def test_a_judge_that_fails_is_heard_of(tmp_path, camera):
-    failed = Future()
-    failed.set_exception(RuntimeError("killed"))
-    with (
-        filming(Fleet({64: failed}), print) as judge,
-        pytest.raises(RuntimeError, match="killed"),
-    ):
-        hear(judge, tmp_path, 64)
+    with filming(Fleet({64: slow, 128: reaching}), print, until=until) as judge:
+        hear(judge, tmp_path, 64, 128)
+    assert re.findall(r"the best at (\d+) control", page(tmp_path)) == [best]
 
 
 def test_films_need_a_judge():
     with pytest.raises(UserError, match=r"let --run\.judged be 1"):
         RunConfig(films=True)
-    assert RunConfig(films=True, judged=1).films
-
-
-def test_without_a_policy_there_is_no_page(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with filming(Fleet({}), print):
-        pass
-    assert list(Path().iterdir()) == []

@@ -69,47 +69,44 @@ def test_a_robot_that_falls_has_no_speed(slower):
     assert 0.0 < launched.fell_told < 6.0  # it falls while the command rises
 
 
-def test_of_several_falls_the_one_at_the_least_command_is_told():
-    fast, slow = (
-        LaunchResult(True, 0.0, fell_told=told, fell_after=told - 0.4)
-        for told in (5.0, 3.9)
-    )
-    result = judging.combine([fast, LaunchResult(False, 9.0), slow])
-    assert (result.fell_told, result.fell_after) == (3.9, 3.5)
-    assert (
-        str(result)
-        == "2 of 3 launches fell, first told 3.9 m/s after a second at 3.5 m/s"
-    )
+def fell(told=0.0, after=0.0):
+    return LaunchResult(True, 0.0, fell_told=told, fell_after=after)
 
 
-def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
-    assert judging.combine(
-        [LaunchResult(False, 9.0), LaunchResult(True, 0.0), LaunchResult(False, 12.0)]
-    ) == JudgeResult(9.0, 1, 3, 7.0)
+@pytest.mark.parametrize(
+    ("launches", "result"),
+    [
+        # of several falls that at the least command is told
+        (
+            [LaunchResult(False, 9.0), fell(5.0, 4.6), fell(3.9, 3.5)],
+            JudgeResult(9.0, 2, 3, 3.0, 3.9, 3.5),
+        ),
+        # the first launch gives the speed, all of them falls and mean
+        (
+            [LaunchResult(False, 9.0), fell(), LaunchResult(False, 12.0)],
+            JudgeResult(9.0, 1, 3, 7.0),
+        ),
+        # the first launch is the longest: no short one makes up for a fall in it
+        (
+            [fell(), LaunchResult(False, 12.0), LaunchResult(False, 12.0)],
+            JudgeResult(0.0, 1, 3, 0.0),
+        ),
+        # faster than told is as bad as slower
+        ([LaunchResult(False, 2.5, command=3.0)], JudgeResult(2.5, 0, 1, 2.5)),
+        ([LaunchResult(False, 3.5, command=3.0)], JudgeResult(3.5, 0, 1, 2.5)),
+        ([LaunchResult(False, 3.0, command=3.0)], JudgeResult(3.0, 0, 1, 3.0)),
+    ],
+)
+def test_launches_are_combined(launches, result):
+    assert judging.combine(launches) == result
 
 
-def test_a_policy_that_falls_in_the_first_launch_is_the_worst():
-    """It is the longest: no short launch makes up for it."""
-    fell = judging.combine(
-        [LaunchResult(True, 0.0), LaunchResult(False, 12.0), LaunchResult(False, 12.0)]
-    )
-    assert fell == JudgeResult(0.0, 1, 3, 0.0)
-
-
-def test_a_policy_that_runs_faster_than_told_is_as_bad_as_one_that_runs_slower():
-    told = [LaunchResult(False, speed, command=3.0) for speed in (2.5, 3.5, 3.0)]
-    assert [judging.combine([one]) for one in told] == [
-        JudgeResult(2.5, 0, 1, 2.5),
-        JudgeResult(3.5, 0, 1, 2.5),
-        JudgeResult(3.0, 0, 1, 3.0),
-    ]
-
-
-def test_no_launch_is_steeper_than_those_of_the_training():
-    env = EnvConfig(commands=CommandConfig(max_forward=2.5, acceleration=(1.0, 2.0)))
-    assert [one.ramp(env).acceleration for one in JUDGED_LAUNCHES] == [2.0, 2.0, 2.0]
-    steep = EnvConfig(commands=CommandConfig(acceleration=(1.0, 8.0)))
-    assert [one.ramp(steep).acceleration for one in JUDGED_LAUNCHES] == [3.0, 6.0, 3.0]
+@pytest.mark.parametrize(
+    ("steepest", "asked"), [(2.0, [2.0, 2.0, 2.0]), (8.0, [3.0, 6.0, 3.0])]
+)
+def test_no_launch_is_steeper_than_those_of_the_training(steepest, asked):
+    env = EnvConfig(commands=CommandConfig(acceleration=(1.0, steepest)))
+    assert [one.ramp(env).acceleration for one in JUDGED_LAUNCHES] == asked
 
 
 def test_a_launch_may_have_noisy_sensors(shipped):

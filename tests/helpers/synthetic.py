@@ -2,11 +2,14 @@
 stands."""
 
 import io
+import json
 
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.report import terminal
 from bp2_rl.learning.policy import Policy, PolicyCard
@@ -108,9 +111,12 @@ def make_policy():
 @pytest.fixture
 def assert_fits():
     """An evaluation's table fits a terminal of 80 columns, and has the rows that are
-    shown large."""
+    shown large; its metrics survive strict JSON."""
 
     def assert_fits(evaluation):
+        metrics = evaluation.metrics
+        written = json.loads(json.dumps(to_json(metrics), allow_nan=False))
+        assert from_json(type(metrics), written) == metrics
         assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
         printed = io.StringIO()
         terminal.print_table(evaluation, Console(file=printed, width=80))
@@ -120,6 +126,18 @@ def assert_fits():
         assert not any("…" in line for line in lines)
 
     return assert_fits
+
+
+@pytest.fixture
+def assert_drawn():
+    """A figure can be drawn, and is as wide as a page."""
+
+    def assert_drawn(figure):
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png")
+        assert Image.open(buffer).width >= 1200
+
+    return assert_drawn
 
 
 @pytest.fixture

@@ -90,21 +90,8 @@ def test_the_table_fits_a_terminal_and_has_every_row(report):
 
 
 def test_a_program_from_the_cache_is_marked():
-    cached = Case(
-        64,
-        1,
-        (
-            measurement(
-                "sgd",
-                64,
-                1,
-                1e3,
-                from_cache=True,
-                program_bytes=None,
-            ),
-        ),
-    )
-    assert "41.2*" in show(bench(cached))
+    cached = measurement("sgd", 64, 1, 1e3, from_cache=True, program_bytes=None)
+    assert "41.2*" in show(bench(Case(64, 1, (cached,))))
 
 
 def test_the_remarks_say_what_the_table_does_not():

@@ -69,11 +69,8 @@ def test_what_compiles_is_not_timed_and_the_rest_as_long_as_asked(
 
 def test_playgrounds_own_number_of_robots_is_the_default(learner):
     settings = playground.playground_settings()
-    assert (
-        playground.measure_playground(settings, 1.0).robots
-        == learner["num_envs"]
-        == 8192
-    )
+    rate = playground.measure_playground(settings, 1.0)
+    assert rate.robots == learner["num_envs"] == 8192
     assert learner["batch_size"] == 256
 
 

@@ -101,17 +101,14 @@ def test_times_are_those_that_the_environment_sleeps(sleepy, part, seconds):
     )
 
 
-def test_what_does_not_sleep_is_fast(sleepy):
-    seconds = {m.part: m.best_seconds for m in sleepy.measurements}
-    assert max(seconds["policy"], seconds["sgd"]) < 0.5 * STEP
-
-
-def test_repeats_fill_the_time_given(sleepy):
+def test_repeats_fill_the_time_given_and_what_does_not_sleep_is_fast(sleepy):
     repeats = {m.part: m.repeats for m in sleepy.measurements}
     # 0.6 s of calls, each at least as long as its sleep; a busy machine fits in fewer.
     assert 3 <= repeats["environment"] <= 1 + 0.6 / (RESET + LENGTH * STEP)
     assert 5 <= repeats["resets"] <= 1 + 0.6 / RESET
     assert repeats["resets"] < repeats["policy"] <= throughput.MOST
+    seconds = {m.part: m.best_seconds for m in sleepy.measurements}
+    assert max(seconds["policy"], seconds["sgd"]) < 0.5 * STEP
 
 
 def test_shares_of_a_train_step_add_up(sleepy):
@@ -125,10 +122,9 @@ def test_shares_of_a_train_step_add_up(sleepy):
 
 
 def test_nothing_compiles_while_it_is_timed(sleepy):
-    assert all(m.compilations == 0 for m in sleepy.measurements)
-    assert all(
-        m.compile_seconds > 0 and m.trace_seconds > 0 for m in sleepy.measurements
-    )
+    for m in sleepy.measurements:
+        assert m.compilations == 0
+        assert min(m.compile_seconds, m.trace_seconds) > 0
 
 
 def test_a_program_is_compiled_once_to_be_timed_and_called():

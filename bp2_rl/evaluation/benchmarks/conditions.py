@@ -18,7 +18,6 @@ from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
 from bp2_rl.simulation.schedule import Ramp
 
-UNNAMED = "card's own"  # robot
 BEYOND = 0.25, 0.7
 """Shares of its fastest command: a robot that runs at best between them is told what it
 runs; a slower one does not run at all."""
@@ -128,7 +127,7 @@ def conditions(
 
 
 def describe(policy: Policy) -> str:
-    """Describe the policy in one line."""
+    """Describe a policy's training in one line."""
     card = policy.card
     return (
         f"{card.stage} stage, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed}, {card.created}, "
@@ -146,31 +145,33 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
-    """Describe the robot in one line."""
+    """Describe a robot in one line: its name, its losses, and a hash of what is not
+    published."""
     losses, name = hardware.losses, robot_name(hardware)
     if name == "ideal":
         return (
             "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
             "through each other"
         )
-    is_bp2 = hardware.is_bp2
-    if is_bp2 and name is None:
-        return f"{title_of(hardware)}: config {config_hash(hardware)}"
-    slides = f", slides {losses.spring_friction:g} N" if hardware.anatomy.sprung else ""
-    out, into = 1e-3 * losses.bus_power_out, 1e-3 * losses.bus_power_in
-    bus = (
-        f", bus {out:g} kW out and {into:g} kW in with {losses.bus_sag:.2%} sag a kW"
-        if math.isfinite(out)
-        else ""
-    )
-    legs = "solid legs" if hardware.solid_legs else "legs that pass through each other"
-    return (
-        f"{name if is_bp2 else f'{title_of(hardware)}, {hardware.mass:.3g} kg'}: CdA {losses.drag_area:g} m², gears "
-        f"{losses.gear_efficiency:.0%}, joint friction {_by_joint(losses.joint_friction)} Nm + "
-        f"{_by_joint(losses.joint_viscosity)} Nm s/rad{slides}{bus}, torque lag {1e3 * losses.current_lag:g} ms, "
-        f"latency {1e3 * losses.latency:g} ms, "
-        f"friction {hardware.friction:g}, {legs}{'' if is_bp2 else f'; config {config_hash(hardware)}'}"
-    )
+    known = hardware.is_bp2 and name is not None
+    parts = {
+        f"CdA {losses.drag_area:g} m²": True,
+        f"gears {losses.gear_efficiency:.0%}": True,
+        f"joint friction {_by_joint(losses.joint_friction)} Nm + "
+        f"{_by_joint(losses.joint_viscosity)} Nm s/rad": True,
+        f"slides {losses.spring_friction:g} N": hardware.anatomy.sprung,
+        f"bus {1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in "
+        f"with {losses.bus_sag:.2%} sag a kW": math.isfinite(losses.bus_power_out),
+        f"torque lag {1e3 * losses.current_lag:g} ms": True,
+        f"latency {1e3 * losses.latency:g} ms": True,
+        f"friction {hardware.friction:g}": True,
+        "solid legs": hardware.solid_legs,
+        "legs that pass through each other": not hardware.solid_legs,
+    }
+    said = ", ".join(part for part, holds in parts.items() if holds)
+    if known:
+        return f"{name}: {said}"
+    return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {said}; config {config_hash(hardware)}"
 
 
 def _by_joint(value: ByJoint) -> str:
@@ -184,7 +185,7 @@ def title_of(hardware: HardwareSpec) -> str:
     """Name the robot for a title."""
     if not hardware.is_bp2:
         return hardware.anatomy.name
-    return f"{robot_name(hardware) or UNNAMED} robot"
+    return f"{robot_name(hardware) or 'unnamed'} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:
@@ -201,8 +202,10 @@ def describe_ramp(ramp: Ramp) -> str:
 
 def describe_rise(ramp: Ramp) -> str:
     """Describe in a few words how fast the command rises."""
-    limit = _launching(ramp)
-    return f"at {ramp.acceleration:g} m/s²{f', and at no more than {limit}' if limit else ''}"
+    rise = f"at {ramp.acceleration:g} m/s²"
+    if math.isfinite(ramp.launching):
+        return f"{rise}, and at no more than {_launching(ramp)}"
+    return rise
 
 
 def describe_sensors(noise: RandomizationConfig, seed: int | None) -> str:
@@ -229,28 +232,27 @@ def describe_operator(operator: HeadingHold) -> str:
 
 def describe_easing(control: ControlConfig) -> str:
     """Describe how the controller eases forward commands, in one line."""
-    fall = []
-    if math.isfinite(control.braking):
-        fall.append(f"{control.braking:g} m/s²")
-    if control.stopping_time:
-        fall.append(f"(v + {EASE:g} m/s) / {control.stopping_time:g} s")
-    ways = {"rises": _launching(control), "falls": ", nor than ".join(fall)}
-    limits = [f"{way} no faster than {rate}" for way, rate in ways.items() if rate]
-    if not limits:
+    limits = {
+        f"rises no faster than {_launching(control)}": math.isfinite(control.launching),
+        f"falls no faster than {control.braking:g} m/s²": math.isfinite(
+            control.braking
+        ),
+        f"falls no faster than (v + {EASE:g} m/s) / {control.stopping_time:g} s": bool(
+            control.stopping_time
+        ),
+    }
+    said = ", and ".join(limit for limit, holds in limits.items() if holds)
+    if not said:
         return "the policy is told the command as it is"
-    return f"the forward command v that the policy is told {', and '.join(limits)}"
+    return f"the forward command v that the policy is told {said}"
 
 
 def _launching(of: ControlConfig | Ramp) -> str:
-    """Describe how fast a command v rises at most; nothing without a limit."""
-    if not math.isfinite(of.launching):
-        return ""
-    share = (
-        f" x (1 - v / {of.launching_speed:g} m/s)"
-        if math.isfinite(of.launching_speed)
-        else ""
-    )
-    return f"{of.launching:g} m/s²{share}"
+    """Describe how fast a command v rises at most."""
+    rate = f"{of.launching:g} m/s²"
+    if math.isfinite(of.launching_speed):
+        return f"{rate} x (1 - v / {of.launching_speed:g} m/s)"
+    return rate
 
 
 def describe_simulator(

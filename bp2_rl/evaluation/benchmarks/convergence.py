@@ -130,7 +130,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
-    """Compare the speeds of each run with the first run's."""
+    """Compare the speeds of all runs with the speeds of the first run."""
     first = ran[0]
     variants = tuple(
         NumericsVariant(

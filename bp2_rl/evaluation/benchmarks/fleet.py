@@ -6,9 +6,20 @@ import math
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import card_of, metric, rounded, rows_of, show
+from bp2_rl.base.plotting import (
+    FALL,
+    FRONT,
+    INK,
+    WIDTH,
+    legend_above,
+    moving_mean,
+    styled,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     cruising_speed,
     describe_ramp,
@@ -16,20 +27,16 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     title_of,
 )
-from bp2_rl.evaluation.benchmarks.fleet_figures import (
-    FLEET_CAPTION,
-    ROBOTS_CAPTION,
-    fleet_figure,
-    robots_figure,
-)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, run_conditions
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.backend import TITLES
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.parallel import FleetRun, run_fleet
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -161,8 +168,18 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         rows=rows_of(metrics),
         tiles=("Without a fall", "Mean speed", "Off the line", "Worst off the line"),
         pictures=(
-            Picture("robots", ROBOTS_CAPTION, robots_figure(metrics)),
-            Picture("fleet", FLEET_CAPTION, fleet_figure(run)),
+            Picture(
+                "robots",
+                "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; "
+                "crosses: fallen.",
+                robots_figure(metrics),
+            ),
+            Picture(
+                "fleet",
+                "Speed over time (0.25-s means) of the robots that had not fallen until then: the median, and the "
+                "bands that hold half and nine tenths of them; ticks: falls.",
+                fleet_figure(run),
+            ),
         ),
         metrics=metrics,
         results=card_of(metrics)
@@ -261,3 +278,115 @@ def summarise_fleet(metrics: RobustnessMetrics) -> str:
     """Say in one sentence how many robots stayed up."""
     count = f"{metrics.upright} of {len(metrics.robots)} robots"
     return f"{count} did not fall at a command of {metrics.commanded_speed:g} m/s."
+
+
+# --- Pictures -------------------------------------------------------------------------
+
+
+@styled
+def robots_figure(metrics: RobustnessMetrics) -> Figure:
+    """Draw mean speed over friction, coloured by latency; falls below all others."""
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    axes: Axes = figure.subplots()
+    robots = [
+        (r.friction, r.mean_speed, 1e3 * r.latency)
+        for r in metrics.robots
+        if r.mean_speed is not None
+    ]
+    fallen = [r.friction for r in metrics.robots if r.fell_at is not None]
+    latencies = [1e3 * robot.latency for robot in metrics.robots]
+    if robots:
+        friction, speed, latency = zip(*robots, strict=True)
+        points = axes.scatter(
+            friction,
+            speed,
+            c=latency,
+            s=26,
+            linewidths=0,
+            cmap="cividis",
+            vmin=min(latencies),
+            vmax=max(latencies),
+        )
+        figure.colorbar(
+            points, ax=axes, label="Latency [ms]", pad=0.02
+        ).outline.set_visible(False)
+    axes.axhline(
+        metrics.commanded_speed,
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
+        label="command",
+    )
+    if fallen:
+        floor, at = [0.03] * len(fallen), axes.get_xaxis_transform()
+        axes.plot(
+            fallen,
+            floor,
+            "x",
+            ms=7,
+            mew=1.8,
+            color=FALL,
+            transform=at,
+            label=f"{len(fallen)} fell",
+        )
+    axes.set(title="Mean speed held", xlabel="Friction [1]", ylabel="Speed [m/s]")
+    axes.margins(y=0.12)
+    legend_above(axes)
+    return figure
+
+
+@styled
+def fleet_figure(run: FleetRun) -> Figure:
+    """Draw bands of quantiles of the speed over time."""
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    axes: Axes = figure.subplots()
+    speed = moving_mean(run.speed, round(RIPPLE / conventions.CONTROL_STEP))
+    standing = run.time[:, None] < run.fell_at - RIPPLE / 2
+    standing[0] = True
+    last = int(np.sum(np.any(standing, axis=1)))
+    shown = np.where(standing, speed, np.nan)[:last]
+    bands = np.nanquantile(shown, (0.05, 0.25, 0.5, 0.75, 0.95), axis=1)
+    time = run.time[:last]
+    axes.fill_between(
+        time,
+        bands[0],
+        bands[4],
+        color=FRONT,
+        alpha=0.18,
+        linewidth=0,
+        label="90 % of the robots",
+    )
+    axes.fill_between(
+        time, bands[1], bands[3], color=FRONT, alpha=0.35, linewidth=0, label="50 %"
+    )
+    axes.plot(time, bands[2], color=FRONT, linewidth=1.8, label="median")
+    axes.plot(
+        run.time,
+        run.command,
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
+        label="command",
+    )
+    fell = run.fell_at[np.isfinite(run.fell_at)]
+    if len(fell):
+        at = axes.get_xaxis_transform()
+        axes.plot(
+            fell,
+            0.03 + 0.0 * fell,
+            "|",
+            ms=10,
+            mew=1.6,
+            color=FALL,
+            transform=at,
+            label="falls",
+        )
+    axes.set(
+        title="Speed",
+        xlabel="Time [s]",
+        ylabel="Speed [m/s]",
+        xlim=(0.0, run.time[-1]),
+        ylim=(0.0, None),
+    )
+    legend_above(axes)
+    return figure

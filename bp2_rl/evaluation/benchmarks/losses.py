@@ -1,4 +1,4 @@
-"""The losses benchmark: the price of each loss between the ideal and the built robot.
+"""The losses benchmark prices every loss between the ideal and the built robot.
 
 A robot of a file is the built one; the ideal one is that robot without its losses.
 """

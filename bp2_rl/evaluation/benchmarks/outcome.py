@@ -5,12 +5,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import NOT_MEASURED as NOT_MEASURED
-from bp2_rl.base.metric import Row as Row
-from bp2_rl.base.metric import Table as Table
-from bp2_rl.base.metric import rounded as rounded
-from bp2_rl.base.metric import show as show
-from bp2_rl.base.metric import show_fall as show_fall
+from bp2_rl.base.metric import Row, Table
 from bp2_rl.simulation.trajectory import Trajectory
 
 

@@ -157,7 +157,7 @@ class RobotMetrics:
 
     @property
     def upright(self) -> bool:
-        """Whether the robot fell in neither run."""
+        """Tell whether the robot stayed upright in both runs."""
         return self.fell_at is None and self.fell_in_sprint_at is None
 
 
@@ -342,14 +342,13 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
 
 def _describe_runs(robot: RobotMetrics) -> str:
     """Describe the command at top speed, or the fall there, and the sprint."""
-    fell = robot.fell_at is not None
-    told = _show_fell(robot.fell_at) if fell else f"told {robot.told:.1f}"
-    if robot.time_100m is not None:
+    upright, arrived = robot.fell_at is None, robot.time_100m is not None
+    held = f"told {robot.told:.1f}" if upright else _show_fell(robot.fell_at)
+    if arrived:
         left = "" if robot.lane_kept else ", left its lane"
-        return f"{told}; 100 m in {robot.time_100m:.2f} s{left}"
-    if robot.fell_in_sprint_at is not None:
-        return f"{told}; 100 m: {_show_fell(robot.fell_in_sprint_at)}"
-    return f"{told}; 100 m: not reached"
+        return f"{held}; 100 m in {show(robot.time_100m, '.2f', 's')}{left}"
+    fell = robot.fell_in_sprint_at
+    return f"{held}; 100 m: {'not reached' if fell is None else _show_fell(fell)}"
 
 
 def sensitivity_picture(robots: Sequence[RobotMetrics]) -> Picture:

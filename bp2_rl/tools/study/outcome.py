@@ -47,7 +47,7 @@ STYLES = dict(
 
 @dataclasses.dataclass(frozen=True)
 class PolicyMeasurement:
-    """The speed of one saved policy in C MuJoCo, from a standing start."""
+    """The top speed of a saved policy in C MuJoCo, from a standing start."""
 
     control_steps: int  # of all its training, the stages before included
     weights_sha256: str  # of the policy
@@ -289,7 +289,7 @@ def draw_learning_curves(
 
 @styled
 def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
-    """Draw the top speed in C MuJoCo of each seed of each variant after each stage."""
+    """Draw the top speeds of all seeds of all variants after both stages."""
     figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
     axes = figure.subplots()
     rows = range(len(outcomes))

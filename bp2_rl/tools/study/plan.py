@@ -1,4 +1,4 @@
-"""Plan a study: the variants of the recipe, and the trainings of each."""
+"""Plan a study: the variants of the recipe, and their trainings."""
 
 import dataclasses
 from pathlib import Path

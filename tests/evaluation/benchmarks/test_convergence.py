@@ -1,13 +1,10 @@
 import pytest
 
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import convergence as module
 from bp2_rl.evaluation.benchmarks.convergence import (
     NUMERICS,
-    ConvergenceMetrics,
     compare_numerics,
     convergence,
-    summarise_convergence,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
@@ -37,16 +34,6 @@ def test_differences_are_relative_to_the_run_as_judged(runs):
         [0.0, 1e-3, 2e-3, 3e-3, 4e-3], abs=1e-6
     )
     assert m.greatest_change == pytest.approx(4e-3, abs=1e-6)
-    assert (
-        summarise_convergence(m)
-        == "Finer physics changes the mean speed held by 0.40% at most."
-    )
-    assert from_json(ConvergenceMetrics, to_json(m)) == m
-
-
-def test_the_verdict_names_those_that_fell(runs, make_run):
-    m = compare_all(runs | {"0.25 ms": make_run(duration=4.0, fell_at=4.0)})
-    assert summarise_convergence(m).endswith(" Fell: 0.25 ms.")
 
 
 def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
@@ -56,7 +43,7 @@ def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
 
 
 def test_the_policy_is_run_under_every_numerics(
-    make_policy, runs, simulated, assert_fits
+    make_policy, make_run, runs, simulated, assert_fits
 ):
     asked = []
 
@@ -82,12 +69,5 @@ def test_the_policy_is_run_under_every_numerics(
     assert "but for '0.25 ms, motors too'" in evaluation.conditions["simulator"]
     assert evaluation.good
     assert_fits(evaluation)
-
-
-def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, simulated):
-    slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
-    simulated(module, lambda one: slower[one.name])
-    setup = Setup(speed=6.0)
-    assert not convergence(
-        make_policy(), ramp_to_topspeed(make_policy(), setup), setup
-    ).good
+    runs["0.5 ms"] = make_run(speed=4.9, acceleration=10.0)
+    assert not convergence(policy, ramp, setup).good  # too great a change

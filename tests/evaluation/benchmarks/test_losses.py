@@ -2,10 +2,8 @@ import dataclasses
 
 import pytest
 
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import losses as module
 from bp2_rl.evaluation.benchmarks.losses import (
-    LossesMetrics,
     Tried,
     greatest_speeds,
     losses,
@@ -90,5 +88,4 @@ def test_each_loss_is_tried_alone_left_out_and_added(
     assert metrics.over_outdoors == pytest.approx(built - 10.74)
     assert metrics.losses[0].optimiser == greatest_speeds()["ideal + air"]
     assert evaluation.good
-    assert from_json(LossesMetrics, to_json(metrics)) == metrics
     assert_fits(evaluation)

@@ -3,15 +3,11 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import (
-    conditions,
-    describe_operator,
-    describe_ramp,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig, EnvConfig
-from bp2_rl.simulation.schedule import Ramp
 
 
 @pytest.mark.parametrize(
@@ -39,32 +35,14 @@ def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(
     assert speed_to_command(make_policy(env=env, results=results)) == speed
 
 
-def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(make_policy):
-    top = {"topspeed": {"commanded_speed": 9.0}}
-    assert speed_to_command(make_policy(results=top), "sprint") == 9.0
-    assert (
-        speed_to_command(
-            make_policy(results=top | {"sprint": {"commanded_speed": 8.0}}), "sprint"
-        )
-        == 8.0
-    )
-
-
-def test_conditions_say_how_to_do_it_again(make_policy):
-    policy = make_policy()
-    said = conditions(
-        policy, describe_ramp(Ramp(6.0, 2.4, 20.0)), "a simulator", Setup()
-    )
-    assert said["schedule"] == "from a stand to 6 m/s at 2.4 m/s², then hold for 20 s"
-    assert "seed 3" in said["policy"]
-    assert said["weights_sha256"] == policy.card.weights_sha256
-    assert said["operator"].startswith(
-        "yaw-rate command = -4/s x heading - 0.4/(m s) x offset"
-    )
-    assert said["operator"].endswith(
-        "sees the true heading and offset, without noise or delay"
-    )
-    assert describe_operator(HeadingHold(limit=0.0)).startswith("none")
+@pytest.mark.parametrize(
+    ("results", "speed"), [({}, 9.0), ({"sprint": {"commanded_speed": 8.0}}, 8.0)]
+)
+def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(
+    make_policy, results, speed
+):
+    policy = make_policy(results={"topspeed": {"commanded_speed": 9.0}} | results)
+    assert speed_to_command(policy, "sprint") == speed
 
 
 @pytest.mark.parametrize(

@@ -1,28 +1,20 @@
 import dataclasses
-import io
-import json
 import math
 import operator
 
 import pytest
-from PIL import Image
 
-from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import sensitivity as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.sensitivity import (
     AS_ASSUMED,
     RobotMetrics,
-    SensitivityMetrics,
     compare_robots,
     ramp_to_sensitivity,
     robot_metrics,
     robots_of,
     sensitivity,
     sensitivity_picture,
-    sensitivity_rows,
-    summarise_sensitivity,
 )
 from bp2_rl.evaluation.benchmarks.variants import VariantRun
 from bp2_rl.evaluation.report import folder
@@ -67,31 +59,34 @@ def test_each_other_robot_differs_in_one_property():
             if getattr(robot, f.name) != getattr(IDEAL, f.name)
         ]
         assert len(changed) == (2 if "spring stops" in name else 1), name
-    assert (
-        robots["spring stops x 10"].spring_stop_stiffness
-        == robots["spring stops x 10"].rebound_stiffness
-        == 300e3
-    )
-    assert "joint stops 20 ms" not in robots  # as assumed
-    assert "friction 0.8" not in robots_of(BUILT)
-    assert robots["spring travel -10 mm"].spring_travel == pytest.approx(0.12)
-    assert robots["mass +10 %"].mass_scale == pytest.approx(1.1)
+    # as assumed, it is no other robot
+    for name, assumed in (
+        ("joint stops 20 ms", IDEAL),
+        ("no air", IDEAL),  # it runs in none
+        ("friction 0.8", BUILT),
+    ):
+        assert name not in robots_of(assumed)
 
 
-def test_what_was_found_decisive_is_among_the_robots():
-    robots = robots_of(BUILT)
-    changed = {
-        "spring damping 50 N s/m": ("spring_damping", 50.0),
-        "no-load speed -10 %": ("no_load_speed", pytest.approx(0.9 * 21.4)),
-        "bus sag 5 %/kW": ("losses.bus_sag", 0.05),
-        "bus 6 kW": ("losses.bus_power_out", 6e3),
-        "charging 1 kW": ("losses.bus_power_in", 1e3),
-        "drag area 0.4 m\u00b2": ("losses.drag_area", 0.4),
-        "no air": ("losses.drag_area", 0.0),
-    }
-    for name, (parameter, value) in changed.items():
-        assert operator.attrgetter(parameter)(robots[name]) == value
-    assert "no air" not in robots_of(IDEAL)  # it runs in none
+@pytest.mark.parametrize(
+    ("name", "parameter", "value"),
+    [
+        ("spring stops x 10", "spring_stop_stiffness", 300e3),
+        ("spring stops x 10", "rebound_stiffness", 300e3),
+        ("spring travel -10 mm", "spring_travel", 0.12),
+        ("mass +10 %", "mass_scale", 1.1),
+        ("spring damping 50 N s/m", "spring_damping", 50.0),
+        ("no-load speed -10 %", "no_load_speed", 0.9 * 21.4),
+        ("bus sag 5 %/kW", "losses.bus_sag", 0.05),
+        ("bus 6 kW", "losses.bus_power_out", 6e3),
+        ("charging 1 kW", "losses.bus_power_in", 1e3),
+        ("drag area 0.4 m\u00b2", "losses.drag_area", 0.4),
+        ("no air", "losses.drag_area", 0.0),
+    ],
+)
+def test_what_was_found_decisive_is_among_the_robots(name, parameter, value):
+    robot = robots_of(BUILT)[name]
+    assert operator.attrgetter(parameter)(robot) == pytest.approx(value)
 
 
 def test_a_robot_is_shown_at_the_command_under_which_it_ran_fastest(make_run):
@@ -104,8 +99,11 @@ def test_a_robot_is_shown_at_the_command_under_which_it_ran_fastest(make_run):
     fell, told = ran(5.9, duration=4.0, fell_at=4.0), (6.0, 5.0, 4.0)
     found = robot_metrics("weak", told, [fell, ran(4.5), ran(4.0)], fell)
     assert (found.told, found.best_speed) == (5.0, pytest.approx(4.5))
-    assert (found.fell_at, found.fell_in_sprint_at) == (None, 4.0)
-    assert not found.lane_kept
+    assert (found.fell_at, found.fell_in_sprint_at, found.lane_kept) == (
+        None,
+        4.0,
+        False,
+    )
     lost = robot_metrics("lost", told, [fell, fell, fell], fell)
     assert (lost.told, lost.mean_speed, lost.fell_at) == (6.0, None, 4.0)
 
@@ -113,35 +111,11 @@ def test_a_robot_is_shown_at_the_command_under_which_it_ran_fastest(make_run):
 def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
     m = compare_robots([ROBOT, SLOW, FELL, FELL_RACING], 16.0)
     assert (m.upright, m.best_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
-    assert (
-        summarise_sensitivity(m)
-        == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
-    )
     late = dataclasses.replace(ROBOT, time_100m=None)
-    assert (
-        summarise_sensitivity(compare_robots([late], 16.0))
-        == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
-    )
-    assert (
-        summarise_sensitivity(compare_robots([FELL], 16.0))
-        == "0 of 1 robots did not fall."
-    )
-    assert (
-        from_json(
-            SensitivityMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))
-        )
-        == m
-    )
-
-
-def test_a_reader_is_told_of_falls_and_of_lanes_left():
-    rows = sensitivity_rows(compare_robots([ROBOT, SLOW, FELL, FELL_RACING], 16.0))
-    said = {row.label: row.meaning for row in rows}
-    assert {row.label: row.value for row in rows}["Lane kept"] == "3 of 4"
-    assert said["As assumed"] == "told 16.0; 100 m in 9.50 s"
-    assert said["Slow"] == "told 16.0; 100 m in 20.00 s, left its lane"
-    assert said["Fell"] == "fell at 8.00 s; 100 m in 9.50 s"
-    assert said["Fell racing"] == "told 16.0; 100 m: fell at 2.00 s"
+    m = compare_robots([late, FELL], 16.0)
+    assert (m.upright, m.best_speeds, m.times_100m) == (1, (15.0, 15.0), None)
+    m = compare_robots([FELL], 16.0)
+    assert (m.upright, m.best_speeds, m.times_100m) == (0, None, None)
 
 
 def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_controller(
@@ -181,19 +155,12 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     assert_fits(evaluation)
 
 
-def test_a_race_that_cannot_be_run_is_refused_before_any_robot_runs(make_policy):
-    with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
-        ramp_to_sensitivity(make_policy(), Setup(speed=10.0, acceleration=0.3))
-
-
 @pytest.mark.parametrize(
     "robots", [[ROBOT, SLOW, FELL, FELL_RACING], [FELL, FELL_RACING]]
 )
-def test_the_figure_can_be_drawn_whoever_falls(robots):
+def test_the_figure_can_be_drawn_whoever_falls(robots, assert_drawn):
     figure = sensitivity_picture(robots).figure
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).width >= 1200
+    assert_drawn(figure)
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == [
         robot.name for robot in robots
     ]

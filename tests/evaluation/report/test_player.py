@@ -28,19 +28,16 @@ def channel(content, name):
 
 
 def test_the_page_is_told_the_run_to_a_tenth_of_a_millimetre(busy_run):
-    content = describe(busy_run)
+    content, qpos = describe(busy_run), busy_run.qpos[::5]
     assert content["motion"]["rate"] == pytest.approx(200.0)
-    np.testing.assert_allclose(
-        channel(content, "place"), busy_run.qpos[::5, :3], atol=1e-5
-    )
-    np.testing.assert_allclose(
-        channel(content, "turn"), busy_run.qpos[::5, 3:7], atol=2e-5
-    )
-    np.testing.assert_allclose(
-        channel(content, "joints"), busy_run.qpos[::5, 7:], atol=5e-5
-    )
     forces = moving_mean(busy_run.foot_force, 5)[::5].reshape(-1, 12)
-    np.testing.assert_allclose(channel(content, "force"), forces, atol=0.05)
+    for name, values, error in (
+        ("place", qpos[:, :3], 1e-5),
+        ("turn", qpos[:, 3:7], 2e-5),
+        ("joints", qpos[:, 7:], 5e-5),
+        ("force", forces, 0.05),
+    ):
+        np.testing.assert_allclose(channel(content, name), values, atol=error)
 
 
 def test_a_turn_is_told_without_jumps(make_run):
@@ -68,23 +65,19 @@ def tab(busy_run, tmp_path_factory):
     )
     if BROWSER is None:
         pytest.skip("needs a Chromium")
-    pictures = run_pictures(busy_run)
-    words = {
-        "conditions": {},
-        "verdict": "It ran.",
-        "good": True,
-        "rows": (),
-        "tiles": (),
-        "results": {},
-    }
-    words["tables"] = run_tables(busy_run.metrics)
     evaluation = Evaluation(
         "topspeed",
         "a trot",
         "none",
-        **words,
+        conditions={},
+        verdict="It ran.",
+        good=True,
+        rows=(),
+        tiles=(),
+        pictures=run_pictures(busy_run),
         metrics=None,
-        pictures=pictures,
+        results={},
+        tables=run_tables(busy_run.metrics),
         trajectory=busy_run,
     )
     place = tmp_path_factory.mktemp("report")

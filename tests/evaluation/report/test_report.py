@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
-from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
@@ -14,7 +13,7 @@ from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.metric import Row, Table, card_of, rows_of, show
+from bp2_rl.base.metric import Row, Table, card_of, rows_of
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run import run_pictures, run_tables
@@ -110,46 +109,20 @@ def test_page_holds_all_that_it_shows(busy_run, tmp_path):
         assert f"{leg}_knee" in text
 
 
-def test_page_shows_the_film_where_there_is_one(busy_run):
-    shown = Page(page.page(evaluation_of(busy_run, pictures=()), has_video=True))
-    assert shown.sources == ["run.mp4", "run.jpg", "trajectory.npz"]
-
-
-def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
+def test_an_older_report_is_replaced_whole_by_one_of_its_benchmark(
+    busy_run, make_run, tmp_path
+):
     folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
     for name in ("run.mp4", "run.jpg"):
         (tmp_path / name).write_bytes(b"of the older run")
-    folder.open_folder(tmp_path, "topspeed")
-    folder.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
-    assert not list(tmp_path.glob("run.*"))
-    assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
-
-
-def test_a_folder_of_other_things_is_left_alone(tmp_path):
-    (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(UserError, match="holds other files"):
-        folder.open_folder(tmp_path, "topspeed")
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-
-def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
-    (tmp_path / "file").touch()
-    for place in (tmp_path / "file", tmp_path / "file" / "report"):
-        with pytest.raises(UserError, match="cannot write to"):
-            folder.open_folder(place, "topspeed")
-
-
-def test_a_new_folder_is_made_with_its_parents(tmp_path):
-    folder.open_folder(tmp_path / "a" / "b", "topspeed")
-    assert list((tmp_path / "a" / "b").iterdir()) == []
-
-
-def test_a_report_of_another_benchmark_is_left_alone(busy_run, tmp_path):
-    folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
     with pytest.raises(
         UserError, match="holds a report of topspeed: name another folder for sprint"
     ):
         folder.open_folder(tmp_path, "sprint")
+    folder.open_folder(tmp_path, "topspeed")
+    folder.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
+    assert not list(tmp_path.glob("run.*"))
+    assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
 
 
 def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
@@ -162,50 +135,44 @@ def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
     }
 
 
-def test_a_page_shows_rows_tables_and_the_mood(busy_run):
+def test_a_page_shows_rows_tables_the_film_and_the_mood(busy_run):
     table = Table("Splits", ("Mark", "Time"), [("10 m", "1.23")])
     evaluation = evaluation_of(
         busy_run,
         rows=(Row("Lead", "0.6 s", "at <5 m"),),
         tiles=("Lead",),
         tables=(table,),
+        pictures=(),
         good=False,
     )
-    text = page.page(evaluation, has_video=False)
-    Page(text)
+    text = page.page(evaluation, has_video=True)
+    assert Page(text).sources == ["run.mp4", "run.jpg", "trajectory.npz"]
     assert "<div><b>0.6 s</b><span>Lead</span></div>" in text
     assert "at &lt;5 m" in text
     assert "<h2>Splits</h2>" in text
     assert '<p class="verdict bad">It ran.</p>' in text
 
 
-def test_the_overview_leads_to_every_page(busy_run, tmp_path):
+def test_the_overview_leads_to_every_page_and_shows_every_verdict(busy_run, tmp_path):
     evaluations = [
-        evaluation_of(busy_run, name, verdict=f"{name} done.")
+        evaluation_of(busy_run, name, verdict=f"{name} [bold]done.")
         for name in ("topspeed", "sprint")
     ]
     folder.write_overview(evaluations, tmp_path)
     text = (tmp_path / "index.html").read_text()
     assert Page(text).sources == ["topspeed/index.html", "sprint/index.html"]
-    assert "sprint done." in text
+    assert "sprint [bold]done." in text
     found = folder.read_report(tmp_path)
     assert found.benchmark == "all"
     assert found.conditions == {"policy": "a policy", "weights_sha256": "0" * 64}
     assert found.results == {
         each.benchmark: folder.card_results(each) for each in evaluations
     }
-
-
-def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
     printed = io.StringIO()
-    evaluations = [
-        evaluation_of(busy_run, name, verdict=f"{name} done.")
-        for name in ("topspeed", "sprint")
-    ]
     terminal.print_overview(evaluations, Console(file=printed, width=80))
     assert [line.split() for line in printed.getvalue().splitlines()[1:]] == [
-        ["topspeed", "topspeed", "done."],
-        ["sprint", "sprint", "done."],
+        ["topspeed", "topspeed", "[bold]done."],
+        ["sprint", "sprint", "[bold]done."],
     ]
 
 
@@ -218,45 +185,40 @@ def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_
     metrics = make_run(duration=0.5, fell_at=0.5).metrics
     assert to_json(metrics)["best_speed"] is None
     assert {row.label: row.value for row in rows_of(metrics)}["Best speed"] == "-"
-    assert show(None, ".2f", "m/s") == "-"
-    assert show(1.234, ".2f", "m/s") == "1.23 m/s"
 
 
 # --- The film -------------------------------------------------------------------------
 
 
-def test_film_shows_the_seconds_around_the_best_one(make_run):
-    run = make_run(duration=20.0)
-    qvel = run.qvel.copy()
-    qvel[9000:10000, 0] = 7.0
-    times = video.frame_samples(make_run(duration=20.0, qvel=qvel)) * 1e-3
-    assert times[0] == pytest.approx(9.5 - video.Shot.length / 2, abs=1e-3)
-    assert times[-1] == pytest.approx(
-        9.5 + video.Shot.length / 2, abs=1.1 / video.Shot.frame_rate
-    )
-    np.testing.assert_allclose(np.diff(times), 1 / video.Shot.frame_rate, atol=1.1e-3)
-
-
-@pytest.mark.parametrize("duration", [0.5, 3.0, 4.5])
-def test_film_of_a_short_run_shows_as_much_as_there_is(make_run, duration):
-    samples = video.frame_samples(make_run(duration=duration))
-    assert len(samples) == pytest.approx(
-        min(duration, video.Shot.length) * video.Shot.frame_rate, abs=1
-    )
-    assert samples[0] >= 0
-    assert samples[-1] < 1000 * duration
+@pytest.mark.parametrize(
+    ("duration", "shot", "best", "first", "last"),
+    [
+        (20.0, video.Shot(), 9.0, 7.5, 11.5),
+        # of a short run as much as there is
+        (4.5, video.Shot(), 3.5, 0.5, 4.5),
+        (0.5, video.Shot(), 0.0, 0.0, 0.5),
+        (9.0, video.Shot(length=3.0, to_the_end=True), 2.0, 6.0, 9.0),
+    ],
+)
+def test_film_shows_the_seconds_around_the_best_one(
+    make_run, duration, shot, best, first, last
+):
+    run = make_run(duration=duration)
+    run.qvel[round(1e3 * best) :][:1000, 0] = 7.0
+    times = video.frame_samples(run, shot) * 1e-3
+    assert times[0] == pytest.approx(first, abs=1e-3)
+    assert times[-1] == pytest.approx(last, abs=1.1 / shot.frame_rate)
+    np.testing.assert_allclose(np.diff(times), 1 / shot.frame_rate, atol=1.1e-3)
 
 
 def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
     reason = folder.write_report(
         evaluation_of(busy_run), tmp_path, gl_library="none-such"
     )
-    assert reason is not None
     assert re.fullmatch(
         r"no video: no GL library works here \(none-such: .*\); unset MUJOCO_GL, or .*",
-        reason,
+        str(reason),
     )
-    assert "Traceback" not in reason
     assert not list(tmp_path.glob("*.mp4"))
     assert "<video" not in (tmp_path / "index.html").read_text()
 
@@ -312,14 +274,6 @@ def test_film_is_a_film(make_run, tmp_path):
     }
 
 
-def test_film_to_the_end_shows_how_it_ended(make_run):
-    samples = video.frame_samples(
-        make_run(duration=9.0, fell_at=9.0), video.Shot(length=3.0, to_the_end=True)
-    )
-    assert samples[0] == pytest.approx(6000, abs=1)
-    assert samples[-1] == pytest.approx(9000, abs=1100 / video.Shot.frame_rate)
-
-
 def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(
     busy_run, tmp_path, monkeypatch
 ):
@@ -333,27 +287,18 @@ def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(
     assert (tmp_path / "index.html").is_file()
 
 
-def test_a_run_that_blew_up_leaves_its_report(busy_run, tmp_path):
+def test_a_run_that_blew_up_on_other_hardware_leaves_its_report(busy_run, tmp_path):
     torque = busy_run.torque.copy()
     torque[-1, 3] = np.nan
-    wrecked = dataclasses.replace(busy_run, torque=torque, fell_at=8.0)
+    longer = busy_run.hardware.changed(leg_length=0.4)
+    wrecked = dataclasses.replace(busy_run, torque=torque, fell_at=8.0, hardware=longer)
     folder.write_report(evaluation_of(wrecked), tmp_path, video=False)
     assert folder.read_report(tmp_path).results["topspeed"]["electrical_power"] is None
+    assert Trajectory.load(tmp_path / "trajectory.npz").hardware == longer
 
 
 def test_names_are_printed_as_they_are(busy_run):
     printed = io.StringIO()
-    run = evaluation_of(
-        dataclasses.replace(busy_run, name="[/foo]bar"), verdict="[bold]done."
-    )
+    run = evaluation_of(dataclasses.replace(busy_run, name="[/foo]bar"))
     terminal.print_table(run, Console(file=printed, width=80))
-    terminal.print_overview([run], Console(file=printed, width=80))
     assert "[/foo]bar" in printed.getvalue()
-    assert printed.getvalue().count("[bold]done.") == 2
-
-
-def test_reports_are_of_the_hardware_that_ran(busy_run, tmp_path):
-    longer = busy_run.hardware.changed(leg_length=0.4)
-    run = dataclasses.replace(busy_run, hardware=longer)
-    folder.write_report(evaluation_of(run), tmp_path, video=False)
-    assert Trajectory.load(Path(tmp_path) / "trajectory.npz").hardware == longer

@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from bp2_rl.optimiser.figure import trajectory_figure
 from bp2_rl.optimiser.collocation import cold_guess
+from bp2_rl.optimiser.figure import trajectory_figure
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.coupling import split_sources

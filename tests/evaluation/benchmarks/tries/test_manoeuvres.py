@@ -1,21 +1,16 @@
 import dataclasses
 import functools
-import io
-import json
 import math
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from PIL import Image
 
 from bp2_rl.base.plotting import FALL
-from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.evaluation.benchmarks.tries import benchmark as module
 from bp2_rl.evaluation.benchmarks.tries.benchmark import (
-    ManoeuvreMetrics,
     TryOutcome,
     count_tries,
     hardest,
@@ -23,9 +18,8 @@ from bp2_rl.evaluation.benchmarks.tries.benchmark import (
     manoeuvres,
     outcome_of,
     simulate_all,
-    summarise_manoeuvres,
+    tries_figure,
 )
-from bp2_rl.evaluation.benchmarks.tries.figure import tries_figure
 from bp2_rl.evaluation.benchmarks.tries.rules import (
     Assessment,
 )
@@ -64,71 +58,56 @@ def outcome(passed=True, fell_at=None, **fields):
 def test_every_manoeuvre_is_asked_once(asked):
     names = [(manoeuvre.group, manoeuvre.asked) for manoeuvre in asked]
     assert len(names) == len(set(names)) == 95
-    assert len({manoeuvre.rule for manoeuvre in asked}) > 8
 
 
-def test_a_brake_falls_from_the_speed_at_the_deceleration(asked):
-    for name, speed in (("Brake from 10.74 m/s", 10.74), ("Brake from the top", 15.0)):
-        for brake, deceleration in zip(
-            group(asked, name), (2.0, 4.0, 6.0, 8.0), strict=True
-        ):
-            since = brake.assess.keywords["since"]
-            assert brake.schedule.command(since)[0] == pytest.approx(speed)
-            assert brake.schedule.command(since + 1.0)[0] == pytest.approx(
-                speed - deceleration
-            )
-            assert brake.schedule.steady_from == pytest.approx(
-                since + speed / deceleration
-            )
-            assert brake.schedule.duration == pytest.approx(
-                brake.schedule.steady_from + 2.0
-            )
+@pytest.mark.parametrize(
+    ("name", "speed"), [("Brake from 10.74 m/s", 10.74), ("Brake from the top", 15.0)]
+)
+def test_a_brake_falls_from_the_speed_at_the_deceleration(asked, name, speed):
+    decelerations = (2.0, 4.0, 6.0, 8.0)
+    for brake, deceleration in zip(group(asked, name), decelerations, strict=True):
+        since, schedule = brake.assess.keywords["since"], brake.schedule
+        told = [schedule.command(since + t)[0] for t in (0.0, 1.0)]
+        assert told == pytest.approx([speed, speed - deceleration])
+        assert schedule.steady_from == pytest.approx(since + speed / deceleration)
+        assert schedule.duration == pytest.approx(schedule.steady_from + 2.0)
 
 
-def test_a_turn_is_asked_by_its_lateral_acceleration(asked):
-    for speed in (3, 6, 10, 13):
-        turns = group(asked, f"Turn at {speed} m/s")
-        last = [turn.schedule.command(turn.schedule.duration) for turn in turns]
-        np.testing.assert_allclose(
-            [speed * command[2] for command in last], (1.0, 2.0, 3.0, 4.0)
-        )
-        assert all(
-            turn.schedule.steady_from + 1.0
-            == pytest.approx(turn.assess.keywords["since"])
-            for turn in turns
-        )
+@pytest.mark.parametrize("speed", [3, 6, 10, 13])
+def test_a_turn_is_asked_by_its_lateral_acceleration(asked, speed):
+    turns = group(asked, f"Turn at {speed} m/s")
+    last = [turn.schedule.command(turn.schedule.duration) for turn in turns]
+    np.testing.assert_allclose(
+        [speed * command[2] for command in last], (1.0, 2.0, 3.0, 4.0)
+    )
+    assert [turn.assess.keywords["since"] for turn in turns] == pytest.approx(
+        [turn.schedule.steady_from + 1.0 for turn in turns]
+    )
 
 
-def test_pushes_come_from_eight_directions_at_speed(asked):
-    for size in (0.5, 1.0, 1.5):
-        pushes = [
-            manoeuvre.world.pushes[0]
-            for manoeuvre in group(asked, f"Push of {size:g} m/s")
-        ]
-        angles = [
-            math.degrees(math.atan2(push.left, push.forward)) % 360.0 for push in pushes
-        ]
-        np.testing.assert_allclose(angles, 45.0 * np.arange(8), atol=1e-9)
-        np.testing.assert_allclose(
-            [math.hypot(push.left, push.forward) for push in pushes], size
-        )
+@pytest.mark.parametrize("size", [0.5, 1.0, 1.5])
+def test_pushes_come_from_eight_directions_at_speed(asked, size):
+    pushes = [one.world.pushes[0] for one in group(asked, f"Push of {size:g} m/s")]
+    angles = 0.25 * np.pi * np.arange(8)
+    np.testing.assert_allclose(
+        [(push.forward, push.left) for push in pushes],
+        size * np.stack((np.cos(angles), np.sin(angles)), axis=-1),
+        atol=1e-12,
+    )
 
 
+@pytest.mark.parametrize(("fell_at", "speed"), [(None, 9.0), (7.5, 15.0)])
 def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(
-    asked, make_policy, make_run, monkeypatch
+    asked, make_policy, make_run, monkeypatch, fell_at, speed
 ):
-    launches, runs = group(asked, "Launch, friction 0.8"), group(asked, "Slope")
-    assert all(launch.schedule.target[0] == 15.0 for launch in (*launches, *runs))
-    assert {
-        m.assess.keywords[name]
-        for m, name in ((launches[0], "speed"), (runs[0], "level"))
-    } == {14.0}
-    for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
-        run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
-        monkeypatch.setattr(module, "simulate", lambda *_, run=run: iter([run]))
-        assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(
-            speed
-        )
+    launch, slope = group(asked, "Launch, friction 0.8")[0], group(asked, "Slope")[0]
+    compared = launch.assess.keywords["speed"], slope.assess.keywords["level"]
+    assert compared == (LEVEL_SPEED, LEVEL_SPEED)
+    assert {one.schedule.target[0] for one in (launch, slope)} == {15.0}
+    run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
+    monkeypatch.setattr(module, "simulate", lambda *_: iter([run]))
+    level = level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD)
+    assert level == pytest.approx(speed)
 
 
 def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
@@ -172,13 +151,17 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
 # --- How they are run -----------------------------------------------------------------
 
 
-def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_run):
+@pytest.mark.parametrize(
+    ("fell_at", "passed", "did"), [(None, True, "well"), (3.5, False, "fell")]
+)
+def test_a_robot_that_falls_fails_whatever_else_it_did(
+    asked, make_run, fell_at, passed, did
+):
     manoeuvre = dataclasses.replace(
         asked[0], assess=lambda run: Assessment(True, "well", {"offset": 0.0})
     )
-    for fell_at, passed, did in ((None, True, "well"), (3.5, False, "fell")):
-        came = outcome_of(manoeuvre, make_run(fell_at=fell_at))
-        assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
+    came = outcome_of(manoeuvre, make_run(fell_at=fell_at))
+    assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
 
 
 def told_and_lasted(one, run):
@@ -186,32 +169,27 @@ def told_and_lasted(one, run):
 
 
 def test_workers_give_the_outcomes_in_order(make_policy):
-    """Two short stands of a robot whose policy is all zeros: it holds its pose."""
+    """Short stands of a robot whose policy is all zeros: it holds its pose."""
     zeros = functools.partial(np.zeros, dtype=np.float32)
     layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
     policy = dataclasses.replace(
         make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers
     )
-    still = [
-        m
-        for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0)
-        if m.group.startswith("Stand")
-    ]
-    short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
-    done = simulate_all(outcome_of, policy, short)
-    assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [
-        (m.group, m.asked, True, None) for m in short
-    ]
-    unlike = [
-        dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}")
+    [still, _] = group(
+        all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0), "Stand for 10 s"
+    )
+    stands = [
+        dataclasses.replace(still, schedule=Course().hold(0.01 * n), asked=f"{n}")
         for n in (3, 5, 2, 4)
     ]
-    assert simulate_all(told_and_lasted, policy, unlike) == [
+    assert simulate_all(told_and_lasted, policy, stands) == [
         ("3", 30),
         ("5", 50),
         ("2", 20),
         ("4", 40),
     ]
+    [done] = simulate_all(outcome_of, policy, stands[:1])
+    assert (done.asked, done.passed, done.fell_at) == ("3", True, None)
     assert simulate_all(told_and_lasted, policy, []) == []
 
 
@@ -232,40 +210,25 @@ def test_the_whole_benchmark_from_runs_that_are_known(
     assert evaluation.results["passes"]["Turn at 3 m/s"] == "0 of 4"
     assert evaluation.results["did"]["Push of 1 m/s"]["↑"] == "0.0 m"
     assert evaluation.conditions["rough ground's seed"] == "5"
-    assert (
-        evaluation.verdict
-        == f"{evaluation.results['passed']} of 95 manoeuvres passed, without a fall."
-    )
     assert len(evaluation.tables[0].lines) == 95
     assert_fits(evaluation)
-    metrics = evaluation.metrics
-    assert (
-        from_json(
-            ManoeuvreMetrics, json.loads(json.dumps(to_json(metrics), allow_nan=False))
-        )
-        == metrics
-    )
     assert folder.write_report(evaluation, tmp_path, video=False) is None
     assert folder.read_report(tmp_path).results["manoeuvres"]["of"] == 95
 
 
 def test_the_hardest_is_the_last_before_the_first_that_fails():
-    tries = [
-        outcome(passed, asked=asked)
-        for asked, passed in (("2", True), ("4", True), ("6", False), ("8", True))
-    ]
-    assert hardest(tries) == "4"
-    assert hardest(tries[2:]) == "-"
+    asked = (("2", True), ("4", True), ("6", False), ("8", True))
+    tries = [outcome(passed, asked=how) for how, passed in asked]
+    assert (hardest(tries), hardest(tries[2:])) == ("4", "-")
 
 
 def test_falls_and_passes_are_counted():
     metrics = count_tries([outcome(), outcome(False), outcome(False, fell_at=2.0)])
     assert (metrics.passed, metrics.fell) == (1, 1)
     assert metrics.passes == {"a": "1 of 3"}
-    assert summarise_manoeuvres(metrics) == "1 of 3 manoeuvres passed, one fall."
 
 
-def test_the_figure_is_red_where_a_manoeuvre_failed():
+def test_the_figure_is_red_where_a_manoeuvre_failed(assert_drawn):
     tries = [
         outcome(),
         outcome(False, did="no stop"),
@@ -280,6 +243,4 @@ def test_the_figure_is_red_where_a_manoeuvre_failed():
     assert {"no stop", "fell", "1 of 3 passed"} <= {
         text.get_text() for text in axes.texts
     }
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    assert Image.open(buffer).width >= 1200
+    assert_drawn(figure)

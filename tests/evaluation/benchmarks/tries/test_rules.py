@@ -51,51 +51,43 @@ def braked(moving, deceleration, floor=0.0, seconds=12.0):
 # --- Braking and launches -------------------------------------------------------------
 
 
-def test_a_stop_as_commanded_passes_with_its_distance(moving):
-    """v^2 / 2a = 25 m, less what is left at 0.3 m/s; a mean of 0.25 s may move that by
-    3 cm."""
-    assessed = assess_braking(braked(moving, 2.0), since=1.0, deceleration=2.0)
-    assert (assessed.passed, assessed.said) == (True, "25 m")
-    assert assessed.measured["distance"] == pytest.approx(25.0 - 0.3**2 / 4.0, abs=0.05)
-    assert assessed.measured["speed"] == pytest.approx(10.0)
-    assert assessed.measured["allowed"] == pytest.approx(37.5)
-
-
-def test_a_stop_that_takes_too_long_fails(moving):
-    assessed = assess_braking(braked(moving, 2.0), since=1.0, deceleration=4.0)
-    assert (assessed.passed, assessed.said) == (False, "25 m")
-    assert assessed.measured["allowed"] == pytest.approx(18.75)
-
-
-def test_a_robot_that_walks_on_has_not_stopped(moving):
-    assessed = assess_braking(
-        braked(moving, 2.0, floor=0.4), since=1.0, deceleration=2.0
+@pytest.mark.parametrize(
+    ("deceleration", "floor", "seconds", "judged", "measured"),
+    [
+        # v^2 / 2a = 25 m, less what is left at 0.3 m/s; a mean of 0.25 s may move that
+        # by 3 cm
+        (2.0, 0.0, 12.0, (True, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 37.5)),
+        # too long
+        (4.0, 0.0, 12.0, (False, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 18.75)),
+        # it walks on
+        (2.0, 0.4, 12.0, (False, "no stop"), (10.0, 0.4, None, 37.5)),
+        # it ended before
+        (2.0, 0.0, 0.8, (False, "not begun"), (None, None, None, None)),
+    ],
+)
+def test_a_stop_is_as_short_as_commanded(
+    moving, deceleration, floor, seconds, judged, measured
+):
+    run = braked(moving, 2.0, floor, seconds)
+    assessed = assess_braking(run, since=1.0, deceleration=deceleration)
+    assert (assessed.passed, assessed.said) == judged
+    names = "speed", "slowest", "distance", "allowed"
+    assert tuple(assessed.measured[name] for name in names) == tuple(
+        None if value is None else pytest.approx(value, abs=0.05) for value in measured
     )
-    assert (assessed.passed, assessed.said, assessed.measured["distance"]) == (
-        False,
-        "no stop",
-        None,
-    )
-    assert assessed.measured["slowest"] == pytest.approx(0.4)
 
 
-def test_a_run_that_ended_before_the_brake_has_measured_nothing(moving):
-    assessed = assess_braking(moving(0.8, 10.0), since=1.0, deceleration=2.0)
-    assert not assessed.passed
-    assert set(assessed.measured.values()) == {2.0, None}
-
-
-def test_a_launch_passes_from_nine_tenths_of_the_speed_on(make_run):
+@pytest.mark.parametrize(
+    ("speed", "judged", "time"),
+    [(10.0, (True, "3.0 s"), 3.0), (10.7, (False, "9.6 m/s"), None)],
+)
+def test_a_launch_passes_from_nine_tenths_of_the_speed_on(
+    make_run, speed, judged, time
+):
     run = make_run(duration=6.0, speed=9.6, acceleration=3.0)
-    assessed = assess_launch(run, speed=10.0, acceleration=3.0)
-    assert (assessed.passed, assessed.said) == (True, "3.0 s")
-    assert assessed.measured["time"] == pytest.approx(3.0, abs=0.002)
-    assessed = assess_launch(run, speed=10.7, acceleration=3.0)
-    assert (assessed.passed, assessed.said, assessed.measured["time"]) == (
-        False,
-        "9.6 m/s",
-        None,
-    )
+    assessed = assess_launch(run, speed=speed, acceleration=3.0)
+    assert (assessed.passed, assessed.said) == judged
+    assert assessed.measured["time"] == (time and pytest.approx(time, abs=0.002))
 
 
 # --- Turns ----------------------------------------------------------------------------
@@ -107,44 +99,36 @@ def test_a_launch_passes_from_nine_tenths_of_the_speed_on(make_run):
 )
 def test_a_turn_is_as_fast_as_told_within_its_error(moving, rate, passed):
     assessed = assess_turn(moving(4.0, 6.0, yaw_rate=rate), yaw_rate=0.5, since=2.0)
-    assert assessed.passed is passed
-    assert assessed.said == f"{2.0 * rate:.0%}"
+    assert (assessed.passed, assessed.said) == (passed, f"{2.0 * rate:.0%}")
     assert assessed.measured["yaw_rate"] == pytest.approx(rate, rel=1e-3)
     assert assessed.measured["radius"] == pytest.approx(6.0 / rate, rel=1e-3)
 
 
-def test_a_turn_to_the_wrong_side_or_not_begun_fails(moving):
-    assert not assess_turn(
-        moving(4.0, 6.0, yaw_rate=0.5), yaw_rate=-0.5, since=2.0
-    ).passed
-    short = assess_turn(moving(1.5, 6.0, yaw_rate=0.5), yaw_rate=0.5, since=2.0)
-    assert not short.passed
-    assert (short.said, short.measured["yaw_rate"]) == ("not begun", None)
-
-
-def test_a_turn_that_is_too_slow_ahead_says_its_speed(moving):
-    slow, wide = (
-        assess_turn(moving(4.0, 5.0, yaw_rate=rate), yaw_rate=0.5, since=2.0, speed=6.0)
-        for rate in (0.5, 0.4)
-    )
-    assert (slow.passed, slow.said) == (False, "5.0 m/s")
-    assert (wide.passed, wide.said) == (False, "80%")
-
-
-def test_a_turn_on_the_spot_keeps_to_it(moving):
-    """A circle of radius v / omega: 2 r is the farthest from the start."""
-    near = assess_turn(
-        moving(8.0, 0.24, yaw_rate=1.0), yaw_rate=1.0, since=1.0, within=0.5
-    )
-    far = assess_turn(
-        moving(8.0, 0.26, yaw_rate=1.0), yaw_rate=1.0, since=1.0, within=0.5
-    )
-    slow = assess_turn(
-        moving(8.0, 0.0, yaw_rate=0.8), yaw_rate=1.0, since=1.0, within=0.5
-    )
-    assert [assessed.passed for assessed in (near, far, slow)] == [True, False, False]
-    assert near.measured["wander"] == pytest.approx(0.48, abs=0.005)
-    assert far.said == "100%, 0.5 m"
+@pytest.mark.parametrize(
+    ("seconds", "forward", "rate", "told", "passed", "said"),
+    [
+        (4.0, 6.0, 0.5, {"yaw_rate": -0.5}, False, "-100%"),  # the wrong side
+        (1.5, 6.0, 0.5, {"yaw_rate": 0.5}, False, "not begun"),
+        # too slow ahead, and too wide as well
+        (4.0, 5.0, 0.5, {"yaw_rate": 0.5, "speed": 6.0}, False, "5.0 m/s"),
+        (4.0, 5.0, 0.4, {"yaw_rate": 0.5, "speed": 6.0}, False, "80%"),
+        # on the spot: in a circle of radius v / omega, 2 r is the farthest from the
+        # start
+        (8.0, 0.24, 1.0, {"yaw_rate": 1.0, "within": 0.5}, True, "100%, 0.5 m"),
+        (8.0, 0.26, 1.0, {"yaw_rate": 1.0, "within": 0.5}, False, "100%, 0.5 m"),
+        (8.0, 0.0, 0.8, {"yaw_rate": 1.0, "within": 0.5}, False, "80%, 0.0 m"),
+    ],
+)
+def test_a_turn_keeps_its_side_its_speed_and_its_spot(
+    moving, seconds, forward, rate, told, passed, said
+):
+    run = moving(seconds, forward, yaw_rate=rate)
+    assessed = assess_turn(run, since=1.0 if "within" in told else 2.0, **told)
+    assert (assessed.passed, assessed.said) == (passed, said)
+    if "within" in told:
+        assert assessed.measured["wander"] == pytest.approx(
+            2.0 * forward / rate, abs=0.005
+        )
 
 
 # --- Slow motion and standing ---------------------------------------------------------
@@ -172,16 +156,14 @@ def test_slow_motion_has_the_speed_that_was_told_in_its_direction(
     assert assessed.measured["height"] == pytest.approx(0.55)
 
 
-def test_a_robot_that_goes_nowhere_has_no_cost(moving):
-    assert (
-        assess_motion(moving(3.0, 0.0), command=(1.0, 0.0, 0.0), since=1.0).measured[
-            "cost_of_transport"
-        ]
-        is None
-    )
-    assert not assess_motion(
-        moving(0.5, 1.0), command=(1.0, 0.0, 0.0), since=1.0
-    ).passed
+@pytest.mark.parametrize(("seconds", "forward"), [(3.0, 0.0), (0.5, 1.0)])
+def test_a_robot_that_goes_nowhere_or_has_not_begun_has_no_cost(
+    moving, seconds, forward
+):
+    run = moving(seconds, forward)
+    assessed = assess_motion(run, command=(1.0, 0.0, 0.0), since=1.0)
+    assert not assessed.passed
+    assert assessed.measured["cost_of_transport"] is None
 
 
 def test_a_stand_neither_creeps_nor_chatters(moving):
@@ -231,8 +213,13 @@ def test_a_push_leaves_an_offset(moving):
     assert assessed.measured["offset"] == pytest.approx(0.4, rel=1e-3)
 
 
-def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(moving):
-    assert assess_run(moving(2.0, 9.1), level=10.0).passed
-    assert not assess_run(moving(2.0, 8.9), level=10.0).passed
-    short = assess_run(moving(0.5, 10.0), level=10.0)
-    assert (short.passed, short.measured["speed"]) == (False, None)
+@pytest.mark.parametrize(
+    ("seconds", "speed", "passed"),
+    [(2.0, 9.1, True), (2.0, 8.9, False), (0.5, 10.0, False)],
+)
+def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(
+    moving, seconds, speed, passed
+):
+    assessed = assess_run(moving(seconds, speed), level=10.0)
+    measured = pytest.approx(speed) if seconds > 1.0 else None
+    assert (assessed.passed, assessed.measured["speed"]) == (passed, measured)
