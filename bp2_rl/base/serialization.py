@@ -239,7 +239,8 @@ def _convert(annotation: object, value: Any, path: str, *, reading: bool) -> Any
         return _convert_float(value, path, reading=reading)
     if kind is Path:
         _require(isinstance(value, str if reading else Path), kind, value, path)
-        return Path(value) if reading else value.as_posix()
+        path_of = Path(str(value))
+        return path_of if reading else path_of.as_posix()
     if get_origin(kind) is tuple:
         lists = (list, tuple) if reading else tuple
         _require(isinstance(value, lists), kind, value, path)
@@ -247,10 +248,10 @@ def _convert(annotation: object, value: Any, path: str, *, reading: bool) -> Any
         return tuple(items) if reading else items
     if get_origin(kind) is dict:
         _require(isinstance(value, Mapping), kind, value, path)
-        inner = get_args(kind)[1]
+        inner, entries = get_args(kind)[1], typing.cast(Mapping[str, Any], value)
         return {
             key: _convert(inner, entry, _join(path, key), reading=reading)
-            for key, entry in value.items()
+            for key, entry in entries.items()
         }
     return _plain(kind, value, path)
 

@@ -28,7 +28,8 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
     """Return whether a message can be from the page, and moves one of its widgets to a
     value that it can have."""
     try:
-        fields = msgspec.msgpack.decode(message)
+        packed = message.encode() if isinstance(message, str) else message
+        fields = msgspec.msgpack.decode(packed)
         kind = KINDS[fields.pop("type")]
         said = msgspec.convert(fields, kind)
     except (

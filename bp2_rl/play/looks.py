@@ -1,6 +1,7 @@
 """Draw the robot as triangles for the page, and torque over speed as a chart."""
 
 import dataclasses
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -49,7 +50,9 @@ class Looks:
                 _triangles(self.model, geom)
             )
         return [
-            VisiblePart(body, trimesh.util.concatenate(meshes), color)
+            VisiblePart(
+                body, cast(trimesh.Trimesh, trimesh.util.concatenate(meshes)), color
+            )
             for (body, color), meshes in found.items()
         ]
 

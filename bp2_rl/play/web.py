@@ -296,7 +296,8 @@ class _Scene:
             arrow.visible = bool(np.linalg.norm(force) > self._least_force)
             if arrow.visible:
                 arrow.points = np.array(
-                    [[self._sole, self._sole + turn.T @ force / self._stiffness]]
+                    [[self._sole, self._sole + turn.T @ force / self._stiffness]],
+                    np.float32,
                 )
 
 

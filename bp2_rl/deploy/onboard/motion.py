@@ -421,7 +421,7 @@ def _ground(
 # --- Rates of functions of NumPy's arrays ---------------------------------------------
 
 
-def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _atan2(y: Any, x: Any) -> Any:
     """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no
     complex numbers."""
     a, b = x.real, y.real
@@ -459,7 +459,7 @@ def differentiate(
         (value + 1j * STEP * rate).view(_ComplexStep)
         for value, rate in zip(values, rates, strict=True)
     )
-    found = [np.asarray(result) for result in function(*steps)]
+    found: list[Any] = [np.asarray(result) for result in function(*steps)]
     return tuple(result.real for result in found), tuple(
         result.imag / STEP for result in found
     )

@@ -5,7 +5,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -163,7 +163,7 @@ def fit_profile(athlete: Athlete) -> Profile:
     spline, straight at its end."""
     clock = np.array((0.0, *(s - (athlete.reaction or 0.0) for s in athlete.splits)))
     # the first derivative at the start, the second at the end
-    ends = ((1, 0.0), (2, 0.0))
+    ends: Any = ((1, 0.0), (2, 0.0))
     curve = CubicSpline(clock, (0.0, *athlete.distances), bc_type=ends)
     time = np.arange(0.0, clock[-1], STEP)
     return Profile(time, curve(time), curve(time, 1))
