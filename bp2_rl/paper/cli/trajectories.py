@@ -401,8 +401,9 @@ def draw_figures(arguments: FiguresArguments) -> None:
 
 
 PROG = "bp2 paper trajectories"
-COMMON_FLAGS = """
-  --workers INT         processes [2]
+WORKERS_FLAG = """
+  --workers INT         processes [2]"""
+COMMON_FLAGS = f"""{WORKERS_FLAG}
   --out DIR             the folder of what is found"""
 SWEEP_SCREEN = PROBLEM_SCREEN.format(
     what="""Solve at many speeds, each from several cold starts: how many converge, and how fast.""",
@@ -410,7 +411,7 @@ SWEEP_SCREEN = PROBLEM_SCREEN.format(
   --fastest FLOAT       m/s [13.2]
   --step FLOAT          m/s [1]
   --starts INT          cold starts at each speed [3]"""
-    + COMMON_FLAGS,
+    + WORKERS_FLAG,
 )
 LIMITS_SCREEN = PROBLEM_SCREEN.format(
     what="""Find the greatest speed that has a trajectory at all, for BP2 and with one thing about

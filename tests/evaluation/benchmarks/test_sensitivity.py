@@ -72,7 +72,7 @@ def test_each_other_robot_differs_in_one_property():
     ("name", "parameter", "value"),
     [
         ("spring stops x 10", "spring_stop_stiffness", 300e3),
-        ("spring stops x 10", "rebound_stiffness", 300e3),
+        ("spring stops x 10", "rebound_stiffness", 1.5e6),
         ("spring travel -10 mm", "spring_travel", 0.12),
         ("mass +10 %", "mass_scale", 1.1),
         ("spring damping 50 N s/m", "spring_damping", 50.0),
