@@ -3,6 +3,8 @@ on class names and on untyped values."""
 
 import ast
 import collections
+import importlib
+import operator
 import re
 from pathlib import Path
 
@@ -108,3 +110,13 @@ def test_types_are_rarely_left_open():
     ignored = re.findall(r"(?:type|pyright): *ignore", "\n".join(TEXTS.values()))
     assert untyped <= 420
     assert len(ignored) <= 10
+
+
+def test_the_walks_through_the_house_name_what_there_is():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    walks = text[text.index("Two walks through") : text.index("[Words](docs")]
+    names = re.findall(r"`([a-z_]+(?:\.\w+)+)`", walks)
+    assert len(names) > 15
+    for name in names:
+        *_, module, rest = re.split(r"^(.*?)\.(?=[A-Z]|[a-z_]+$)", name)
+        assert operator.attrgetter(rest)(importlib.import_module(f"bp2_rl.{module}"))
