@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
+from bp2_rl.learning.judged import own_policy
 from bp2_rl.robot import bp2
 
 ROOT = Path(__file__).parents[1]
@@ -116,8 +117,8 @@ def test_the_lines_of_python_run(tmp_path):
         assert done.returncode == 0, done.stderr
         said += done.stdout.split()
     assert 9.5 < float(said[0]) < 11.0
-    judged = json.loads((tmp_path / "runs/go1/judged.json").read_text(encoding="utf-8"))
-    policy = tmp_path / "runs/go1/policies" / str(judged["own"])
+    policy = own_policy(tmp_path / "runs/go1")
+    assert policy is not None
     card = json.loads((policy / "card.json").read_text(encoding="utf-8"))
     # the robot of the second block
     assert card["env"]["hardware"]["body"]["name"] == "Unitree Go1"
