@@ -36,6 +36,7 @@ from bp2_rl.paper.figures.drawn import joined
 from bp2_rl.paper.trajectories.decomposition import (
     KINDS,
     TERMS,
+    THROUGH,
     Decomposition,
     TermMeans,
     Trends,
@@ -49,15 +50,6 @@ from bp2_rl.paper.trajectories.decomposition import (
 
 # of a hip the other joint is the knee
 WITHIN = ("other joint", "spring", "trunk x", "trunk z", "trunk pitch")
-THROUGH = (
-    "own leg",
-    "same pair",
-    "other pair",
-    "ground",
-    "gravity",
-    "velocities",
-    "air",
-)
 _show_shares = joined("+.2f")
 ENDS = {"fore": True, "hind": False}  # whether their legs are at the front
 

@@ -42,6 +42,16 @@ TERMS = (
     "passive",
     "ground reaction",
 )
+THROUGH = (
+    "own leg",
+    "same pair",
+    "other pair",
+    "ground",
+    "gravity",
+    "velocities",
+    "air",
+)
+"""What accelerates the trunk; legs of a pair are those across."""
 # with these signs the terms add up to zero
 BALANCE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
 # what trends are drawn of: the trunk's translation, and the motors' mean over legs

@@ -25,6 +25,7 @@ from bp2_rl.base.metric import metric
 from bp2_rl.paper.benchmarks.speeds import AtSpeed
 from bp2_rl.paper.trajectories.decomposition import BALANCE as PLANAR_BALANCE
 from bp2_rl.paper.trajectories.decomposition import TERMS as PLANAR_TERMS
+from bp2_rl.paper.trajectories.decomposition import THROUGH as PLANAR_THROUGH
 from bp2_rl.paper.trajectories.decomposition import periodic_peaks, split_inertia
 from bp2_rl.robot import losses
 from bp2_rl.robot.conventions import LEGS
@@ -47,16 +48,7 @@ WITHIN = (
 )
 """Whose acceleration a hip's or knee's coupled inertial torque is for; sideways: y,
 roll and yaw."""
-THROUGH = (
-    "own leg",
-    "same pair",
-    "other pair",
-    "ground",
-    "gravity",
-    "velocities",
-    "air",
-    "stops",
-)
+THROUGH = (*PLANAR_THROUGH, "stops")
 """What accelerates the trunk; legs of a pair are those across."""
 TRUNK = slice(0, 6)
 JOINTS = tuple(f"{leg} {joint}" for leg in LEGS for joint in ("hip", "knee"))
