@@ -85,10 +85,11 @@ def legend_above(axes: Axes) -> None:
     """The legend in the line of the title, clear of the data."""
     axes.legend(
         loc="lower right",
-        bbox_to_anchor=(1.0, 0.98),
+        bbox_to_anchor=(1.0, 1.0),
         ncols=5,
         handlelength=1.6,
         borderpad=0.0,
+        borderaxespad=0.2,
     )
 
 

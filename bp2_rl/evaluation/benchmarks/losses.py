@@ -253,6 +253,7 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
         own = {}
     added = {loss.name: loss.added.upright for loss in metrics.losses}
     alone = {loss.name: loss.alone.upright for loss in metrics.losses}
+    cost = {loss.name: f"{loss.name} ({-loss.cost:+.2f})" for loss in metrics.losses}
     speeds = {"ideal robot": metrics.ideal.upright} | added
     speeds |= {"built robot": metrics.built.upright} | own
     series = (
@@ -262,7 +263,8 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
     panel = Panel("Mean speed held", "Speed [m/s]", series, metrics.ideal.speed)
     caption = (
         "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with "
-        f"that loss alone on the ideal robot{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
+        f"that loss alone on the ideal robot, and in brackets what it changes{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
         "axis does not begin at 0."
     )
-    return Picture("losses", caption, variants_figure([*speeds], [panel]))
+    names = [cost.get(name, name) for name in speeds]
+    return Picture("losses", caption, variants_figure(names, [panel]))

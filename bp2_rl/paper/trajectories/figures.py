@@ -256,7 +256,7 @@ def _by_source(axes: Axes, sources: Sources) -> None:
     stack(axes, terms.cycle, list(named.values()))
     axes.set_title(f"Hip {leg}, by source")
     handles = [Patch(color=color, label=name) for name, (color, _) in named.items()]
-    _legend_inside(axes, 3, handles)
+    _legend_inside(axes, 2, handles)
 
 
 def _fixed_trunk(axes: Axes, sources: Sources, joint: str) -> None:
