@@ -82,7 +82,7 @@ class BP2Body:
 
     @property
     def hip_laterals(self) -> tuple[float, float, float, float]:
-        """Lateral offset of each leg's abduction axis from the trunk's mid-plane, m,
+        """Lateral offsets of the legs' abduction axes from the trunk's mid-plane, m,
         positive to the left, in the order of `LEGS`."""
         fore, hind = (
             round(track / 2 - bp2.THIGH_LATERAL, 12)

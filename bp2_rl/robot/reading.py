@@ -391,8 +391,8 @@ def _note_mass_matrix(
 def _trunk_size(
     model: mujoco.MjModel, data: mujoco.MjData, trunk: int, legs: Sequence[Leg]
 ) -> Vector:
-    """Return half extents, m, of the box about the trunk's origin that holds its geoms,
-    or those that collide, if there are any."""
+    """Return half extents, m, of the box about the trunk's origin that holds its
+    colliding geoms, or all its geoms if none collides."""
     geoms = geoms_of(model, [trunk])
     colliding = [g for g in geoms if collides(model, g)]
     extents = [

@@ -127,7 +127,7 @@ class ContactNumbers:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileNotes:
-    """What a robot file says beside the robot: gains, published speed, sources and
+    """Statements of a robot file beside the robot: gains, published speed, sources and
     assumptions."""
 
     gains: GainNumbers | None = None

@@ -72,8 +72,8 @@ class Floor(NamedTuple):
         return z + y, z - y, z - x, z + x
 
     def point(self, at: GeneralizedVector) -> Vector:
-        """Return the velocity or acceleration of the contact points for a generalised
-        one of the robot."""
+        """Return the velocity or acceleration of the contact points, from the robot's
+        generalised vector."""
         a, turn = (
             (at.trunk[0], at.trunk[1], at.trunk[2]),
             (at.trunk[3], at.trunk[4], at.trunk[5]),
