@@ -24,11 +24,11 @@ BLOWN_VALUE = 10.0
 """Multiple of the square of the largest return the rewards allow, above which the value
 loss is warned about. A critic that says 0 stands at 1/2 at most."""
 FALLING = 0.05
-"""Falls a robot a control step that are warned about: episodes of 0.1 s, which teach
-nothing but how to start."""
+"""Falls per robot and control step above which a warning is given: episodes of 0.1 s,
+which teach nothing but how to start."""
 EXPLODING = 1e-3
-"""Falls by exploding physics a robot a control step that are warned about: each robot
-every 5 s. A sound simulation knows none."""
+"""Falls by exploding physics per robot and control step above which a warning is given:
+each robot every 5 s. A sound simulation knows none."""
 
 LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
 """The terms that the gradient is made of, and the divergence that sets its step."""

@@ -250,8 +250,8 @@ class _Loop:
         )
 
     def export_late(self, steps: Sequence[int], newest: TrainState) -> None:
-        """Export the policies of these checkpoints, which a kill has left without;
-        `newest` is the state of the last one."""
+        """Export the policies of checkpoints that a killed run has left without one;
+        `newest` is the state of the last checkpoint."""
         for step in steps:
             if step == int(newest.step):
                 self._export(newest)
