@@ -348,8 +348,8 @@ def use_processors(flags: EarlyFlags) -> None:
 
 
 def unused_left_out(flags: EarlyFlags) -> contextlib.AbstractContextManager[None]:
-    """Let MJX be imported without NetworkX, and without Warp unless that simulates, to
-    start faster."""
+    """Let MJX be imported without NetworkX and, unless Warp simulates, without Warp:
+    each takes a second."""
     return left_out("networkx", *(() if flags.physics == "warp" else ("warp",)))
 
 
@@ -365,8 +365,8 @@ def find_preset(flags: EarlyFlags) -> Preset:
 
 
 def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
-    """Return the settings of a run that continues a parent: the parent's robot,
-    networks and own changes."""
+    """Return the settings of a stage that continues a parent run, with the parent's
+    robot, networks and changed settings."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)

@@ -143,7 +143,7 @@ class Filmed:
         self._say(f"warning: {reason}")
 
     def _show(self, *, goes_on: bool) -> None:
-        """Write the page of films, if the run's folder exists."""
+        """Write the page of films, if a result of the judge is known."""
         with self._writing, contextlib.suppress(OSError):
             if self._results:
                 best = best_policy(self._results, self._until)

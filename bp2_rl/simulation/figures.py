@@ -44,8 +44,8 @@ Draw = Callable[..., Figure]
 
 @styled
 def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Draw forward speed and command over time, and the robot's offset from its
-    lane."""
+    """Draw a run's forward speed and command over time, and the drift of its lateral
+    offset and heading."""
     figure = Figure(figsize=(width, 4.8), layout="constrained")
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     forward = run.ground_velocity[:, 0]

@@ -69,7 +69,7 @@ MOST = 1000
 
 
 class BenchPart(NamedTuple):
-    """A compiled program to time: `program(carry, *fixed) -> (carry, anything)`, called
+    """A jitted program to time: `program(carry, *fixed) -> (carry, anything)`, called
     repeatedly."""
 
     name: PartName

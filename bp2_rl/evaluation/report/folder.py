@@ -44,8 +44,8 @@ class Report:
 
 
 def open_folder(folder: Path, benchmark: str) -> None:
-    """Make the folder of a report; raise UserError if that fails or the folder holds
-    anything else."""
+    """Make the folder of a benchmark's report; raise UserError if that fails or other
+    files are in the folder."""
     open_report(folder, METRICS, "report")
     if (folder / METRICS).is_file() and (
         old := read_report(folder).benchmark
