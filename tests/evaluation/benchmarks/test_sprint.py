@@ -135,8 +135,9 @@ def test_the_trunks_way_is_measured_from_the_line(make_race, side, kept):
     assert lane.kept is kept
 
 
-def test_a_turned_trunk_is_wider(make_race):
-    run, yaw = make_race(), 0.2
+@pytest.mark.parametrize("yaw", [0.2, -0.2, 2.0])
+def test_a_turned_trunk_is_wider(make_race, yaw):
+    run = make_race()
     run.qpos[1:, 3], run.qpos[1:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
     edges = trunk_edges(run)
     corners = np.array([[x, y] for x in (-0.4, 0.4) for y in (-0.22, 0.22)])
