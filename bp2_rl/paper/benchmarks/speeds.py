@@ -133,8 +133,7 @@ def table_over_speed(
 
 
 def metrics_table(title: str, found: Found) -> Table:
-    """Return the table of all metrics, with a column for the speed of each measured
-    run."""
+    """Return the table of all metrics, with a column for every measured run's speed."""
     columns = [{row.label: row.value for row in rows_of(each)} for _, each in found]
     return table_over_speed(title, [at.speed for at, _ in found], columns)
 
@@ -142,8 +141,8 @@ def metrics_table(title: str, found: Found) -> Table:
 def shares_table(
     title: str, found: Found, shares: Sequence[Mapping[str, float]]
 ) -> Table:
-    """Return the table of shares by cause, with a column for the speed of each measured
-    run."""
+    """Return the table of shares by cause, with a column for every measured run's
+    speed."""
     columns = [
         {cause: f"{share:+.3f}" for cause, share in each.items()} for each in shares
     ]

@@ -56,7 +56,7 @@ class Electrical:
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """Motor powers of one kind of joint, such as the hind hips, left and right
+    """Powers of the motors of one joint kind, such as the hind hips, left and right
     together."""
 
     name: str = metric("Motors", form="s")  # as in `KINDS`

@@ -222,7 +222,7 @@ def speed_table(held: tuple[HeldSpeed, ...]) -> Table:
 
 
 def motor_table(end: EnduranceResult) -> Table:
-    """Return the table of each motor's heat, torque and temperatures at the end of a
+    """Return the table of all motors' heat, torques and temperatures at the end of a
     run."""
     columns = {
         "Heat, cold [W]": end.first.heat,

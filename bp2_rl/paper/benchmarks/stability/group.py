@@ -56,7 +56,7 @@ class GroupState:
 
 
 def join(*states: GroupState) -> GroupState:
-    """Return the states of several groups of robots as the state of one group."""
+    """Return the states of several groups of robots as a single group's state."""
     return GroupState(
         **{
             name: np.concatenate([vars(state)[name] for state in states])

@@ -175,7 +175,7 @@ class SpeedResult:
 
 @dataclasses.dataclass(frozen=True)
 class Steady:
-    """Steady running of one robot: its trajectory, and its gait clock's phase."""
+    """A robot's steady running: its trajectory, and its gait clock's phase."""
 
     run: Trajectory
     clock: Float[np.ndarray, " N"]  # cycles, on and on
@@ -236,7 +236,7 @@ def measure_section(noisy: Sequence[Steady]) -> SectionMetrics | None:
 def measure_landings(
     noisy: Sequence[Steady], period: float
 ) -> tuple[LandingMetrics, ...]:
-    """Return the touchdown timing of each leg that lands often enough to be
+    """Return the touchdown timing of every leg that lands often enough to be
     measured."""
     found = []
     for leg, name in enumerate(conventions.LEGS):
