@@ -1,5 +1,5 @@
-"""What every test runs under: JAX on the CPU, compiled code kept between runs, shapes
-checked."""
+"""Setting of every test: JAX on the CPU, compiled code kept between runs, shapes and
+types checked."""
 
 import dataclasses
 import functools

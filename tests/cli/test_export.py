@@ -67,8 +67,8 @@ def here(measured, tmp_path, monkeypatch):
 
 
 def refused(capsys, *arguments):
-    """The one line that refuses the arguments with exit status 2; nothing is left
-    behind."""
+    """Require that the command refuses the arguments with exit status 2, leaving
+    nothing behind; return its one line."""
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     assert command.main([str(argument) for argument in arguments]) == 2
     out, err = capsys.readouterr()

@@ -45,8 +45,8 @@ def onboard(bundle):
 
 @pytest.fixture(scope="session")
 def another(tmp_path_factory):
-    """A robot's policy that nobody trained, which follows the kinematic trot and heeds
-    all that it sees; its bundle."""
+    """Return a maker of a named robot's untrained policy, which follows the kinematic
+    trot and uses all observations, and of its bundle."""
 
     @functools.cache
     def make(name):

@@ -60,8 +60,8 @@ def outcome(onboard, folder, sealed):
 
 
 def outcomes(onboard, folder, count, seed):
-    """The number of bundles that came to each outcome, by whether they were sealed
-    again."""
+    """Load and run `count` damaged bundles; return the number of bundles by outcome and
+    by whether they were sealed again."""
     found = collections.Counter()
     for what, sealed in damaged_bundles(folder, count, seed):
         try:

@@ -95,7 +95,7 @@ def test_a_bundle_has_each_joints_name_sign_and_zero(folder, model):
 
 
 def spheres(model):
-    """The geoms of the feet, FR FL RR RL."""
+    """Return the geoms of the feet, FR FL RR RL."""
     return [
         next(
             g
@@ -108,7 +108,7 @@ def spheres(model):
 
 
 def feet_of(model, names, angles, geoms):
-    """Where the feet are in the trunk's frame, with the trunk at the origin."""
+    """Return the positions of the feet in the trunk's frame, m."""
     data = mujoco.MjData(model)
     data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     for name, angle in zip(names, angles, strict=True):

@@ -1,5 +1,5 @@
-"""States, landings and what the simulators make of them; shared by the tests of the
-model and of its dynamics."""
+"""Random states and landings of robots, and the simulators' motions from them; shared
+by the tests of the model and of its dynamics."""
 
 from typing import NamedTuple
 
@@ -124,7 +124,8 @@ def landing(robots: int) -> Landing:
 
 
 def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
-    """Places of trunk and four feet (robots, steps, 5, 3), m."""
+    """Return the positions of trunk and four feet (robots, steps, 5, 3) in C MuJoCo,
+    m."""
     places, feet = [], foot_geom_ids(model)
     for qpos, qvel in zip(start.qpos, start.qvel, strict=True):
         data, torque = mujoco.MjData(model), np.zeros(12)
@@ -141,7 +142,8 @@ def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
 
 
 def land_on_mjx(model: mujoco.MjModel, start: Landing) -> np.ndarray:
-    """Places of trunk and four feet, as `land_on_mujoco`, in float32."""
+    """Return the positions of trunk and four feet, as `land_on_mujoco`, by MJX in
+    float32."""
     device_model, feet = mjx.put_model(model), foot_geom_ids(model)
     blank = mjx.make_data(device_model)
 

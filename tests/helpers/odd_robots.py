@@ -167,7 +167,8 @@ def plain(
     trunk: str = '<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
     extra: str = "",
 ) -> str:
-    """A quadruped of 13.2 kg without any oddity, but for what is asked of it.
+    """Return the MJCF of a quadruped of 13.2 kg without any oddity, but for the
+    arguments.
 
     Args:
         knee_range: rad.
@@ -223,7 +224,7 @@ def urdf(
     rooted: str = "",
     foot: str = "",
 ) -> str:
-    """The URDF of `plain`.
+    """Return the URDF of the robot `plain`.
 
     Args:
         effort: Nm, of every joint.

@@ -47,8 +47,8 @@ def follow(
 
 
 def twice(tracker: Any, run_dir: Path) -> Tracked:
-    """A run that is stopped after step 30 and goes on from its checkpoint at step 20;
-    what the tracker knows it by."""
+    """Track a run that is stopped after step 30 and goes on from its checkpoint at step
+    20; return the names that the tracker gave it."""
     follow(
         tracker,
         run_dir,

@@ -76,12 +76,13 @@ LIMITS = [
     (fastest_release, 0.97),
     (greatest_share, 0.99),
 ]
-"""Each a little tighter than the cheapest trot has it, by this factor."""
+"""Measures of a trot, each with the factor that makes its limit a little tighter than
+the cheapest trot."""
 
 
 @pytest.fixture(scope="module")
 def formed(trot):
-    """A trot within all of them at once."""
+    """Return a trot within all `LIMITS` at once."""
     form = Form(
         **{measure.__name__: change * measure(trot) for measure, change in LIMITS}
     )

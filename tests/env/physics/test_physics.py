@@ -53,8 +53,8 @@ def start(randomised: bool):
 
 
 def run(impl: Impl, state):
-    """The states before the steps and after the last, and whether each robot had not
-    fallen before."""
+    """Step a state with all `ACTIONS`; return the states before and after, and which
+    robots were upright before each step."""
     states, upright = [state], [np.ones(ROBOTS, bool)]
     for action in ACTIONS:
         states.append(stepper(impl)(states[-1], action))
@@ -72,7 +72,7 @@ def physics(state):
 
 
 def apart(ours, theirs, field: str) -> np.ndarray:
-    """The largest difference of each robot."""
+    """Return the largest difference between two states' field, for each robot."""
     a, b = (np.asarray(getattr(physics(state), field)) for state in (ours, theirs))
     return np.abs(a - b).reshape(ROBOTS, -1).max(axis=1)
 

@@ -41,7 +41,8 @@ def moving(make_run):
 
 
 def braked(moving, deceleration, floor=0.0, seconds=12.0):
-    """10 m/s for a second, then less."""
+    """Return a run at 10 m/s for a second that then decelerates down to `floor`,
+    m/s."""
     time = np.arange(round(1000 * seconds)) * 1e-3
     return moving(
         seconds, np.maximum(10.0 - deceleration * np.maximum(time - 1.0, 0.0), floor)

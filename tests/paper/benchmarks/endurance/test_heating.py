@@ -1,5 +1,5 @@
-"""Runs whose motors warm up: against closed forms, and the run of before where nothing
-comes of the heat."""
+"""Runs whose motors warm up, against closed forms and, where heat has no effect,
+against the same run without heating."""
 
 import dataclasses
 import math
@@ -37,7 +37,8 @@ COLD = Actuator.from_hardware()
 
 
 def seconds_to_limit(limit: float) -> float:
-    """An adiabatic winding's: ln(1 + a dT) / (a r0)."""
+    """Return the time in which an adiabatic winding reaches a limit, s: ln(1 + a dT) /
+    (a r0)."""
     a, rate = (
         MOTOR.copper_growth,
         winding_heat(COLD, TORQUE[HOTTEST]) / SHUT.winding_capacity,
