@@ -20,8 +20,8 @@ SIZE = sum(size for _, size in LAYOUT)
 
 
 def standing_policy(seed: int = 0) -> Policy:
-    """A policy that keeps to the standing pose, with weights of its own that have no
-    say."""
+    """Return a policy that keeps to the standing pose, whose random hidden weights have
+    no effect."""
     kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
     card = make_card(seed=seed, results={"curriculum_level": 0.5, "top_speed": 99.0})
     zeros = np.zeros((4, 12), np.float32), np.zeros(12, np.float32)

@@ -31,7 +31,7 @@ def bundle(shipped, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def onboard(bundle):
-    """The modules in the bundle: not those of bp2_rl, whose every call is checked here
+    """Import the modules in the bundle, not bp2_rl's, whose every call is checked here
     and takes ten times as long."""
     sys.path.insert(0, str(bundle))
     names = "controller", "motion", "link", "robot", "rehearse", "contents", "seal"

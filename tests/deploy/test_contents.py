@@ -17,15 +17,15 @@ DT = 0.005
 
 @pytest.fixture
 def copy(bundle, tmp_path):
-    """A bundle to be damaged, without what Python keeps of its code."""
+    """Copy the bundle to a folder where it may be damaged, without Python's caches."""
     return shutil.copytree(
         bundle, tmp_path / "bundle", ignore=shutil.ignore_patterns("__pycache__")
     )
 
 
 def outcome(onboard, folder, sealed):
-    """Load a bundle, sealed again or not, and run it from several phases at several
-    speeds."""
+    """Load a bundle, sealed again or not, run it from several phases at several speeds,
+    and return how that ended."""
     try:
         if sealed:
             onboard.contents.seal(folder)

@@ -30,8 +30,8 @@ DT = 0.005
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    """A robot with odd signs and zeros; each knee has a range of the side that it bends
-    to."""
+    """Write the MJCF of a robot with odd signs and zeros, whose knee ranges are on the
+    side of the bend."""
     path, text = tmp_path_factory.mktemp("model") / "anymal.xml", anymal_like()
     path.write_text(text)
     reading = read_mjcf(path)
@@ -49,7 +49,7 @@ def model(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["pointing", "numbers"])
 def folder(model, request):
-    """The bundle of a policy that nobody trained, from the model by its robot file, by
+    """Write the bundle of an untrained policy for the model, by its robot file, by
     settings and card on disk."""
     file = model.with_name(f"{request.param}.toml")
     file.write_text(

@@ -37,8 +37,8 @@ STRANGE: tuple[Any, ...] = (
 
 
 def strange_json(data: Any, count: int, seed: int = 0) -> Iterator[str]:
-    """JSON texts like that of `data`, each with one value replaced, removed or renamed;
-    and deeply nested ones."""
+    """Yield JSON texts like `data`, each with one value replaced, removed or renamed;
+    and deeply nested texts."""
     rng = random.Random(seed)
     places = list(_places(data))
     for _ in range(count):
@@ -78,8 +78,8 @@ def flipped_bits(content: bytes, count: int, seed: int = 0) -> Iterator[bytes]:
 
 
 def strange_arrays(content: bytes, rng: random.Random) -> bytes:
-    """An .npz file like this one, with one array replaced, exchanged for another,
-    renamed or removed."""
+    """Return an .npz file like this one, with one array replaced, exchanged for
+    another, renamed or removed."""
     with np.load(io.BytesIO(content)) as file:
         arrays: dict[str, Any] = dict(file)
     name, other = rng.sample(list(arrays), 2)

@@ -36,8 +36,8 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
 def random_states(
     rng: np.random.Generator, number: int, *, thrown: float = 0.1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States (qpos, qvel, torque) about standing, near and far, the lowest foot from 8
-    mm in the floor to 8 mm above.
+    """Return states (qpos, qvel, torque) about standing, near and far, the lowest foot
+    from 8 mm in the floor to 8 mm above.
 
     Springs are anywhere in their travel and beyond. Some states have one leg lifted,
     some a knee beyond its limit, and in the share `thrown` the legs are thrown up and
@@ -75,8 +75,8 @@ def random_states(
 
 
 def trot_targets(steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Joint targets (steps, 12), rad and rad/s, of a trot whose feet sweep back at 10
-    m/s in stance."""
+    """Return joint targets (steps, 12), rad and rad/s, of a trot whose feet sweep back
+    at 10 m/s in stance."""
     speed, period, duty, height, lift = 10.0, 0.2, 0.35, 0.53, 0.12
     reach, swing = speed * period * duty / 2, speed * period * (1 - duty)
 
@@ -106,8 +106,8 @@ class Landing(NamedTuple):
 
 
 def landing(robots: int) -> Landing:
-    """Robots at 10 m/s, falling at 0.7 m/s, each a little different, the first foot 2
-    mm above the floor."""
+    """Return robots at 10 m/s, falling at 0.7 m/s, each a little different, the first
+    foot 2 mm above the floor."""
     targets = trot_targets(steps=150)
     rng, model = np.random.default_rng(0), load_model(visual=False)
     data = mujoco.MjData(model)

@@ -31,8 +31,8 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class PlainRobot:
-    """A robot at its keyframe `stand`; of the simulator's attributes those that a
-    `Watch` uses, for one robot."""
+    """One simulated robot, from its keyframe `stand`, with the attributes of the
+    simulator that a `Watch` uses."""
 
     def __init__(self, robot):
         self.model = robot.model()

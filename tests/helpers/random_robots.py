@@ -15,8 +15,8 @@ from bp2_rl.robot.robot_file import mirrored
 
 
 def random_robot(seed: int) -> HardwareSpec:
-    """A quadruped of 0.1 to 0.6 m long segments, fore and hind legs drawn apart; one of
-    an even seed has springs.
+    """Return a quadruped of 0.1 to 0.6 m long segments, fore and hind legs drawn apart;
+    an even seed gives springs.
 
     Inertias are full, centres of mass and joints lie off the axes, knees bend either
     way, and all stand level.
@@ -81,8 +81,8 @@ def compiled(hardware: HardwareSpec, *, damping: int | None = None) -> mujoco.Mj
 def states_of(
     hardware: HardwareSpec, number: int, *, seed: int, stopped: float
 ) -> tuple[np.ndarray, ...]:
-    """States (qpos, qvel, torque) about standing, near and far, one foot or more near
-    the floor; float32.
+    """Return states (qpos, qvel, torque) about standing, near and far, at least one
+    foot near the floor; float32.
 
     Each joint is in its stop with the probability `stopped`, up to 0.3 rad deep;
     springs are anywhere in their travel and beyond. Speeds scale as those of

@@ -25,8 +25,8 @@ MASS = 36.0
 def make_run(
     duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25, **changes
 ) -> Trajectory:
-    """A trot along x: ramp to `speed`, stride frequency and duty as given, no power,
-    forces that carry the weight."""
+    """Return a synthetic trot along x: ramp to `speed`, stride frequency and duty as
+    given, no power, forces that carry the weight."""
     samples = round(duration / DT)
     time = np.arange(samples) * DT
     forward = np.minimum(acceleration * time, speed)
@@ -82,7 +82,7 @@ def make_card(**changes) -> PolicyCard:
 
 
 def still_policy(card: PolicyCard, draw=np.zeros, width: int = 4) -> Policy:
-    """A policy of one hidden layer whose weights are drawn of their shape, by default
+    """Return a policy of one hidden layer whose weights are `draw(shape)`, by default
     zeros: it never acts."""
     size = card.observation_size
     layers = tuple(

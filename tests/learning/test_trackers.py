@@ -86,8 +86,8 @@ def test_wandb_offline_keeps_every_metric_once_under_one_id(run_dir, monkeypatch
 
 
 def wandb_history(file: Path) -> list[dict[str, Any]]:
-    """The history in W&B's own file: protobuf records in LevelDB's log format, after a
-    header of 7 bytes.
+    """Read the history in W&B's own file: protobuf records in LevelDB's log format,
+    after a header of 7 bytes.
 
     A block of 32 KiB holds pieces of records: checksum (4 bytes), length (2), kind (1:
     whole, 2 to 4: first, middle, last), then the bytes; less than a piece's head at a

@@ -102,7 +102,7 @@ def name_of(page, widget):
 
 
 def hostile(page):
-    """Messages that no page sends, as bytes and as text."""
+    """Yield messages that no page sends, as bytes and as text."""
     encode = msgspec.msgpack.encode
     widgets = [*page._widgets, "", "nobody", "x" * 100_000]
     for uuid in widgets:
@@ -157,7 +157,7 @@ OTHERS = {
 
 
 def fits(page, uuid, value):
-    """Whether the widget can have this value: then it is no mistake."""
+    """Return whether a widget can have this value, so that the value is no mistake."""
     widget = page._widgets.get(uuid)
     if widget is page._ghost or widget is page._forces:
         return isinstance(value, bool)

@@ -26,8 +26,8 @@ FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)
 
 @pytest.fixture(params=["kernel", "warp"])
 def impl(request, monkeypatch) -> Impl:
-    """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors,
-    too."""
+    """Name of every engine but MJX's own. Warp is for GPUs, but its kernels run on
+    processors, too."""
     if request.param == "warp":
         pytest.importorskip("warp", reason="needs the extra `warp`")
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
@@ -148,7 +148,8 @@ SOLID = EnvConfig(
 
 @cache
 def crossed():
-    """Robot 3 stands with crossed fore legs; no other robot's legs touch."""
+    """Return a state in which robot 3 stands with crossed fore legs and no other
+    robot's legs touch."""
     env = BP2Env(SOLID)
     state = jax.jit(jax.vmap(env.reset))(KEYS)
     legs = (

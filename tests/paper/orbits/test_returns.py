@@ -81,7 +81,7 @@ def test_a_driven_oscillator_has_the_multipliers_of_its_exponential():
 
 
 class Hopper:
-    """A mass hops on a spring, from apex to apex; speed v goes along.
+    """A mass that hops on a spring, as a map from apex to apex; speed v goes along.
 
     Landing leaves a share r of the energy of falling, and a share rho of the speed (and
     kappa of what the apex is too high). Where the spring is shortest, by d, its rest

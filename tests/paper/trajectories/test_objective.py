@@ -26,8 +26,8 @@ SETTINGS = ObjectiveSettings(speeds=(10.0,), body_weights=(1.0, 3.0), intervals=
 
 @pytest.fixture(scope="module")
 def asked() -> Iterator[list[tuple[Problem, tuple[str, ...]]]]:
-    """What is asked of the optimiser, which answers with its guess: no second of IPOPT
-    in here."""
+    """Replace the optimiser by one that answers with its guess, without IPOPT; return
+    the problems that are asked."""
     asked = []
     costs = itertools.cycle([2.0, 1.0, 1.5])
 

@@ -20,8 +20,8 @@ from bp2_rl.evaluation.benchmarks.tries.rules import (
 
 @pytest.fixture
 def moving(make_run):
-    """A run of these forward and leftward speeds (m/s, in its heading's frame) and this
-    yaw rate (rad/s) over time."""
+    """Return a maker of runs with given forward and leftward speeds (m/s, in the
+    heading's frame) and yaw rate (rad/s) over time."""
 
     def make(duration, forward, left=0.0, yaw_rate=0.0, **changes):
         run = make_run(duration=duration)

@@ -48,8 +48,8 @@ def seconds_to_limit(limit: float) -> float:
 
 @pytest.fixture
 def watched(make_run):
-    """A synthetic trot under a constant torque, watched by `Heating`; its speed may
-    drop at a time."""
+    """Return a maker of synthetic trots under a constant torque, watched by `Heating`;
+    the speed may drop at a time."""
 
     def watch(pace=1.0, limit=180.0, slower_from=math.inf, seconds=14.0):
         run = make_run(
