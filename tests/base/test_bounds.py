@@ -1,5 +1,5 @@
-"""Bounds declared on fields: one line names the field, what it may be, and what it
-is."""
+"""Bounds declared on fields: an error's one line names the field, its bounds and its
+value."""
 
 import dataclasses
 import math

@@ -1,5 +1,5 @@
-"""The shipped policy as a bundle, once for all tests, and the code in it as a robot's
-computer has it."""
+"""The shipped policy as a bundle, once for all tests, and the bundle's code as a
+robot's computer runs it."""
 
 import functools
 import importlib

@@ -1,4 +1,5 @@
-"""What `bp2 export --format onnx` writes, and how it refuses."""
+"""The files that `bp2 export --format onnx` writes, and the mistakes that it
+refuses."""
 
 import dataclasses
 import functools

@@ -1,5 +1,5 @@
-"""Damaged bundles: refused in one line of one class of error, or run with targets that
-are finite and in range."""
+"""Damaged bundles are refused in one line of one class of error, or run with targets
+that are finite and in range."""
 
 import collections
 import functools

@@ -1,5 +1,5 @@
-"""The controller without JAX does what the one of training does, and what its watchdog
-is for."""
+"""The controller without JAX gives the targets of training's controller, and its
+watchdog stops wrong sensors."""
 
 import dataclasses
 import time

@@ -1,5 +1,5 @@
-"""What becomes of the policies that a run exports: judged beside it, and the best kept
-as its own."""
+"""The policies that a run exports: judged beside the training, and the best kept as the
+run's own."""
 
 import functools
 import shutil

@@ -1,5 +1,5 @@
-"""Numbers that are not finite, wherever they come from: what they may touch, what is
-said, and what is kept."""
+"""Numbers that are not finite: which results they may touch, which message follows, and
+which files are kept."""
 
 import dataclasses
 import functools

@@ -1,5 +1,4 @@
-"""W&B, the real one: what it has on disk is what the run logged, under one name for all
-its parts."""
+"""W&B's own files hold what the run logged, under one name for all parts of the run."""
 
 import io
 import json

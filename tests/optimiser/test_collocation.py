@@ -1,5 +1,5 @@
-"""The nonlinear program and how it is solved; whether its solutions are true is
-test_verify's business."""
+"""The nonlinear program and how it is solved; test_verify checks that solutions are
+true."""
 
 import dataclasses
 import importlib

@@ -1,5 +1,5 @@
-"""What a stride is asked to look like: each limit as MuJoCo and SciPy measure it, and
-the slow end that sets them."""
+"""Limits on the form of a stride, each as MuJoCo and SciPy measure it, and the slow end
+of a family that sets them."""
 
 import dataclasses
 import math

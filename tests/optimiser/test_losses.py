@@ -1,5 +1,5 @@
-"""What a built robot loses: the laws of the model and of its judge against closed
-forms, and trots that have to pay."""
+"""Losses of a built robot: the laws of the model and of its verifier against closed
+forms, and trots with losses."""
 
 import dataclasses
 import json

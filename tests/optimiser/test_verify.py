@@ -1,5 +1,5 @@
-"""The judge against closed forms, and its verdict on a trot, sound and tampered
-with."""
+"""The verifier against closed forms, and its verdict on a sound trot and on trots
+tampered with."""
 
 import dataclasses
 import math

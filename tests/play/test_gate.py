@@ -1,5 +1,5 @@
-"""What a browser sends, by a real websocket: it moves the page's widgets to values that
-they can have, or nothing."""
+"""Messages of a browser by a real websocket: they move the page's widgets to possible
+values, or do nothing."""
 
 import math
 import random

@@ -1,4 +1,4 @@
-"""What hands can do to the robot, without a screen."""
+"""A session in which a user steers, pushes and resets the robot, without a screen."""
 
 import dataclasses
 import math

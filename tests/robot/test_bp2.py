@@ -1,4 +1,4 @@
-"""One truth: the numbers in the XML are those of bp2.py, and bp2.py's are the
+"""BP2's numbers agree: those in the XML with bp2.py's, and bp2.py's with the
 paper's."""
 
 import functools

@@ -1,4 +1,5 @@
-"""What resists, and the bus: against closed forms."""
+"""Losses of air, gears, joints and spring slides, and the power bus, against closed
+forms."""
 
 import dataclasses
 import math

@@ -1,5 +1,5 @@
-"""The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on
-how it moves."""
+"""The MuJoCo model: its mass and stance, and the agreement of MJX and C MuJoCo on its
+motion."""
 
 from pathlib import Path
 

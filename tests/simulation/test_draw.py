@@ -1,5 +1,5 @@
-"""What is drawn of a robot, beside robots that were built so, and from the ranges of
-training."""
+"""Random draws of a robot, against robots that were built with the drawn values, and
+against the ranges of training."""
 
 import dataclasses
 

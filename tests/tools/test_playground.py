@@ -1,5 +1,5 @@
-"""The peer's rate: from the times at which Brax's learner reports, of Playground's Go1
-without what is only seen."""
+"""Training speed of MuJoCo Playground's Go1, from the times at which Brax's learner
+reports."""
 
 import itertools
 import sys

@@ -1,4 +1,4 @@
-"""Studies: what is run in which order, what is not run again, and the figures over
+"""Studies: the order of runs, the runs that are not repeated, and the metrics over
 seeds."""
 
 import dataclasses

@@ -1,5 +1,5 @@
-"""The run in the page: its numbers are the run's, its links are where MuJoCo's are, and
-a browser shows it."""
+"""The run in a report's page: numbers are the run's, links are where MuJoCo has them,
+and a browser shows the run."""
 
 import base64
 

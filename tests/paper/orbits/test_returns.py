@@ -1,5 +1,5 @@
-"""Return maps with known multipliers: of a matrix, of a driven oscillator, and of a
-hopper on a spring."""
+"""Maps with known multipliers: of a matrix, of a driven oscillator, and of a hopper on
+a spring."""
 
 import numpy as np
 import pytest

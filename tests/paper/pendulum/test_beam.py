@@ -1,5 +1,5 @@
-"""The equations, against the same pendulums in C MuJoCo and against what work and
-momentum must do."""
+"""The pendulums' equations of motion, against C MuJoCo and against the balances of work
+and momentum."""
 
 import mujoco
 import numpy as np

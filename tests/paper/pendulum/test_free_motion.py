@@ -1,4 +1,5 @@
-"""Free motion, against what is kept and against closed forms and quadratures."""
+"""Free motion of pendulums, against conserved quantities, closed forms and
+quadratures."""
 
 import math
 

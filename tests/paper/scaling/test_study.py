@@ -1,4 +1,5 @@
-"""A limit that follows the motors, and speeds above a limit, which are said first."""
+"""The scaling study: a limit that follows the motors, and speeds above a limit, which
+are reported first."""
 
 import dataclasses
 

@@ -1,5 +1,5 @@
-"""The comparison over F bar: it asks for the right problems, keeps the cheapest, and
-solves nothing twice."""
+"""The comparison of force weights (F bar): the right problems are solved once, and the
+cheapest solutions kept."""
 
 import itertools
 from collections.abc import Iterator

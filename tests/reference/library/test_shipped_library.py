@@ -1,4 +1,5 @@
-"""What must hold of the library in assets/reference_motions, whoever built it."""
+"""Properties that the library in assets/reference_motions must have, whoever built
+it."""
 
 import jax
 import jax.numpy as jnp

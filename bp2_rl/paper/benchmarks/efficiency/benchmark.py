@@ -113,7 +113,8 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 
 def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the command's ramp to the top speed, held for `HOLD` s by default."""
+    """Return the command's ramp to the top speed, held for `HOLD` s by default, or
+    `QUICK_HOLD` in the quick version."""
     return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
 
 

@@ -187,7 +187,8 @@ def quaternion_of(
 
 @dataclasses.dataclass(frozen=True)
 class Orbit:
-    """Return map of a policy's gait: from one phase 0 of the gait clock to the next."""
+    """A policy's gait as a return map, from one phase 0 of the gait clock to the
+    next."""
 
     group: RobotGroup  # without noise
     coordinates: Coordinates

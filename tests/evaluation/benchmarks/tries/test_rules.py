@@ -1,4 +1,4 @@
-"""Every rule passes a run that keeps it and fails one that does not: runs whose figures
+"""Every rule passes a run that keeps the rule and fails a run that does not; the runs
 are known in closed form."""
 
 import math
