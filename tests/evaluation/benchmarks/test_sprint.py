@@ -31,8 +31,8 @@ from bp2_rl.simulation.measuring import (
 
 @pytest.fixture
 def make_race(make_run):
-    """A run of constant acceleration to a top speed that ends with the first sample
-    beyond 100 m."""
+    """Return a maker of runs of constant acceleration to a top speed, which end with
+    the first sample beyond 100 m."""
 
     def make(acceleration=5.0, speed=10.0, duration=20.0, **changes):
         run = make_run(duration=duration)
@@ -51,7 +51,8 @@ def make_race(make_run):
 
 
 def crossing(distance, acceleration, speed):
-    """When constant acceleration to a top speed covers a distance, s."""
+    """Return the time to cover a distance at constant acceleration to a top speed,
+    s."""
     reached = 0.5 * speed**2 / acceleration
     return (
         (2 * distance / acceleration) ** 0.5
