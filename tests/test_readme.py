@@ -24,8 +24,12 @@ ROWS = {
     "treadmill": lambda results: f"{results['losses']['without']['air']:.2f} m/s",
     "outdoors": lambda results: f"{results['topspeed']['best_speed']:.2f} m/s",
     "100 m": lambda results: f"{results['sprint']['time_100m']:.2f} s",
-    "200 randomised robots": lambda results: f"{results['robustness']['upright']}",
-    "of them, legs touch": lambda results: f"{results['robustness']['legs_touch']}",
+    "200 randomised robots at 10.74 m/s: upright": lambda results: (
+        f"{results['robustness']['upright']}"
+    ),
+    "200 randomised robots at 10.74 m/s: legs touch": lambda results: (
+        f"{results['robustness']['legs_touch']}"
+    ),
     "manoeuvres passed, of 95": lambda results: f"{results['manoeuvres']['passed']}",
     "[disturbances]": lambda results: f"{results['disturbances']['passed']}",
 }
