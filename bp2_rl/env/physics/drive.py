@@ -28,15 +28,20 @@ class Drive(NamedTuple):
             resistance = randomization.randomize_resistance(resistance, robot)
         return Drive(motors, resistance)
 
-    def torque(
+    def push(
         self,
         last: Float[Array, "... 12"],
         qpos: Float[Array, "... nq"],
         qvel: Float[Array, "... nv"],
         issued: Targets,
-    ) -> tuple[Float[Array, "... 12"], Float[Array, "... 12"]]:
-        """Return the motors' torque (Nm) in a physics step that follows the targets
-        `issued`, and its power (W)."""
+    ) -> tuple[
+        Float[Array, "... 12"], Float[Array, "... 12"], Float[Array, "... nv"] | None
+    ]:
+        """Return the motors' torque (Nm) and power (W) in a physics step that follows the
+        targets `issued`, and the generalized forces that resist motion, if anything does.
+
+        `last` is the torque (Nm) of the physics step before.
+        """
         q, qd = joint_positions(qpos), joint_velocities(qvel)
         torque = joint_torque(
             self.motors,
@@ -47,17 +52,7 @@ class Drive(NamedTuple):
             issued.velocity,
             conventions.PHYSICS_STEP,
         )
-        return torque, torque * qd
-
-    def resist(
-        self,
-        qpos: Float[Array, "... nq"],
-        qvel: Float[Array, "... nv"],
-        torque: Float[Array, "... 12"],
-    ) -> Float[Array, "... nv"] | None:
-        """Return the generalized forces that resist motion, if anything does."""
         if self.resistance is None:
-            return None
-        return losses.generalized(
-            losses.loss(self.resistance, qpos, qvel, torque), qvel
-        )
+            return torque, torque * qd, None
+        loss = losses.loss(self.resistance, qpos, qvel, torque)
+        return torque, torque * qd, losses.generalized(loss, qvel)

@@ -97,11 +97,10 @@ class KernelPhysics:
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = moving.qpos.T, moving.qvel.T
-            torque, power = drive.torque(torque, qpos, qvel, issued)
+            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
             applied = with_legs(
                 jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4])
             )
-            resisting = drive.resist(qpos, qvel, torque)
             if resisting is not None:
                 applied += resisting
             moving, heights = step(robots, moving, applied.T)

@@ -81,11 +81,10 @@ class MjxPhysics:
             qpos, qvel, warmstart, torque = state
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: x[now], history)
-            torque, power = drive.torque(torque, qpos, qvel, issued)
+            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
             data = self._template.replace(
                 qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
             )
-            resisting = drive.resist(qpos, qvel, torque)
             if resisting is not None:
                 data = data.replace(qfrc_applied=resisting)
             data = mjx.step(model, data)
