@@ -308,7 +308,7 @@ def _build(arguments: LibraryArguments) -> None:
                 ),
             )
     print_solutions(family)
-    if arguments.family.fastest is None:
+    if arguments.family.to_limit:
         print(
             f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s"
         )
