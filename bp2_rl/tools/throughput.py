@@ -156,7 +156,8 @@ def share_out(timings: Sequence[PartTiming]) -> dict[str, float]:
 
 def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
     """Compile a part of a learner, warm it up, and time its calls for some seconds."""
-    program, arguments = part.program, part.arguments
+    program = part.program
+    arguments = part.arguments
     with compilations() as before:
         began = time.perf_counter()
         lowered = program.lower(*arguments)

@@ -157,10 +157,8 @@ class Plan:
 
     def command(self, training: Training, folder: Path) -> list[str]:
         """The arguments of train.py."""
-        variant, steps = (
-            VARIANTS[training.variant],
-            self.steps[STAGES.index(training.stage)],
-        )
+        variant = VARIANTS[training.variant]
+        steps = self.steps[STAGES.index(training.stage)]
         words = [
             "--stage",
             training.stage,
