@@ -40,7 +40,8 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
-    fastest, own = policy.card.env.commands.max_forward, top_speed(policy)
+    fastest = policy.card.env.commands.max_forward
+    own = top_speed(policy)
     return round(own, 2) if BEYOND[0] <= own / fastest < BEYOND[1] else fastest
 
 
@@ -110,16 +111,18 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
 
 
 def conditions(
-    policy: Policy, schedule: str, simulator: str, setup: Setup
+    policy: Policy, setup: Setup, schedule: str, simulator: str | None = None
 ) -> dict[str, str]:
-    """Return the conditions that repeat an evaluation, by name."""
+    """Return the conditions that repeat an evaluation, by name; the setup names the
+    simulator if nothing else does."""
+    robot = robot_of(policy, setup)
     return {
-        "robot": describe_robot(robot_of(policy, setup)),
+        "robot": describe_robot(robot),
         "schedule": schedule,
         "policy": describe(policy),
         "trained on": describe_robot(policy.card.env.hardware),
         "weights_sha256": policy.card.weights_sha256,
-        "simulator": simulator,
+        "simulator": simulator or describe_simulator(setup.backend, robot, setup.drake),
         "sensors": describe_sensors(policy.card.env.randomization, setup.noise_seed),
         "operator": describe_operator(setup.operator),
         "controller": describe_easing(policy.card.env.control),
@@ -147,7 +150,8 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 def describe_robot(hardware: HardwareSpec) -> str:
     """Describe a robot in one line: its name, its losses, and a hash of what is not
     published."""
-    losses, name = hardware.losses, robot_name(hardware)
+    losses = hardware.losses
+    name = robot_name(hardware)
     if name == "ideal":
         return (
             "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "

@@ -21,6 +21,7 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
     cruising_speed,
     describe_ramp,
     describe_sensors,
@@ -29,7 +30,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
-from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, run_conditions
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
@@ -143,7 +144,8 @@ class RobustnessMetrics:
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count the robots that fall."""
-    count, seed = setup.robots or NUM_ROBOTS, setup.seed or 0
+    count = setup.robots or NUM_ROBOTS
+    seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
     request = RunRequest(
@@ -151,12 +153,13 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
     run = run_fleet(policy, request, drawn, count, seed, setup.backend)
     metrics = fleet_metrics(run)
-    speed, offset = metrics.mean_speed, metrics.offset
+    speed = metrics.mean_speed
+    offset = metrics.offset
     return Evaluation(
         benchmark="robustness",
         subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend=TITLES[setup.backend],
-        conditions=run_conditions(policy, setup, describe_ramp(ramp))
+        conditions=conditions(policy, setup, describe_ramp(ramp))
         | {
             "robots": f"{count}, seed {seed}",
             "sensors": describe_sensors(drawn, seed),
@@ -257,7 +260,8 @@ def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the 95 % interval of a share (Wilson 1927): unlike the normal one it is of
     use at 0 and at all of the trials."""
-    z, p = CONFIDENCE_95, successes / trials
+    z = CONFIDENCE_95
+    p = successes / trials
     middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
     half = (
         z
@@ -318,7 +322,8 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
         label="command",
     )
     if fallen:
-        floor, at = [0.03] * len(fallen), axes.get_xaxis_transform()
+        floor = [0.03] * len(fallen)
+        at = axes.get_xaxis_transform()
         axes.plot(
             fallen,
             floor,
