@@ -26,7 +26,8 @@ class Pace:
         clock: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ):
-        self._clock, self._sleep = clock, sleep
+        self._clock = clock
+        self._sleep = sleep
         self.slow = 1.0
         """How many times slower than the world the simulation is to go."""
         self._began = self._due = clock()

@@ -66,10 +66,8 @@ def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
 
 def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
     """Return the clearances of the legs at each of the samples, m, solid or not."""
-    joints, compression = (
-        run.joint_position[samples].reshape(-1, 4, 3),
-        run.spring_compression[samples],
-    )
+    joints = run.joint_position[samples].reshape(-1, 4, 3)
+    compression = run.spring_compression[samples]
     chunks = (slice(start, start + CHUNK) for start in range(0, len(joints), CHUNK))
     parts = [
         clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks

@@ -248,7 +248,8 @@ def hold_phase(run: Trajectory) -> Trajectory | None:
 def steady_window(run: Trajectory) -> Trajectory:
     """Return the part that stands for steady running: the hold phase, or else the best
     second, or else all."""
-    hold, best = hold_phase(run), best_window(run, 1.0)
+    hold = hold_phase(run)
+    best = best_window(run, 1.0)
     if hold is not None:
         return hold
     return run.between(best.start, best.start + 1.0) if best is not None else run

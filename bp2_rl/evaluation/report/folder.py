@@ -70,10 +70,8 @@ def write_report(
     """
     for old in (PAGE, VIDEO, STILL, TRAJECTORY):
         (folder / old).unlink(missing_ok=True)
-    results, metrics = (
-        {evaluation.benchmark: card_results(evaluation)},
-        to_json(evaluation.metrics),
-    )
+    results = {evaluation.benchmark: card_results(evaluation)}
+    metrics = to_json(evaluation.metrics)
     save_config(
         folder / METRICS,
         Report(evaluation.benchmark, evaluation.conditions, results, metrics),

@@ -68,7 +68,8 @@ def describe(run: Trajectory) -> dict[str, Any]:
 def robot(hardware: HardwareSpec) -> dict[str, Any]:
     """Return the robot's links, each hung on an earlier one, and geoms; lengths in m."""
     model = load_model(hardware)
-    links, meshes = [], {}
+    links = []
+    meshes = {}
     for body in range(1, model.nbody):
         joint = int(model.body_jntadr[body])
         links.append(
