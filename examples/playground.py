@@ -33,8 +33,8 @@ MOST = 1000  # looks
 
 
 class _TimedEnoughError(Exception):
-    """Ends Brax's training, which wants to know its length before its speed is
-    known."""
+    """Ends Brax's training after enough timed steps: Brax wants the number of steps
+    beforehand."""
 
 
 def measure_playground(robots: int | None = None, seconds: float = 2.0) -> float:
@@ -125,7 +125,7 @@ def without_meshes(mjcf: bytes) -> bytes:
 
 @contextlib.contextmanager
 def _removed_from_jax() -> Generator[None]:
-    """Give JAX a function back that it has removed and Brax calls."""
+    """Restore in the block a JAX function that Brax still calls and JAX has removed."""
 
     def device_put_replicated(tree: object, devices: Sequence[object]) -> object:
         return jax.tree.map(

@@ -29,7 +29,8 @@ def test_what_is_only_seen_goes():
 
 @pytest.fixture
 def learner(monkeypatch):
-    """Brax's learner as one that reports at set times; what it was asked for."""
+    """Replace Brax's learner by one that reports at set times; return the settings that
+    it was given."""
     asked = {"looks": 0}
     now = itertools.chain((100.0, 130.0), itertools.count(140.0, 10.0))
 

@@ -33,7 +33,7 @@ RenderMode = Literal["rgb_array"]
 
 
 def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
-    """(Of an observation, of an action)."""
+    """Return the spaces of observations and of actions of an environment."""
     return (
         spaces.Box(
             -LARGEST_OBSERVATION,
@@ -107,7 +107,7 @@ class BP2Peer:
 
 
 class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
-    """One robot.
+    """A single robot as a Gymnasium environment.
 
     Args:
         name: one of `env.named.CONFIGS`.
@@ -133,7 +133,8 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """A new robot; its curriculum starts at the beginning."""
+        """Start an episode with a new robot, whose curriculum is at its beginning;
+        return the observation and `info`."""
         super().reset(seed=seed)
         del options
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
@@ -142,7 +143,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One control step, 5 ms; time limits are the wrapper's."""
+        """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._state = self._step(self._state, scaled(action, self.env))
         ended = bool(self._state.done)
         return self._seen(), float(self._state.reward), ended, False, self._info()
@@ -152,7 +153,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         return next(iter(self._pictures()), None)
 
     def close(self) -> None:
-        """Free what pictures needed."""
+        """Free the renderer, if there is one."""
         self.close_extras()
 
     def _info(self) -> dict[str, Any]:

@@ -35,7 +35,8 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many robots side by side, in one compiled program.
+    """Many robots side by side as a Gymnasium vector environment, in one compiled
+    program.
 
     A robot whose episode has ended begins a new one at the next step, whose action it
     does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
@@ -86,8 +87,8 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """New robots; from one seed they take this and the following ones.
-        `options["reset_mask"]` names those meant.
+        """Start episodes with new robots; with a single seed, robot i takes seed + i.
+        `options["reset_mask"]` selects robots.
 
         Raises:
             UserError: there are not as many seeds, or entries of the mask, as robots.
@@ -125,11 +126,12 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._seen(), rewards, terminated, truncated, self._info()
 
     def render(self) -> tuple[Picture, ...] | None:
-        """Return every robot's picture, with `render_mode="rgb_array"`."""
+        """Return a picture for each robot, with `render_mode="rgb_array"`."""
         return tuple(self._pictures()) or None
 
     def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
-        """New episodes for these robots; only they draw a number."""
+        """Start new episodes for the robots in `which`; only their random generators
+        draw a number."""
         keys = [
             draw_key(draws) if begins else 0
             for draws, begins in zip(self._draws, which, strict=True)
@@ -142,8 +144,8 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = self._over & ~which
 
     def _info(self) -> dict[str, Any]:
-        """As Gymnasium's own vector environments give it: `_NAME` says of which robots
-        NAME holds."""
+        """Return `info` as Gymnasium's vector environments do: `_NAME` says for which
+        robots NAME holds."""
         info = super()._info()
         return info | {f"_{name}": np.ones(self.num_envs, bool) for name in info}
 

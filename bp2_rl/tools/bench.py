@@ -121,7 +121,8 @@ def run_bench(
 
 
 def empty_report(config: TrainConfig, seconds: float) -> Bench:
-    """Return a report with nothing measured yet."""
+    """Return a report with the versions and devices of this machine, and no
+    measurements yet."""
     device = jax.devices()[0]
     return Bench(
         created=utc_now(),
@@ -217,7 +218,7 @@ def start_training(config: TrainConfig, imported: float) -> None:
 
 
 def in_a_line(m: PartTiming) -> str:
-    """Return a timing in a line."""
+    """Describe a timing in one line."""
     return (
         f"{m.part}, {describe_size(m.robots, m.devices)}: {count(m.control_steps_per_second)} control steps/s, "
         f"compiled in {m.compile_seconds:.1f} s{' (from the cache)' if m.from_cache else ''}"
@@ -225,7 +226,7 @@ def in_a_line(m: PartTiming) -> str:
 
 
 def print_table(bench: Bench, console: Console) -> None:
-    """Print a row for each timing, and what they say together."""
+    """Print a bench's table of timings, then the remarks on them."""
     table = Table(
         title=f"{bench.device_kind}, {bench.config.impl}",
         title_justify="left",
@@ -258,7 +259,8 @@ def print_table(bench: Bench, console: Console) -> None:
 
 
 def remarks(bench: Bench) -> list[str]:
-    """Return what the table does not show, a line each."""
+    """Return one line for each fact of a bench that its table does not show, such as
+    errors and time shares."""
     lines = list(bench.errors)
     groups = itertools.groupby(bench.timings, lambda m: (m.robots, m.devices))
     for size, timings in groups:

@@ -1,5 +1,4 @@
-"""How fast, how large and how long in the making: the programs of training, each
-measured by itself.
+"""Time the programs of training one by one: their speed, memory and compilation.
 
 Every program advances all robots by one unroll, so that times compare: what the
 environment, the policy and the gradient steps take adds up to a train step, but for the
@@ -33,7 +32,7 @@ from bp2_rl.settings.ppo import PPOConfig
 
 PartName = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
 PARTS: tuple[PartName, ...] = get_args(PartName)
-"""What can be measured, in this order.
+"""The parts of training that can be timed, in the order of the report.
 
 physics: the physics steps, with motors that hold their targets. environment: control
 steps with zero actions, and the fresh episodes that they need. resets: those episodes
@@ -59,7 +58,7 @@ class TooManyRobotsError(UserError):
 
 
 class BenchPart(NamedTuple):
-    """A program to measure, called again and again."""
+    """A jitted program to time, called repeatedly."""
 
     name: PartName
     program: jax.stages.Wrapped
@@ -69,8 +68,8 @@ class BenchPart(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PartTiming:
-    """One part at one size. Rates are by the median call; a call is one unroll of all
-    robots."""
+    """The timing of a part of training at a size; rates are by the median call, an
+    unroll of all robots."""
 
     part: PartName
     robots: int
@@ -90,7 +89,7 @@ class PartTiming:
 
 @contextlib.contextmanager
 def compilations() -> Generator[collections.Counter[str]]:
-    """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among
+    """Count JAX's monitoring events in the block by name, COMPILED and FROM_CACHE among
     them."""
     counts: collections.Counter[str] = collections.Counter()
 
@@ -137,8 +136,8 @@ def time_parts(
 
 
 def share_out(timings: Sequence[PartTiming]) -> dict[str, float]:
-    """Return what a train step spends its time on, as shares that add up to 1; nothing
-    where a part was not measured.
+    """Return the share of a train step's time that each part takes; empty if a needed
+    part was not timed.
 
     By the best call of each, which other programs disturbed least. The parts ran by
     themselves, where XLA cannot fuse them with their neighbours: good to a few per cent
@@ -220,8 +219,8 @@ def _program_bytes(program: jax.stages.Compiled) -> int | None:
 def make_parts(
     learner: PPO, state: TrainState, names: Sequence[PartName]
 ) -> Iterator[BenchPart]:
-    """Yield the named parts that the learner has, in the order of `PARTS`; `training`
-    consumes `state`."""
+    """Yield the named parts of a training as programs to time, in the order of `PARTS`;
+    `training` consumes `state`."""
     env = learner.fleet.env
     keys = jax.device_put(
         jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs),
@@ -254,7 +253,8 @@ def _on_each_device(
     in_specs: PartitionSpec | tuple[PartitionSpec, ...] = ROBOTS,
     out_specs: PartitionSpec = ROBOTS,
 ) -> jax.stages.Wrapped:
-    """Robots never talk to each other: each device runs its own, as in the learner."""
+    """Compile a function that runs on each device for the robots there, without
+    communication."""
     local = jax.shard_map(
         function,
         mesh=learner.mesh,
@@ -266,8 +266,8 @@ def _on_each_device(
 
 
 def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
-    """The joints hold the targets of the first control step. Every call begins anew,
-    before a robot could fall."""
+    """Return the physics steps as a program; joints hold the first targets, and every
+    call starts from the same state."""
     first: Any = state.fleet.pipeline_state
     still = jnp.zeros(env.action_size)
 
@@ -340,7 +340,8 @@ def _policy(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
 
 
 def _sgd(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
-    """The gradient steps learn from noise in the shapes of an unroll's data."""
+    """Return the gradient steps of training as a program, on noise in the shapes of an
+    unroll's data."""
     unroll = (state.params, state.normalizer, state.fleet, keys)
     _, shapes, _ = jax.eval_shape(learner.unroll, *unroll)
 

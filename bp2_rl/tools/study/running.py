@@ -1,5 +1,5 @@
-"""The trainings of a study, run: as processes of this machine, one on each GPU, or as
-jobs that submitit hands to a cluster.
+"""Run the trainings of a study: as processes of this machine, one on each GPU, or as
+jobs of a cluster (submitit).
 
 A study is a folder of runs, VARIANT-SEED-STAGE. What is finished is not done again, so
 that a study can be stopped and gone on with.
@@ -37,9 +37,10 @@ if TYPE_CHECKING:
 
 TRAIN = ("-m", "bp2_rl", "train")
 GRACE = 120
-"""s that a job has to save before the scheduler ends it."""
+"""Time between the scheduler's warning and the end of a job, in which the training
+saves, s."""
 OFTEN = 1000
-"""Times that a job may be queued again because its time was over."""
+"""Largest number of times that a job is queued again after its time limit."""
 POLL = 0.5  # s
 
 
@@ -51,8 +52,8 @@ def begin(
     gpu: str | None = None,
     keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
-    """Start train.py for a run in a process that ends with this one, and saves first;
-    it writes to RUN.txt.
+    """Start train.py for a run as a child process, with its output in RUN.txt; it saves
+    and ends with this process.
 
     Args:
         arguments: for a new run; one that has a checkpoint is resumed.
@@ -102,7 +103,7 @@ class Resources:
 
 
 def visible_gpus() -> tuple[str, ...]:
-    """NVIDIA's GPUs as CUDA_VISIBLE_DEVICES names them; empty where there are none."""
+    """Return the names of NVIDIA's GPUs for CUDA_VISIBLE_DEVICES; empty without any."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
     if named is not None:
         return tuple(filter(None, named.split(",")))
@@ -115,7 +116,8 @@ def visible_gpus() -> tuple[str, ...]:
 
 
 class Here:
-    """One process on each GPU at a time; without GPUs one at a time, on what JAX finds.
+    """Runs trainings as processes of this machine, one on each GPU; without GPUs one at
+    a time.
 
     Args:
         gpus: as CUDA_VISIBLE_DEVICES names them.
@@ -129,8 +131,8 @@ class Here:
     async def train(
         self, arguments: Sequence[str], run_dir: Path, gpu: str | None
     ) -> bool:
-        """Train a run, anew by train.py's `arguments` or from where it was stopped;
-        return whether it came to its end.
+        """Run a training to its end, from its checkpoint if it has one; return whether
+        it finished.
 
         A training that is cancelled saves first.
 
@@ -153,8 +155,8 @@ async def _status(process: "subprocess.Popen[bytes]") -> int:
 
 
 class Jobs:
-    """Jobs of a cluster, by submitit; each trains a run and judges its policies. Their
-    logs are in `folder`/jobs.
+    """Runs trainings as jobs of a cluster, by submitit; each job also measures its
+    policies. Logs are in `folder`/jobs.
 
     Args:
         config: which cluster, and what of it a job gets.
@@ -186,7 +188,11 @@ class Jobs:
     async def train(
         self, arguments: Sequence[str], run_dir: Path, slot: str | None = None
     ) -> bool:
-        """See `Here`; Slurm tells a training that is cancelled to save."""
+        """Run a training as a job, as `Here.train` does in a process; return whether it
+        finished.
+
+        A training that is cancelled is told by Slurm to save.
+        """
         del slot  # the scheduler finds a machine
         job = self._executor.submit(Job(arguments, run_dir))
         self._say(f"{run_dir.name}: job {job.job_id}")
@@ -203,7 +209,7 @@ class Jobs:
 
 
 class Job:
-    """One training as a cluster's machine runs it; submitit pickles it."""
+    """One training as a job on a cluster's machine; submitit pickles it."""
 
     def __init__(self, arguments: Sequence[str], run_dir: Path):
         self._arguments = tuple(arguments)
@@ -212,7 +218,7 @@ class Job:
         self._process: subprocess.Popen[bytes] | None = None
 
     def __call__(self) -> bool:
-        """Train and judge; whether the training came to its end."""
+        """Train, then measure the policies; return whether the training finished."""
         self._process = begin(self._arguments, self._run_dir, train=self._train)
         # Not `wait`, which holds a lock that `checkpoint` could not get past.
         os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
@@ -224,8 +230,8 @@ class Job:
         return True
 
     def checkpoint(self) -> "DelayedSubmission":
-        """The scheduler wants the machine back: let the training save, and be queued
-        again as it is.
+        """Let the training save, and return the job to be queued again; called when the
+        scheduler wants the machine back.
 
         submitit calls this from a signal's handler, in the middle of `__call__`.
         """
@@ -261,8 +267,8 @@ def run_study(
     resources: Resources,
     measured: Callable[[Training], object] = lambda training: None,
 ) -> list[Training]:
-    """Train and measure what is not there yet; return the trainings that failed, with
-    those that needed them.
+    """Run the trainings and measurements of a study that are missing; return the failed
+    ones and their dependants.
 
     An interruption ends the trainings, too, which save what they have.
 
@@ -347,7 +353,7 @@ async def _train(
     training: Training,
     say: Callable[[str], None],
 ) -> bool:
-    """Train a run, unless it is finished already; return whether it came to its end."""
+    """Run a training unless it is finished; return whether it has finished."""
     run_dir = folder / training.name
     ended = is_finished(run_dir)
     if not ended:
