@@ -45,11 +45,6 @@ def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
     )
 
 
-def scaled(action: np.ndarray, env: BP2Env) -> jax.Array:
-    """Return actions as `BP2Env` takes them, from actions in [-1, 1]."""
-    return env.config.control.action_limit * jnp.asarray(action, jnp.float32)
-
-
 def draw_key(draws: np.random.Generator) -> int:
     """Draw the seed of JAX's random numbers in an episode."""
     return int(draws.integers(2**31))
@@ -77,11 +72,21 @@ def open_camera(hardware: HardwareSpec, render_mode: str | None) -> Camera | Non
 class BP2Peer:
     """Hold `BP2Env`, its last state and a camera, for one robot or many."""
 
-    def _open(self, env: BP2Env, render_mode: RenderMode | None) -> None:
+    def _open(
+        self, env: BP2Env, render_mode: RenderMode | None, *, many: bool = False
+    ) -> None:
+        each = jax.vmap if many else lambda of_one: of_one
         self.env = env
         self.render_mode = render_mode
         self._camera = open_camera(env.config.hardware, render_mode)
+        self._reset = jax.jit(each(env.reset))
+        self._step = jax.jit(each(env.step))
         self._state: Any = None
+
+    def _act(self, action: np.ndarray) -> None:
+        """Take a control step with actions in [-1, 1]."""
+        limit = self.env.config.control.action_limit
+        self._state = self._step(self._state, limit * jnp.asarray(action, jnp.float32))
 
     def _seen(self) -> np.ndarray:
         return np.array(self._state.obs[POLICY])
@@ -96,8 +101,10 @@ class BP2Peer:
 
     def _pictures(self) -> list[Picture]:
         """Return every robot's picture; none without `render_mode="rgb_array"`."""
+        if not self._camera:
+            return []
         robots = np.atleast_2d(np.asarray(self._state.pipeline_state.q, float))
-        return [self._camera.picture(qpos) for qpos in robots] if self._camera else []
+        return [self._camera.picture(qpos) for qpos in robots]
 
     def close_extras(self, **kwargs: object) -> None:
         """Free what pictures needed."""
@@ -127,8 +134,6 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     ):
         self._open(make(name, config, impl=impl), render_mode)
         self.observation_space, self.action_space = spaces_of(self.env)
-        self._reset = jax.jit(self.env.reset)
-        self._step = jax.jit(self.env.step)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -144,7 +149,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
-        self._state = self._step(self._state, scaled(action, self.env))
+        self._act(action)
         ended = bool(self._state.done)
         return self._seen(), float(self._state.reward), ended, False, self._info()
 

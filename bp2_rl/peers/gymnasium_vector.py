@@ -25,7 +25,6 @@ from bp2_rl.peers.gymnasium_env import (
     BP2Peer,
     RenderMode,
     draw_key,
-    scaled,
     spaces_of,
 )
 from bp2_rl.robot.camera import Picture
@@ -68,14 +67,13 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ):
         if num_envs < 1:
             raise UserError(f"num_envs must be at least 1, got {num_envs}")
-        self._open(make(name, config, impl=impl, num_robots=num_envs), render_mode)
+        env = make(name, config, impl=impl, num_robots=num_envs)
+        self._open(env, render_mode, many=True)
         self.num_envs = num_envs
         self._limit = max_episode_steps
         self.single_observation_space, self.single_action_space = spaces_of(self.env)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._reset = jax.jit(jax.vmap(self.env.reset))
-        self._step = jax.jit(jax.vmap(self.env.step))
         self._choose = jax.jit(jax.vmap(_choose))
         self._draws = [seeding.np_random()[0] for _ in range(num_envs)]
         self._age = np.zeros(num_envs, int)  # control steps of the present episodes
@@ -113,7 +111,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
         """Take one control step, 5 ms, with each robot."""
         begins = self._over
-        self._state = self._step(self._state, scaled(actions, self.env))
+        self._act(actions)
         self._age += 1
         rewards = np.array(self._state.reward, float)
         terminated = np.array(self._state.done, bool)

@@ -341,10 +341,12 @@ def _add_contacts(
                 size[0] / 4.0, modulus, properties
             )
         pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
-        body = bodies[model.geom_bodyid[geom]]
-        name = model.geom(geom).name
         ids[geom] = plant.RegisterCollisionGeometry(
-            body, pose, _shape(int(model.geom_type[geom]), size), name, properties
+            bodies[model.geom_bodyid[geom]],
+            pose,
+            _shape(int(model.geom_type[geom]), size),
+            model.geom(geom).name,
+            properties,
         )
     return ids
 

@@ -219,7 +219,9 @@ def _in_parts(
     order."""
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
-        yield from _simulate(policy, config, [requests[i] for i in part], engine)
+        yield from _SideBySide(
+            policy, config, [requests[i] for i in part], engine
+        ).run()
 
 
 def _engine(backend: Backend) -> type[Simulator]:
@@ -233,20 +235,6 @@ def _engine(backend: Backend) -> type[Simulator]:
 
         return DrakeSimulator
     return Simulator
-
-
-def _simulate(
-    policy: ActionFunction,
-    config: EnvConfig,
-    requests: Sequence[RunRequest],
-    engine: type[Simulator],
-) -> list[Trajectory]:
-    runs = _SideBySide(policy, config, requests, engine)
-    for tick in range(runs.longest):
-        runs.control_step(tick)
-        if runs.ended.all():
-            break
-    return runs.trajectories()
 
 
 class _SideBySide:
@@ -265,15 +253,15 @@ class _SideBySide:
         self._simulator = settled(robots, engine)
         schedules = [sampled_commands(request.schedule) for request in requests]
         self._ticks = np.array([len(commands) - 1 for commands in schedules])
-        self.longest = int(np.max(self._ticks))
+        self._longest = int(np.max(self._ticks))
         # (N, T + 1, 3): a run that is over holds its last command
         self._commands = np.stack(
             [
-                commands[np.minimum(np.arange(self.longest + 1), len(commands) - 1)]
+                commands[np.minimum(np.arange(self._longest + 1), len(commands) - 1)]
                 for commands in schedules
             ]
         )
-        self._noise = draw_sensor_noise(requests, self.longest)
+        self._noise = draw_sensor_noise(requests, self._longest)
         self._runner = PolicyRunner(
             policy,
             config,
@@ -283,16 +271,34 @@ class _SideBySide:
             noise=config.randomization if self._noise else None,
         )
         self._recording = Recording.empty(
-            config.hardware, len(requests), self.longest * conventions.SUBSTEPS
+            config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
         self._finish = np.array([request.finish for request in requests])
         self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
         self._fell = np.zeros(len(requests), bool)
-        self.ended = self._ticks == 0
+        self._ended = self._ticks == 0
 
-    def control_step(self, tick: int) -> None:
+    def run(self) -> list[Trajectory]:
+        """Simulate all runs to their ends; return what was recorded."""
+        for tick in range(self._longest):
+            self._control_step(tick)
+            if self._ended.all():
+                break
+        return [
+            self._recording.of(i).trajectory(
+                request,
+                self._config,
+                self._simulator.backend,
+                length=int(self._lasted[i]),
+                fell=bool(self._fell[i]),
+                mass=self._simulator.mass(i),
+            )
+            for i, request in enumerate(self._requests)
+        ]
+
+    def _control_step(self, tick: int) -> None:
         """Let the policy set the joints' targets, and simulate until it does again."""
         time = tick * conventions.CONTROL_STEP
         poses = zip(self._requests, self._simulator.qpos, strict=True)
@@ -306,11 +312,11 @@ class _SideBySide:
         for step, target in enumerate(targets, tick * conventions.SUBSTEPS):
             self._push(step)
             self._millisecond(step, *target)
-        self.ended |= self._ticks <= tick + 1
+        self._ended |= self._ticks <= tick + 1
 
     def _push(self, step: int) -> None:
         for robot in self._pushed:
-            if not self.ended[robot]:
+            if not self._ended[robot]:
                 world = self._requests[robot].world
                 world.push(self._simulator.data[robot], step)
                 self._simulator.read(robot)
@@ -329,32 +335,18 @@ class _SideBySide:
         recording.target[:, step] = position
         recording.command[:, step] = self._runner.command
         enough = simulator.qpos[:, 0] >= self._finish
-        torque = simulator.millisecond(position, velocity, np.flatnonzero(~self.ended))
+        torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
         down = fall(simulator.qpos, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch
-            if watch and not self.ended[robot]:
+            if watch and not self._ended[robot]:
                 enough[robot] |= watch(simulator, robot, recording.torque[robot, step])
-        over = ~self.ended & (down | enough)
+        over = ~self._ended & (down | enough)
         self._lasted[over] = step + 1
         self._fell |= over & down
-        self.ended |= over
-
-    def trajectories(self) -> list[Trajectory]:
-        """Return what was recorded, each run as long as it lasted."""
-        return [
-            self._recording.of(i).trajectory(
-                request,
-                self._config,
-                self._simulator.backend,
-                length=int(self._lasted[i]),
-                fell=bool(self._fell[i]),
-                mass=self._simulator.mass(i),
-            )
-            for i, request in enumerate(self._requests)
-        ]
+        self._ended |= over
 
 
 def draw_sensor_noise(

@@ -327,16 +327,14 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
         label="command",
     )
     if fallen:
-        floor = [0.03] * len(fallen)
-        at = axes.get_xaxis_transform()
         axes.plot(
             fallen,
-            floor,
+            [0.03] * len(fallen),
             "x",
             ms=7,
             mew=1.8,
             color=FALL,
-            transform=at,
+            transform=axes.get_xaxis_transform(),
             label=f"{len(fallen)} fell",
         )
     axes.set(title="Mean speed held", xlabel="Friction [1]", ylabel="Speed [m/s]")
@@ -380,7 +378,6 @@ def fleet_figure(run: FleetRun) -> Figure:
     )
     fell = run.fell_at[np.isfinite(run.fell_at)]
     if len(fell):
-        at = axes.get_xaxis_transform()
         axes.plot(
             fell,
             0.03 + 0.0 * fell,
@@ -388,7 +385,7 @@ def fleet_figure(run: FleetRun) -> Figure:
             ms=10,
             mew=1.6,
             color=FALL,
-            transform=at,
+            transform=axes.get_xaxis_transform(),
             label="falls",
         )
     axes.set(

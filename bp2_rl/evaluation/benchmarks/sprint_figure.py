@@ -78,11 +78,9 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
         linewidth=2.0,
         label=POLICY,
     )
-    middles = np.array(MARKS) - 5.0
-    means = 10.0 / np.diff((0.0, *BOLT_SPLITS))
     axes.plot(
-        middles,
-        means,
+        np.array(MARKS) - 5.0,  # the middles
+        10.0 / np.diff((0.0, *BOLT_SPLITS)),
         "o",
         ms=5,
         color=LEG_COLORS["FL"],

@@ -161,7 +161,6 @@ class Plan:
         """Return the arguments of train.py for a training run in the study's
         `folder`."""
         variant = VARIANTS[training.variant]
-        steps = self.steps[STAGES.index(training.stage)]
         words = [
             "--stage",
             training.stage,
@@ -185,7 +184,7 @@ class Plan:
             "--run.seed",
             str(training.seed),
             "--run.steps",
-            str(steps),
+            str(self.steps[STAGES.index(training.stage)]),
         ]
 
 

@@ -322,9 +322,9 @@ async def _run_chains(
     with spawned(resources.judges, compute_here) as measuring:
 
         async def measure(training: Training) -> None:
-            loop = asyncio.get_running_loop()
-            run_dir = folder / training.name
-            await loop.run_in_executor(measuring, measure_policies, run_dir)
+            await asyncio.get_running_loop().run_in_executor(
+                measuring, measure_policies, folder / training.name
+            )
             measured(training)
 
         async def run_chain(chain: Sequence[Training]) -> None:
