@@ -316,7 +316,8 @@ RUN, PYTHON = PLAN.chains[0][0], sys.executable
 
 
 def begin(place, folder):
-    return running._train(PLAN, folder, place, *place.slots, RUN, print)
+    [gpu] = place.slots
+    return running._train(PLAN, folder, place, gpu, RUN, print)
 
 
 @pytest.mark.parametrize(
