@@ -262,11 +262,11 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
         Dots("that loss alone", [alone.get(name) for name in speeds], hollow=True),
     )
     panel = Panel("Mean speed held", "Speed [m/s]", series, metrics.ideal.speed)
-    below = "; below, what BP2 itself ran" if own else ""
     caption = (
         "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with "
-        f"that loss alone on the ideal robot, and in brackets what it changes{below}; crosses: fallen. The axis does "
-        "not begin at 0."
+        "that loss alone on the ideal robot, and in brackets what it changes"
+        f"{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
+        "axis does not begin at 0."
     )
     names = [cost.get(name, name) for name in speeds]
     return Picture("losses", caption, variants_figure(names, [panel]))
