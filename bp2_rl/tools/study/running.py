@@ -339,9 +339,11 @@ async def _run_chains(
                     failed.append(training)
             slots.put_nowait(slot)
 
-        async with asyncio.TaskGroup() as group:
-            for chain in plan.chains:
-                group.create_task(run_chain(chain))
+        # an interruption inside a task has ended the loop already, and is raised there
+        with contextlib.suppress(KeyboardInterrupt):
+            async with asyncio.TaskGroup() as group:
+                for chain in plan.chains:
+                    group.create_task(run_chain(chain))
     return failed
 
 
