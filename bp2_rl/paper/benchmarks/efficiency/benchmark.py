@@ -12,9 +12,7 @@ from bp2_rl.base.metric import table_of
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_simulator,
     describe_subject,
-    robot_of,
 )
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
@@ -94,13 +92,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     return Evaluation(
         benchmark="efficiency",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(
-            policy,
-            describe_speeds(ramp, commands, PART),
-            describe_simulator("mujoco", robot_of(policy, setup)),
-            setup,
-        ),
+        conditions=conditions(policy, setup, describe_speeds(ramp, commands, PART)),
         verdict=say_cost(metrics),
         good=len(found) == len(ran),
         rows=rows_over_speed(ran, found),

@@ -28,7 +28,6 @@ from bp2_rl.base.plotting import (
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_rise,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -151,13 +150,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     return Evaluation(
         benchmark="endurance",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(
-            policy,
-            describe_course(ramp, commands),
-            describe_simulator("mujoco", robot),
-            setup,
-        )
+        conditions=conditions(policy, setup, describe_course(ramp, commands))
         | {"motor heat": describe_heat(metrics)},
         verdict=say_endurance(metrics),
         good=all(one.result.cause != "fall" for one in held),

@@ -20,7 +20,6 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_rise,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -73,16 +72,13 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     speeds = tuple(one.metrics for one in ran)
     robot = tries[0].robot
     mass = float(load_model(robot, visual=False).body_mass.sum())
-    said = conditions(
-        policy, describe_strides(tries), describe_simulator("mujoco", robot), setup
-    )
+    said = conditions(policy, setup, describe_strides(tries))
     told = {"sensors": describe_noise(tries[0]), "definitions": DEFINITIONS}
     columns = [{row.label: row.value for row in rows_of(speed)} for speed in speeds]
     commanded = [speed.commanded for speed in speeds]
     return Evaluation(
         benchmark="stability",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
         conditions=said | told,
         verdict="; ".join(map(say_stability, speeds)),
         good=all(speed.is_steady for speed in speeds),
