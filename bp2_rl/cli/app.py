@@ -8,6 +8,7 @@ why on standard error. Nothing slow is imported before a command is known, tyro 
 import contextlib
 import dataclasses
 import errno
+import functools
 import importlib
 import io
 import os
@@ -344,18 +345,26 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
     """Return the entries of modules that have a `main`, each imported when its command
     is run, from what each does."""
 
-    def entry(name: str, what: str) -> Entry:
-        def main(argv: Sequence[str] | None) -> int:
-            try:
-                module = importlib.import_module(f"{package}.{name}")
-            except UserError as missing:  # a package that the command needs
-                _tell(f"error: {missing}")
-                return WRONG_INPUT
-            return module.main(argv)
+    return {
+        name: (what, functools.partial(run_module, f"{package}.{name}"))
+        for name, what in commands.items()
+    }
 
-        return what, main
 
-    return {name: entry(name, what) for name, what in commands.items()}
+def run_module(name: str, argv: Sequence[str] | None = None) -> int:
+    """Run the `main` of a command's module and return the exit status; a package that
+    the module needs and Python lacks is told in one line."""
+    try:
+        module = importlib.import_module(name)
+    except UserError as missing:
+        _tell(f"error: {missing}")
+        return WRONG_INPUT
+    except ModuleNotFoundError as missing:
+        _tell(
+            f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
+        )
+        return WRONG_INPUT
+    return module.main(argv)
 
 
 def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:

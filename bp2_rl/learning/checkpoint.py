@@ -73,7 +73,7 @@ class Metadata:
     log: dict[str, Any]  # what the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
     files: dict[str, str]  # the SHA-256 of every other file
-    devices: str = ""  # that trained the state; empty: of a program that did not say
+    devices: str  # that trained the state
 
 
 # --- Saving ---------------------------------------------------------------------------

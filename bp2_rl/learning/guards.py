@@ -16,8 +16,8 @@ COLLAPSED_STD = 0.05
 else it could do."""
 EXPLODED_KL = 10.0
 """Times the desired divergence, at the least learning rate. From twice on the rate is
-lowered, which takes a few train
-steps: a training's first ones may be far off, and that mends itself."""
+lowered, which takes a few train steps: a training's first ones may be far off, and that
+mends itself."""
 LEAST_RATE = 1e-5
 """To which Brax's `adaptive_kl_learning_rate` lowers the learning rate at most."""
 BLOWN_VALUE = 10.0

@@ -55,7 +55,7 @@ class TrainingRun:
     judge: Judge | None = None
     # of the metrics, beside the run's own files; only in the first process
     writers: Sequence[Writer] = ()
-    # devices that trained the checkpoint of a resumed run, if that is known
+    # devices that trained the checkpoint of a resumed run
     before: str | None = None
 
 
