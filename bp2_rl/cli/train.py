@@ -117,7 +117,6 @@ class EarlyFlags:
     """repeat this run's train step that was not finite, and say what was not finite
     first"""
     impl: Impl | None = None
-    """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
     deterministic: bool = False
     """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
     track: Tracker | None = None
