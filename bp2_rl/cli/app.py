@@ -33,7 +33,7 @@ from bp2_rl.base.errors import (
     did_you_mean,
     one_line,
 )
-from bp2_rl.base.processes import STOPPING, listening
+from bp2_rl.base.processes import STOPPING, handling
 
 Config = TypeVar("Config")
 Main = Callable[[Sequence[str] | None], int]
@@ -96,13 +96,11 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
 @contextlib.contextmanager
 def _terminable(patient: bool) -> Generator[None]:
     """See `run`; a training that has something to save replaces the handlers."""
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL
-    ):
+    if signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
-    answered, heard = threading.Event(), set[int]()
+    answered = threading.Event()
+    heard = set[int]()
 
     def stop(number: int, _: object) -> None:
         heard.add(number)
@@ -111,18 +109,16 @@ def _terminable(patient: bool) -> Generator[None]:
         raise KeyboardInterrupt if number == signal.SIGINT else _stopped(number)
 
     def insist(number: signal.Signals) -> None:
-        if number in STOPPING and not answered.wait(GRACE):
+        if not answered.wait(GRACE):
             _tell("interrupted" if number == signal.SIGINT else str(_stopped(number)))
             # Semaphores are given back, and a run without its first checkpoint is
-            # removed. no public function does so
+            # removed. No public function does so.
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)
             os._exit(128 + number)
 
-    before = {number: signal.getsignal(number) for number in STOPPING}
-    with listening(insist):
-        for number, handler in before.items():
-            if handler in (signal.SIG_DFL, signal.default_int_handler):
-                signal.signal(number, stop)
+    ours = (signal.SIG_DFL, signal.default_int_handler)
+    numbers = [number for number in STOPPING if signal.getsignal(number) in ours]
+    with handling(numbers, stop, insist):
         try:
             yield
         except KeyboardInterrupt:
@@ -132,8 +128,6 @@ def _terminable(patient: bool) -> Generator[None]:
             raise _stopped(max(other)) from None
         finally:
             answered.set()
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
 
 def _stopped(number: int) -> RunStopped:
