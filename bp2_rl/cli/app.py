@@ -10,6 +10,7 @@ import dataclasses
 import errno
 import functools
 import importlib
+import inspect
 import io
 import os
 import pkgutil
@@ -239,7 +240,7 @@ class Command(Generic[Config]):
         return run(lambda: self.run(self._parse(words)))
 
     def _parse(self, words: Sequence[str]) -> Config:
-        show_screen(words, self.prog, self.screen)
+        show_screen(words, self.prog, self.screen, self.arguments)
         default = None if self.default is None else self.default(words)
         return parse(self.arguments, words, self.prog, default)
 
@@ -250,16 +251,21 @@ class Command(Generic[Config]):
         return said[:1].lower() + said[1:].rstrip(".")
 
 
-def show_screen(words: Sequence[str], prog: str, screen: str) -> None:
+def show_screen(
+    words: Sequence[str], prog: str, screen: str, arguments: type[object]
+) -> None:
     """Print a command's first screen and end with status 0, if the words ask for help.
 
     Args:
         words: the command line.
         prog: the command as the user types it, for {prog} in the screen.
         screen: what `--help` prints; empty where tyro's own help is short enough.
+        arguments: the dataclass of the flags, whose docstring is {what} in the screen.
     """
     if screen and HELP_ALL not in words and not set(HELP).isdisjoint(words):
-        print(screen.replace("{prog}", prog))
+        paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
+        what = "\n\n".join(textwrap.fill(each, COLUMNS) for each in paragraphs)
+        print(screen.replace("{what}", what).replace("{prog}", prog))
         raise SystemExit(OK)
 
 
@@ -286,7 +292,7 @@ def parse(
     import tyro
 
     words = list(sys.argv[1:] if argv is None else argv)
-    show_screen(words, prog, screen)
+    show_screen(words, prog, screen, config)
     with _mistakes_raised():
         return tyro.cli(
             config,

@@ -43,8 +43,7 @@ STEP: tuple[OwnPart, ...] = (
 )
 SCREEN = """usage: {prog} [FLAGS]
 
-Measure how fast training is on this machine, part by part: steps a second, memory,
-compilation. The presets set the sizes, as for train.py.
+{what}
 
 flags:
   --preset {gpu,cpu,first,smoke,auto}
@@ -119,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(words: list[str]) -> None:
-    flags = read_early_flags(words, PROG, SCREEN)
+    flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
     _import_jax(flags, words)

@@ -36,8 +36,7 @@ BENCHMARKS = {
 """The benchmarks of the registry, which is slow to import, in words for the help."""
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
-Run a policy from a standing start, measure it, and leave a report with table, plots
-and film. Without a policy: built, which ships, as gentle, fastest and ideal do.
+{what}
 
 what is run:
   POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy

@@ -47,7 +47,7 @@ PROG = "bp2 train"
 WORDS = "docs/words.md"
 SCREEN = """usage: {prog} [FLAGS]
 
-Train a robot to run. A preset chooses the settings; flags change them.
+{what}
 
 what is trained:
   --stage {imitation,relaxed}  imitation first, then relaxed [imitation]
@@ -194,7 +194,7 @@ def _read_early(
 ) -> tuple[EarlyFlags, TrainArguments | None]:
     """Refuse mistakes before JAX is imported, which takes seconds; return all arguments
     where they can be told already."""
-    flags = read_early_flags(words, prog, SCREEN)
+    flags = read_early_flags(words, prog, SCREEN, TrainArguments)
     if app.HELP_ALL not in words and not flags.known_without_jax:
         return flags, None
     arguments = read_arguments(words, prog, flags)
@@ -202,12 +202,14 @@ def _read_early(
     return flags, arguments
 
 
-def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
+def read_early_flags(
+    words: list[str], prog: str, screen: str, arguments: type[object]
+) -> EarlyFlags:
     """Return the early flags of a command line, or print the first screen and end.
 
     The whole help shows the defaults of the preset `cpu` where none is named.
     """
-    app.show_screen(words, prog, screen)
+    app.show_screen(words, prog, screen, arguments)
     flags = app.parse_known(EarlyFlags, words, prog)
     if app.HELP_ALL in words and flags.preset == "auto":
         return dataclasses.replace(flags, preset="cpu")
