@@ -104,15 +104,15 @@ def targets_and_advantages(
     """
     values = jax.lax.stop_gradient(values)
     truncation = data.extras["state_extras"]["truncation"]
-    goes_on, counts = 1.0 - (1.0 - data.discount) * (1.0 - truncation), 1.0 - truncation
-    rewards, discount = (
-        config.reward_scaling * data.reward,
-        config.discounting * goes_on,
-    )
+    goes_on = 1.0 - (1.0 - data.discount) * (1.0 - truncation)
+    counts = 1.0 - truncation
+    rewards = config.reward_scaling * data.reward
+    discount = config.discounting * goes_on
     known, after = values[:, :-1], values[:, 1:]
     delta = counts * (rewards + discount * after - known)
     keep = counts * config.gae_lambda * discount
-    beyond, backwards = jnp.zeros_like(delta[:, 0]), []
+    beyond = jnp.zeros_like(delta[:, 0])
+    backwards = []
     for time in reversed(range(delta.shape[1])):
         beyond = delta[:, time] + keep[:, time] * beyond
         backwards.append(beyond)

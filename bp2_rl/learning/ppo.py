@@ -26,7 +26,7 @@ from brax import envs
 from brax.training.acme import running_statistics, specs
 from brax.training.agents.ppo import losses, networks
 from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
-from brax.training.types import Transition
+from brax.training.types import Observation, Transition
 from flax import struct
 from jax.flatten_util import ravel_pytree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
@@ -39,6 +39,8 @@ from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
 make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
+Learned = tuple[losses.PPONetworkParams, optax.OptState]
+"""What a gradient step changes: parameters and the optimiser's state."""
 NOT_FINITE = "not_finite"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
@@ -84,7 +86,7 @@ class PPO:
         self,
         env: envs.Env,
         config: PPOConfig,
-        devices: Sequence[Any] | None = None,
+        devices: Sequence[jax.Device] | None = None,
     ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
@@ -237,7 +239,9 @@ class PPO:
         return after, {**metrics, **sgd_metrics, NOT_FINITE: 1.0 - sound}
 
     def update_normalizer(
-        self, normalizer: running_statistics.RunningStatisticsState, observation: Any
+        self,
+        normalizer: running_statistics.RunningStatisticsState,
+        observation: Observation,
     ) -> running_statistics.RunningStatisticsState:
         """Return statistics that count these observations, and their mirror images
         where networks are symmetric."""
@@ -286,8 +290,8 @@ class PPO:
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
 
         def control_step(
-            carry: tuple[envs.State, Any], time: Array
-        ) -> tuple[tuple[envs.State, Any], Transition]:
+            carry: tuple[envs.State, dict[str, Array]], time: Array
+        ) -> tuple[tuple[envs.State, dict[str, Array]], Transition]:
             fleet, sums = carry
             noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(
                 split[:, 1]
@@ -322,14 +326,14 @@ class PPO:
         and mean metrics after them."""
 
         def minibatch_step(
-            carry: tuple[Any, Any], minibatch: Transition
-        ) -> tuple[tuple[Any, Any], Any]:
+            carry: Learned, minibatch: Transition
+        ) -> tuple[Learned, dict[str, Array]]:
             params, optimizer = carry
             return self.gradient_step(
                 state.replace(params=params, optimizer=optimizer), minibatch
             )
 
-        def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
+        def epoch(carry: Learned, key: Array) -> tuple[Learned, dict[str, Array]]:
             return jax.lax.scan(minibatch_step, carry, self.shuffle(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
@@ -344,10 +348,11 @@ class PPO:
 
     def gradient_step(
         self, state: TrainState, minibatch: Transition
-    ) -> tuple[tuple[Any, Any], dict[str, Array]]:
+    ) -> tuple[Learned, dict[str, Array]]:
         """Take one gradient step; return (parameters, optimiser) after it, and the
         metrics of the step."""
-        config, step = self.config, state.step
+        config = self.config
+        step = state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
         metrics, gradient = self.differentiate(
@@ -420,11 +425,12 @@ class PPO:
             self.network, self.config, params, normalizer, data, entropy_cost, mean
         )
 
-    def shuffle(self, data: Any, key: Array) -> Any:
+    def shuffle(self, data: Transition, key: Array) -> Transition:
         """Return an epoch's minibatches: robots shuffled within blocks, of which each
         minibatch has equal shares."""
         config = self.config
-        blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
+        blocks = config.shuffle_blocks
+        size = config.num_envs // config.shuffle_blocks
         keys = jax.random.split(key, blocks)
         order = jax.vmap(lambda key: jax.random.permutation(key, size))(keys)
         spread = NamedSharding(self.mesh, PartitionSpec(None, "robots"))
@@ -439,7 +445,7 @@ class PPO:
         return jax.tree.map(shuffled, data)
 
 
-def _devices(config: PPOConfig) -> list[Any]:
+def _devices(config: PPOConfig) -> list[jax.Device]:
     devices = jax.devices()
     if devices[0].platform != "cpu" or jax.process_count() > 1:
         return devices
