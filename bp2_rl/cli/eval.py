@@ -73,7 +73,7 @@ REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """The policy, and the benchmark that it is put to: the first flags of the help."""
+    """The policy to evaluate and the benchmark: the first flags in the help."""
 
     run: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")
@@ -104,7 +104,7 @@ class EvalConfig(Setup, Target):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Run the command `bp2 eval`; return its exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     prog = "python eval.py" if argv is None else "bp2 eval"
     again = f"{prog} {shlex.join(words)}".strip()
@@ -133,8 +133,8 @@ def evaluate(
     registry: str = REGISTRY,
     again: str | None = None,
 ) -> None:
-    """Evaluate as configured. Everything a user can get wrong is looked at before the
-    robot runs.
+    """Run a policy on a benchmark, print a table and write a report; check all inputs
+    before the simulation.
 
     Args:
         config: the command line.

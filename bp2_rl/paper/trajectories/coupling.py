@@ -1,5 +1,5 @@
-"""Whose acceleration a joint's coupled inertial torque comes from, and how much of the
-motors' torque it saves.
+"""Sources of a joint's coupled inertial torque, and how much of the motors' torque
+coupling through the trunk saves.
 
 In the coordinates of `sagittal` the mass matrix has no entry between two legs. So of
 what the paper calls coupled, at joint i of a leg,
@@ -74,17 +74,19 @@ class Sources:
 
     @property
     def trunk(self) -> Float[np.ndarray, "N motors"]:
-        """M_i,t a_t, Nm."""
+        """Inertial torque of the trunk's acceleration at each hip and knee, M_i,t a_t,
+        Nm."""
         return np.sum(self.within[2:], axis=0)
 
     @property
     def active(self) -> Float[np.ndarray, "N motors"]:
-        """u: the motors' torques, Nm."""
+        """Motor torque at each hip and knee, u, Nm."""
         return self._of_motors("active")
 
     @property
     def fixed(self) -> Float[np.ndarray, "N motors"]:
-        """u~: the motors' torques on a trunk that is not accelerated, Nm."""
+        """Motor torque at each hip and knee on a trunk that is not accelerated, u~,
+        Nm."""
         return self.active - self.trunk
 
     @property
@@ -104,7 +106,8 @@ class Sources:
         )
 
     def motors(self, joint: str, front: bool | None = None) -> list[int]:
-        """Return the indices of the motors of a joint, in all legs or at an end."""
+        """Return the indices of all hip or all knee motors, of all legs or the front or
+        hind legs."""
         legs = self.decomposition.legs
         return [
             2 * i + ("hip", "knee").index(joint)
@@ -179,8 +182,8 @@ def split_sources(solution: Solution) -> Sources:
 def covered_by(
     sources: Sources, parts: Float[np.ndarray, "K N motors"], joint: str = "hip"
 ) -> Float[np.ndarray, " K"]:
-    """Return the share of a joint's main inertial torque that each part makes up for:
-    mean over the peaks of all legs, as `Coupling.covered`; nan where there is none."""
+    """Return the share of a joint's main inertial torque that each part balances: mean
+    over the peaks of all legs, as `Coupling.covered`; nan where there is none."""
     shares = []
     for leg, motor in zip(
         sources.decomposition.legs, sources.motors(joint), strict=True
@@ -224,15 +227,15 @@ def _relation(cycle: Cycle, leg: str, source: str) -> str:
 # --- What coupling does at a speed, in numbers ----------------------------------------
 
 HARMONICS = (2, 4, 8)
-"""Torques are looked at up to these harmonics of the stride; a toe on its spring, 17
-Hz, is the fifth or sixth."""
+"""Numbers of the stride's harmonics to which torques are kept; a toe on its spring, 17
+Hz, is the fifth or sixth harmonic."""
 PAPER_INSTANT = 0.21  # T, at which the paper has the hip reverse
 
 
 @dataclasses.dataclass(frozen=True)
 class Torque:
-    """The torque of a kind of motor over a cycle, u, and what it would be on a trunk
-    that is not accelerated, u~."""
+    """Peak and RMS torque of a kind of motor over a cycle, u, and on a trunk that is
+    not accelerated, u~."""
 
     name: str = metric("Motors", form="s")
     peak: float = metric("Peak of u", "Nm", ".1f")
@@ -246,7 +249,8 @@ class Torque:
 
 @dataclasses.dataclass(frozen=True)
 class Cutoff:
-    """The hips' main inertial torque kept to the first harmonics of the stride."""
+    """Greatest main inertial torque of the hips, kept to the first harmonics of the
+    stride."""
 
     harmonics: int
     largest: dict[str, float]  # Nm, by end
@@ -254,8 +258,8 @@ class Cutoff:
 
 @dataclasses.dataclass(frozen=True)
 class VelocityForce:
-    """The vertical force of velocities, C_z, over the weight; instants are shares of
-    the cycle from a touchdown on."""
+    """Vertical centrifugal and Coriolis force, C_z, over the weight; instants are
+    shares of the cycle from a touchdown on."""
 
     peak: float
     instant: float
@@ -264,7 +268,7 @@ class VelocityForce:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CouplingAccount:
-    """The effect of coupling at one speed: shares are of the hips' main inertial
+    """Effects of inertial coupling at one speed. Shares are of the hips' main inertial
     torque, mean over its peaks."""
 
     speed: float = metric("Speed", "m/s", "g")
@@ -290,7 +294,7 @@ class CouplingAccount:
 
 
 def account_coupling(solution: Solution) -> CouplingAccount:
-    """Return the effect of coupling at one speed."""
+    """Return the effects of inertial coupling in a solution."""
     sources = split_sources(solution)
     terms, cycle = sources.decomposition, sources.decomposition.cycle
     coupling, hind = coupling_opposes(terms), f"{cycle.hind_leg} hip"
@@ -324,7 +328,7 @@ def account_coupling(solution: Solution) -> CouplingAccount:
 
 
 def account_family(solutions: Sequence[Solution]) -> list[CouplingAccount]:
-    """Return the effect of coupling over speed.
+    """Return the effects of inertial coupling in each solution, by ascending speed.
 
     Raises:
         UserError: there are no solutions, or they differ in more than speed, scheme and
@@ -378,7 +382,7 @@ def _named(names: tuple[str, ...], values: Float[np.ndarray, " K"]) -> dict[str,
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ShownStride(StrideSummary):
-    """The trajectory that is drawn, in the numbers of its panels and of the trends."""
+    """Numbers of the trajectory that the figures show, and of the trends over speed."""
 
     speed: float  # m/s
     closure: float  # N or Nm, of the equations of motion
@@ -402,7 +406,8 @@ class FigureNumbers:
 def number_shown(
     solution: Solution, terms: Decomposition, trends: Trends
 ) -> ShownStride:
-    """Return the numbers of the trajectory that is drawn, and of the trends."""
+    """Return the numbers of the trajectory that the figures show, and of the trends
+    over speed."""
     weights, ground = terms.cycle.weights.ravel(), TERMS.index("ground reaction")
     x, z = (terms.coordinates.index(name) for name in ("x", "z"))
     pushed = weights @ terms.forces[ground] + np.sum(terms.impulses[ground], axis=0)

@@ -37,8 +37,8 @@ def account(trot) -> CouplingAccount:
 
 
 def planar_states(sources: Sources):
-    """MuJoCo's terms with velocities, accelerations, motor torques and forces at some
-    of the cycle's points."""
+    """Return the planar MuJoCo model's terms with velocities, accelerations, motor
+    torques and forces at some of the cycle's points."""
     cycle = sources.decomposition.cycle
     planar = PlanarModel.of(cycle.problem)
     q, v, a, tau, force = (

@@ -1,4 +1,4 @@
-"""The efficiency benchmark: what running costs over speed, and where the energy goes.
+"""The efficiency benchmark: cost of transport over speed, and where the energy goes.
 
 The paper prints no cost of transport. It says that all motors work within their
 high-efficiency regions, and that the springs relieve them; both are asked here.
@@ -71,7 +71,8 @@ POLICY = LEG_COLORS["FR"]
 
 
 def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Run all speeds and account for their energy."""
+    """Run a policy at each speed, and evaluate its cost of transport and energy
+    losses."""
     commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
     ran = run_speeds(account_energy, policy, ramp, commands, setup)
     metrics = EfficiencyMetrics(tuple(ran))
@@ -112,12 +113,14 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 
 def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the schedule to the top speed."""
+    """Return the command's ramp to the top speed, held for `HOLD` s by default, or
+    `QUICK_HOLD` in the quick version."""
     return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
 
 
 def account_energy(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
-    """Account for the energy of the whole strides of a run's hold."""
+    """Return the speed and the energy balance of a run's whole strides at the held
+    command."""
     chosen = steady_strides(run, ramp)
     part, strides = chosen or (run, 0)
     energy = measure_energy(part, replay(part)[0], strides) if chosen else None
@@ -126,7 +129,8 @@ def account_energy(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
 
 
 def say_cost(metrics: EfficiencyMetrics) -> str:
-    """Say in one sentence what the fastest run costs."""
+    """Return a sentence with the fastest run's mechanical and electrical cost of
+    transport."""
     if not metrics.found:
         return "No speed was run through: nothing to account for."
     at, energy = metrics.found[-1]
@@ -139,7 +143,8 @@ def say_cost(metrics: EfficiencyMetrics) -> str:
 
 @styled
 def draw_efficiency(metrics: EfficiencyMetrics) -> Figure:
-    """Draw costs, where the energy goes, and springs and motors over speed."""
+    """Draw over speed the cost of transport, the energy losses by cause, the springs'
+    share and the motors' efficiency."""
     figure = Figure(figsize=(1.3 * WIDTH, 4.0), layout="constrained")
     costs, causes, shares = figure.subplots(1, 3)
     speeds = [at.speed for at, _ in metrics.found]

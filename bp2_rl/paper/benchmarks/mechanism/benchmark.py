@@ -1,4 +1,5 @@
-"""The mechanism benchmark: whose inertia balances whose in the gait of a policy.
+"""The mechanism benchmark: how far other limbs' inertia balances the hips' inertial
+torque in a policy's gait.
 
 The paper has it that coupling between limbs relieves the motors. In the equations of
 motion that is a question of source: of the inertial torque at a hip that other
@@ -67,7 +68,7 @@ PAIR_COLORS = {"same pair": "#009E73", "other pair": "#56B4E9"}
 
 
 def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Run all speeds and take their forces apart."""
+    """Run a policy at each speed, and split the joints' inertial torques by source."""
     commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
     ran = run_speeds(decompose, policy, ramp, commands, setup)
     metrics = MechanismMetrics(tuple(ran))
@@ -104,12 +105,13 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 
 def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the schedule to the top speed."""
+    """Return the command's ramp to the top speed, held for `HOLD` s by default."""
     return ramp_to_topspeed(policy, setup, hold=HOLD)
 
 
 def decompose(ramp: Ramp, run: Trajectory) -> MechanismAtSpeed:
-    """Take the forces of the last strides of a run's hold apart."""
+    """Return the speed of a run's last strides, and their inertial torques split by
+    source."""
     chosen = steady_strides(run, ramp, STRIDES)
     part, strides = chosen or (run, 0)
     forces = measure_forces(decompose_run(part), strides, run.dt) if chosen else None
@@ -118,7 +120,8 @@ def decompose(ramp: Ramp, run: Trajectory) -> MechanismAtSpeed:
 
 
 def say_coverage(metrics: MechanismMetrics) -> str:
-    """Say in one sentence how much of the hips' main torque coupling covers."""
+    """Return a sentence on how much of the hips' main inertial torque coupling
+    balances."""
     if not metrics.found:
         return "No speed was run through: nothing to take apart."
     own = [100.0 * forces.own for _, forces in metrics.found]
@@ -134,7 +137,8 @@ def _span(values: list[float], form: str) -> str:
 
 @styled
 def draw_sources(metrics: MechanismMetrics) -> Figure:
-    """Draw whose inertia covers the hips' main torque, and what the trunk saves."""
+    """Draw over speed what balances the hips' main inertial torque, and the torque that
+    the trunk's motion saves."""
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     shares, legs, torques = figure.subplots(1, 3, width_ratios=(1.4, 1.0, 1.0))
     speeds = [at.speed for at, _ in metrics.found]

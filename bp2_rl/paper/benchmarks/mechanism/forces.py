@@ -46,10 +46,10 @@ WITHIN = (
     "trunk pitch",
     "trunk sideways",
 )
-"""Whose acceleration a hip's or knee's coupled inertial torque is for; sideways: y,
-roll and yaw."""
+"""Coordinates whose acceleration causes a hip's or knee's coupled inertial torque.
+Sideways are y, roll and yaw."""
 THROUGH = (*PLANAR_THROUGH, "stops")
-"""What accelerates the trunk; legs of a pair are those across."""
+"""Causes of the trunk's acceleration; a pair is two legs across, such as FR and RL."""
 TRUNK = slice(0, 6)
 JOINTS = tuple(f"{leg} {joint}" for leg in LEGS for joint in ("hip", "knee"))
 # abad, hip, knee, spring
@@ -60,7 +60,8 @@ ACROSS = (3, 2, 1, 0)  # FR and RL, FL and RR
 
 @dataclasses.dataclass(frozen=True)
 class Forces:
-    """Terms and sources along a run.
+    """Terms of the equations of motion along a run, and sources of the inertial
+    torques.
 
     T terms (`TERMS`), N milliseconds; joints as in `JOINTS`.
     """
@@ -72,7 +73,8 @@ class Forces:
 
     @property
     def closure(self) -> Float[np.ndarray, " N"]:
-        """Largest gap in the sums of terms and sources, over the largest term."""
+        """Largest gap in the sums of terms and of sources at each sample, over the
+        largest term."""
         coupled = self.joints("coupled inertial")
         gaps = (
             np.einsum("t,tki->ki", BALANCE, self.terms),
@@ -84,29 +86,33 @@ class Forces:
 
     @property
     def trunk(self) -> Float[np.ndarray, "N 8"]:
-        """M_i,trunk a_trunk, Nm."""
+        """Inertial torque of the trunk's acceleration at each hip and knee, M_i,trunk
+        a_trunk, Nm."""
         return np.sum(self.within[3:], axis=0)
 
     @property
     def active(self) -> Float[np.ndarray, "N 8"]:
-        """u: what reaches the joints of the motors' torques, Nm."""
+        """Motor torque that reaches each hip and knee through gears and joints, u,
+        Nm."""
         return self.joints("active")
 
     @property
     def fixed(self) -> Float[np.ndarray, "N 8"]:
-        """u~: torques that a trunk without acceleration would take, Nm.
+        """Motor torque that each hip and knee would take on a trunk without
+        acceleration, u~, Nm.
 
         The ground forces stay.
         """
         return self.active - self.trunk
 
     def joints(self, term: str) -> Float[np.ndarray, "N 8"]:
-        """A term of every hip and knee, Nm."""
+        """Return one term of the equations of motion at every hip and knee, Nm."""
         return self.terms[TERMS.index(term)][:, HIPS_AND_KNEES]
 
 
 def decompose_run(run: Trajectory) -> Forces:
-    """The terms at every sample of a run on flat ground, under the recorded torques."""
+    """Return all terms at every sample of a run on flat ground, under the recorded
+    torques."""
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
     data, floor = mujoco.MjData(model), int(model.geom("floor").id)
@@ -141,7 +147,8 @@ def _terms(
     M: Float[np.ndarray, "22 22"],
     floor: int,
 ) -> Float[np.ndarray, "T 22"]:
-    """Return all terms at the state of the last `mj_forward`.
+    """Return all terms of the equations of motion at the state of the last
+    `mj_forward`.
 
     Changes the velocities in `data`.
     """
@@ -173,7 +180,7 @@ def _terms(
 def _bias(
     model: mujoco.MjModel, data: mujoco.MjData, velocity: Float[np.ndarray, "22"]
 ) -> Float[np.ndarray, "22"]:
-    """Bias forces at these velocities, in the pose that `data` is in."""
+    """Return MuJoCo's bias forces at the given velocities, in the pose of `data`."""
     data.qvel[:] = velocity
     bias = np.zeros(NV)
     mujoco.mj_comVel(model, data)
@@ -186,7 +193,8 @@ def _sources(
     a: Float[np.ndarray, "22"],
     terms: Float[np.ndarray, "T 22"],
 ) -> tuple[Float[np.ndarray, "7 8"], Float[np.ndarray, "8 8"]]:
-    """Return the coupled torques of hips and knees, and the trunk's part, by source."""
+    """Return the coupled inertial torques of hips and knees by source, and the trunk's
+    part of them by cause, Nm."""
     i = HIPS_AND_KNEES
     partner, first = (
         i.reshape(4, 2)[:, ::-1].ravel(),
@@ -237,7 +245,7 @@ HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Decomposed:
-    """A run's forces over whole strides.
+    """Metrics of a run's inertial torques over whole strides, by source.
 
     Shares are of the hips' main inertial torque, mean over its peaks.
     """
@@ -281,30 +289,32 @@ class Decomposed:
 
 @dataclasses.dataclass(frozen=True)
 class MechanismAtSpeed(AtSpeed):
-    """The forces of a run under one command."""
+    """A run at one commanded speed, with its inertial torques by source."""
 
     forces: Decomposed | None  # None of a run that fell or made no two strides
 
 
 @dataclasses.dataclass(frozen=True)
 class MechanismMetrics:
-    """The forces of the runs under all commands."""
+    """A policy's runs at all commanded speeds, with their inertial torques by
+    source."""
 
     speeds: tuple[MechanismAtSpeed, ...]
 
     @property
     def found(self) -> tuple[tuple[MechanismAtSpeed, Decomposed], ...]:
-        """The speeds that were run through."""
+        """Runs whose torques could be split by source, each with its metrics."""
         return tuple((at, at.forces) for at in self.speeds if at.forces is not None)
 
 
 def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
-    """Measure the forces of whole strides, sampled each `dt` s."""
+    """Return the metrics of `forces` over whole strides, sampled each `dt` s."""
     main = forces.joints("main inertial")
     peaks = [(periodic_peaks(np.abs(main[:, hip])), hip) for hip in HIPS]
 
     def cover(parts: Float[np.ndarray, "K N 8"]) -> list[float]:
-        """Return the share of the hips' main torque that each part makes up for."""
+        """Return the share of the hips' main inertial torque that each part
+        balances."""
         shares = [-parts[:, at, hip] / main[at, hip] for at, hip in peaks]
         return np.mean(np.concatenate(shares, axis=1), axis=1).tolist()
 
