@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from brax.training.acme.running_statistics import RunningStatisticsState
 from brax.training.agents.ppo import networks
 from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.types import Transition
@@ -18,7 +19,7 @@ def ppo_loss(
     network: networks.PPONetworks,
     config: PPOConfig,
     params: PPONetworkParams,
-    normalizer: Any,
+    normalizer: RunningStatisticsState,
     data: Transition,
     entropy_cost: Array | float,
     mean: Callable[[Array], Array] = jnp.mean,
@@ -81,7 +82,7 @@ def ppo_loss(
 def _values(
     network: networks.PPONetworks,
     params: PPONetworkParams,
-    normalizer: Any,
+    normalizer: RunningStatisticsState,
     data: Transition,
 ) -> Float[Array, "robots values"]:
     """Return the critic's values of all observations, the one after the last included."""
