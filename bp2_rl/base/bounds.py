@@ -230,7 +230,7 @@ def _walk_number(
 def _walk_entries(
     kind: Any, values: Sequence[Any], path: str, way: Way, bounds: Within
 ) -> list[Any]:
-    """Walk a tuple's entries; `tuple[X, ...]` takes any number of them."""
+    """Check or convert the entries of a tuple; `tuple[X, ...]` has any number."""
     kinds = get_args(kind)
     if get_origin(kind) is Sequence or ... in kinds:
         kinds = kinds[:1] * len(values)
