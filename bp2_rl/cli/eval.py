@@ -41,7 +41,7 @@ SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 what is run:
   POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
                         or of a run
-  --benchmark NAME      [topspeed]
+  --benchmark NAME      what is measured [topspeed]
 {benchmarks}
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; by
                         default built, or the policy's own robot

@@ -229,7 +229,7 @@ def _symmetric_networks(
     critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
 
     def network(
-        module: linen.Module, key: str, finish: Callable[[Array], Array]
+        module: linen.Module, key: str, finish: Any
     ) -> brax_networks.FeedForwardNetwork:
         def apply(
             statistics: Any, params: Any, observation: Mapping[str, Array]

@@ -26,7 +26,7 @@ from brax import envs
 from brax.training.acme import running_statistics, specs
 from brax.training.agents.ppo import losses, networks
 from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
-from brax.training.types import Observation, Transition
+from brax.training.types import Transition
 from flax import struct
 from jax.flatten_util import ravel_pytree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
@@ -88,7 +88,7 @@ class PPO:
         self,
         env: envs.Env,
         config: PPOConfig,
-        devices: Sequence[jax.Device] | None = None,
+        devices: Sequence[Any] | None = None,
     ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
@@ -242,9 +242,7 @@ class PPO:
         return after, {**metrics, **sgd_metrics, NOT_FINITE: 1.0 - sound}
 
     def update_normalizer(
-        self,
-        normalizer: running_statistics.RunningStatisticsState,
-        observation: Observation,
+        self, normalizer: running_statistics.RunningStatisticsState, observation: Any
     ) -> running_statistics.RunningStatisticsState:
         """Return the statistics of observations, updated by these, and by their mirror
         images where networks are symmetric."""
@@ -352,7 +350,7 @@ class PPO:
 
     def gradient_step(
         self, state: TrainState, minibatch: Transition
-    ) -> tuple[Learned, dict[str, Array]]:
+    ) -> tuple[tuple[Any, Any], dict[str, Array]]:
         """Take one gradient step; return (parameters, optimiser) after it, and the
         metrics of the step."""
         config = self.config
@@ -449,7 +447,7 @@ class PPO:
         return jax.tree.map(shuffled, data)
 
 
-def _devices(config: PPOConfig) -> list[jax.Device]:
+def _devices(config: PPOConfig) -> list[Any]:
     devices = jax.devices()
     if devices[0].platform != "cpu" or jax.process_count() > 1:
         return devices
