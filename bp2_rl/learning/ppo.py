@@ -427,7 +427,7 @@ class PPO:
             self.network, self.config, params, normalizer, data, entropy_cost, mean
         )
 
-    def shuffle(self, data: Transition, key: Array) -> Transition:
+    def shuffle(self, data: Any, key: Array) -> Any:
         """Return an epoch's minibatches: robots shuffled within blocks, of which each
         minibatch has equal shares."""
         config = self.config
