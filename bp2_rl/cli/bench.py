@@ -33,8 +33,7 @@ Part = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
 """`tools.throughput.PartName`, which can be imported only once JAX is set up."""
 SCREEN = """usage: {prog} [FLAGS]
 
-Measure how fast training is on this machine, part by part: steps a second, memory,
-compilation. The presets set the sizes, as for train.py.
+{what}
 
 flags:
   --preset {gpu,cpu,first,smoke,auto}
@@ -101,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(words: list[str]) -> None:
-    flags = read_early_flags(words, PROG, SCREEN)
+    flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
     _import_jax(flags)
