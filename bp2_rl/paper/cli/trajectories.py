@@ -376,12 +376,11 @@ def draw_figures(arguments: FiguresArguments) -> None:
     from bp2_rl.paper.trajectories import coupling, decomposition, figures
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
-    sources = coupling.split_sources(shown)
     accounts = coupling.account_family(solutions)
     for name, figure in (
         ("decomposition", figures.decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),
-        ("coupling", figures.coupling_figure(sources)),
+        ("coupling", figures.coupling_figure(terms)),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
     numbers = coupling.FigureNumbers(

@@ -42,16 +42,6 @@ TERMS = (
     "passive",
     "ground reaction",
 )
-THROUGH = (
-    "own leg",
-    "same pair",
-    "other pair",
-    "ground",
-    "gravity",
-    "velocities",
-    "air",
-)
-"""What accelerates the trunk; legs of a pair are those across."""
 # with these signs the terms add up to zero
 BALANCE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
 # what trends are drawn of: the trunk's translation, and the motors' mean over legs
@@ -66,6 +56,7 @@ class Decomposition:
 
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
+    mass: Float[np.ndarray, "N n n"]
     forces: Float[np.ndarray, "T N n"]  # N, Nm
     # N s, Nm s: of inertia and ground as each segment begins, 0 if nothing lands
     impulses: Float[np.ndarray, "T K n"]
@@ -166,7 +157,8 @@ def decompose(solution: Solution) -> Decomposition:
         for x in (motion.q, motion.v, motion.a, motion.tau, motion.force)
     )
     n = q.shape[-1]
-    main, coupled = split_inertia(evaluate(model.mass, q, p), a)
+    mass = evaluate(model.mass, q, p)
+    main, coupled = split_inertia(mass, a)
     forces = np.empty((len(TERMS), *q.shape))
     forces[:] = (
         main,
@@ -187,7 +179,7 @@ def decompose(solution: Solution) -> Decomposition:
     impulses[-1] = np.einsum(
         "kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse
     )
-    return Decomposition(cycle, coordinate_names(legs), forces, impulses)
+    return Decomposition(cycle, coordinate_names(legs), mass, forces, impulses)
 
 
 def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,0 +1,189 @@
+"""Whose acceleration a joint's coupled inertial torque comes from, in the plane and in space.
+
+The mass matrix has no entry between two legs. So of what the paper calls coupled, at
+joint i of a leg,
+
+    sum_{j != i} M_ij a_j = M_i,other a_other + M_i,spring a_spring + M_i,t a_t ,
+
+in space with an abduction as well, the leg's other joints are the leg's own, and other
+limbs act through the acceleration a_t of the trunk alone. The trunk's rows of the
+equations of motion say where that comes from,
+
+    a_t = M_tt^-1 (sum_k (J_t^T F - M_t,k a_k) - G_t - C_t + tau_p,t) ,
+
+so that M_i,t a_t has a part of every leg k's acceleration, of the ground, of gravity,
+of velocities and of the air.
+
+What coupling through the trunk saves is said without coordinates of the legs: the
+torque of the same joint motion under the same ground forces on a trunk that is not
+accelerated is u~ = u - M_i,t a_t, as the paper's u~ is that of pendulums on a beam that
+stands still (Eq. active torque).
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bp2_rl.paper.trajectories.decomposition import BALANCE, TERMS, periodic_peaks
+
+SAGITTAL_JOINTS = ("hip", "knee")  # of each leg
+LIMBS = ("own leg", "same pair", "other pair")
+ON_TRUNK = {
+    "ground": ("ground reaction",),
+    "gravity": ("gravity",),
+    "velocities": ("centrifugal", "Coriolis"),
+    "air": ("passive",),
+    "stops": ("stops",),
+}
+"""What accelerates the trunk beside the limbs, and its terms."""
+SPATIAL_TERMS = (*TERMS, "stops")
+SPATIAL_BALANCE = np.append(BALANCE, -1.0)  # with these signs the terms add up to zero
+
+
+@dataclasses.dataclass(frozen=True)
+class Coordinates:
+    """The coordinates of a robot: the trunk's, then those of each leg in turn."""
+
+    trunk: Mapping[str, Sequence[int]]  # by name of the source
+    legs: Sequence[str]
+    of_leg: tuple[str, ...]  # with hip, knee and spring
+    standing: Sequence[Sequence[str]]  # legs that stand together
+
+    @property
+    def starts(self) -> Int[np.ndarray, " legs"]:
+        """Each leg's first coordinate."""
+        trunk = sum(map(len, self.trunk.values()))
+        return trunk + len(self.of_leg) * np.arange(len(self.legs))
+
+    @property
+    def motors(self) -> Int[np.ndarray, " motors"]:
+        """The coordinates of hip and knee of each leg in turn."""
+        hips = self.starts + self.of_leg.index("hip")
+        return np.stack([hips, hips + 1], axis=1).ravel()
+
+    def relation(self, leg: str, source: str) -> str:
+        """Return a leg's relation to another, by the names of `LIMBS`; a pair stands
+        together."""
+        if source == leg:
+            return "own leg"
+        together = any({leg, source} <= set(feet) for feet in self.standing)
+        return "same pair" if together else "other pair"
+
+
+@dataclasses.dataclass(frozen=True)
+class Sources:
+    """The coupled inertial torque of every motor's joint by source.
+
+    T terms (`SPATIAL_TERMS`, in the plane but the last), N instants, n coordinates.
+    """
+
+    coordinates: Coordinates
+    terms: Float[np.ndarray, "T N n"]  # N, Nm
+    within: dict[str, Float[np.ndarray, "N motors"]]  # Nm: M_ij a_j, by whose a_j
+    through: dict[str, Float[np.ndarray, "N motors"]]  # Nm: parts of M_i,t a_t
+
+    @property
+    def trunk(self) -> Float[np.ndarray, "N motors"]:
+        """M_i,t a_t, Nm."""
+        return np.sum([self.within[name] for name in self.coordinates.trunk], axis=0)
+
+    @property
+    def active(self) -> Float[np.ndarray, "N motors"]:
+        """u: what reaches the joints of the motors' torques, Nm."""
+        return self.at_motors("active")
+
+    @property
+    def fixed(self) -> Float[np.ndarray, "N motors"]:
+        """u~: the motors' torques on a trunk that is not accelerated, Nm."""
+        return self.active - self.trunk
+
+    @property
+    def gap(self) -> Float[np.ndarray, " N"]:
+        """The largest gap between coupled torque and the sum of its sources, of the
+        trunk's part, too, Nm."""
+        within = np.sum(list(self.within.values()), axis=0)
+        through = np.sum(list(self.through.values()), axis=0)
+        gaps = within - self.at_motors("coupled inertial"), through - self.trunk
+        return np.max(np.abs(gaps), axis=(0, 2))
+
+    def at_motors(self, term: str) -> Float[np.ndarray, "N motors"]:
+        """Return a term of every hip and knee, Nm."""
+        return self.terms[TERMS.index(term)][:, self.coordinates.motors]
+
+    def motors(self, joint: str, front: bool | None = None) -> list[int]:
+        """Return the indices of the motors of a joint, in all legs or at an end."""
+        return [
+            len(SAGITTAL_JOINTS) * i + SAGITTAL_JOINTS.index(joint)
+            for i, leg in enumerate(self.coordinates.legs)
+            if front is None or leg.startswith("F") == front
+        ]
+
+    def peaks(
+        self, joint: str = "hip"
+    ) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
+        """Return the instants of the peaks of a joint's main inertial torque in all
+        legs, and the motor of each."""
+        main = np.abs(self.at_motors("main inertial"))
+        found = {motor: periodic_peaks(main[:, motor]) for motor in self.motors(joint)}
+        motors = np.repeat(list(found), [len(instants) for instants in found.values()])
+        return np.concatenate(list(found.values())), motors
+
+    def covered(
+        self, parts: Mapping[str, Float[np.ndarray, "N motors"]], joint: str = "hip"
+    ) -> dict[str, float]:
+        """Return the share of a joint's main inertial torque that each part makes up
+        for: mean over the peaks of all legs; nan where there is none."""
+        peaks = self.peaks(joint)
+        main = self.at_motors("main inertial")[peaks]
+        if not len(main):
+            return dict.fromkeys(parts, math.nan)
+        return {
+            name: float(np.mean(-part[peaks] / main)) for name, part in parts.items()
+        }
+
+
+def split_sources(
+    coordinates: Coordinates,
+    mass: Float[np.ndarray, "N n n"],
+    acceleration: Float[np.ndarray, "N n"],
+    terms: Float[np.ndarray, "T N n"],
+) -> Sources:
+    """Split the coupled inertial torques of hips and knees by source, at every instant."""
+    joints, starts = coordinates.motors, coordinates.starts
+
+    def due_to(columns: Int[np.ndarray, " motors"]) -> Float[np.ndarray, "N motors"]:
+        return mass[:, joints, columns] * acceleration[:, columns]
+
+    within = {"other joint": due_to(joints.reshape(-1, 2)[:, ::-1].ravel())}
+    for i, name in reversed(list(enumerate(coordinates.of_leg))):
+        if name not in SAGITTAL_JOINTS:
+            within[name] = due_to(np.repeat(starts + i, len(SAGITTAL_JOINTS)))
+    for name, own in coordinates.trunk.items():
+        within[name] = np.sum([due_to(np.full_like(joints, i)) for i in own], axis=0)
+
+    trunk = slice(starts[0])
+    # what trunk forces do at the joints
+    arriving = mass[:, joints, trunk] @ np.linalg.inv(mass[:, trunk, trunk])
+
+    def at_joints(force: Float[np.ndarray, "N t"]) -> Float[np.ndarray, "N motors"]:
+        return np.einsum("kmi,ki->km", arriving, force)
+
+    through = {name: np.zeros((len(mass), len(joints))) for name in LIMBS}
+    for source, start in zip(coordinates.legs, starts, strict=True):
+        own = slice(start, start + len(coordinates.of_leg))
+        pushed = np.einsum("kij,kj->ki", mass[:, trunk, own], acceleration[:, own])
+        by_leg = -at_joints(pushed)
+        for i, leg in enumerate(coordinates.legs):
+            motors = slice(len(SAGITTAL_JOINTS) * i, len(SAGITTAL_JOINTS) * (i + 1))
+            relation = coordinates.relation(leg, source)
+            through[relation][:, motors] += by_leg[:, motors]
+    known = SPATIAL_TERMS[: len(terms)]
+    for name, of in ON_TRUNK.items():
+        rows = [known.index(term) for term in of if term in known]
+        if rows:
+            force = -np.tensordot(SPATIAL_BALANCE[rows], terms[rows][..., trunk], 1)
+            through[name] = at_joints(force)
+    return Sources(coordinates, terms, within, through)
