@@ -224,13 +224,12 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
     A peak is a local maximum of the magnitude along the (periodic) cycle that stands
     out of its surroundings (prominence) by at least `PROMINENCE` of the largest.
     """
-    found = []
-    for leg in decomposition.legs:
-        torques = np.stack(
-            [decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2]]
-        )
-        found.append(torques[:, periodic_peaks(np.abs(torques[0]))])
-    return Coupling(*np.concatenate(found, axis=1))
+    columns = [
+        decomposition.coordinates.index(f"{leg} {joint}") for leg in decomposition.legs
+    ]
+    main, coupled = decomposition.forces[:2, :, columns]
+    peaks = periodic_peaks(main)
+    return Coupling(main[peaks], coupled[peaks])
 
 
 def find_trends(solutions: Sequence[Solution]) -> Trends:
@@ -314,11 +313,22 @@ def split_inertia(
     return main, np.einsum("kij,kj->ki", M, a) - main
 
 
-def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
-    """Return the indices of the peaks of a period that stand out by `PROMINENCE`."""
+def periodic_peaks(
+    values: Float[np.ndarray, "N columns"],
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
+    """Return the instants and columns of the peaks of a period's magnitudes that stand
+    out by `PROMINENCE`."""
     size = len(values)
-    peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
-    return peaks[(peaks >= size) & (peaks < 2 * size)] - size
+    found = [
+        (instant - size, column)
+        for column, height in enumerate(np.abs(values.T))
+        for instant in find_peaks(
+            np.tile(height, 3), prominence=PROMINENCE * np.max(height)
+        )[0]
+        if size <= instant < 2 * size
+    ]
+    instants, columns = np.array(found, int).reshape(-1, 2).T
+    return instants, columns
 
 
 def _mean(values: Shaped[np.ndarray, " P"]) -> float:

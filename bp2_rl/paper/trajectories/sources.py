@@ -21,13 +21,17 @@ stands still (Eq. active torque).
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from bp2_rl.paper.trajectories.decomposition import BALANCE, TERMS, periodic_peaks
+from bp2_rl.paper.trajectories.decomposition import (
+    BALANCE,
+    TERMS,
+    Coupling,
+    periodic_peaks,
+)
 
 SAGITTAL_JOINTS = ("hip", "knee")  # of each leg
 LIMBS = ("own leg", "same pair", "other pair")
@@ -121,27 +125,17 @@ class Sources:
             if front is None or leg.startswith("F") == front
         ]
 
-    def peaks(
-        self, joint: str = "hip"
-    ) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
-        """Return the instants of the peaks of a joint's main inertial torque in all
-        legs, and the motor of each."""
-        main = np.abs(self.at_motors("main inertial"))
-        found = {motor: periodic_peaks(main[:, motor]) for motor in self.motors(joint)}
-        motors = np.repeat(list(found), [len(instants) for instants in found.values()])
-        return np.concatenate(list(found.values())), motors
-
     def covered(
         self, parts: Mapping[str, Float[np.ndarray, "N motors"]], joint: str = "hip"
     ) -> dict[str, float]:
         """Return the share of a joint's main inertial torque that each part makes up
-        for: mean over the peaks of all legs; nan where there is none."""
-        peaks = self.peaks(joint)
-        main = self.at_motors("main inertial")[peaks]
-        if not len(main):
-            return dict.fromkeys(parts, math.nan)
+        for, in all legs, as `Coupling.covered`."""
+        chosen = self.motors(joint)
+        main = self.at_motors("main inertial")[:, chosen]
+        peaks = periodic_peaks(main)
         return {
-            name: float(np.mean(-part[peaks] / main)) for name, part in parts.items()
+            name: Coupling(main[peaks], part[:, chosen][peaks]).covered
+            for name, part in parts.items()
         }
 
 

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from bp2_rl.base.metric import metric
 from bp2_rl.paper.benchmarks.speeds import AtSpeed
-from bp2_rl.paper.trajectories.decomposition import split_inertia
+from bp2_rl.paper.trajectories.decomposition import periodic_peaks, split_inertia
 from bp2_rl.paper.trajectories.sources import (
     SAGITTAL_JOINTS,
     SPATIAL_BALANCE,
@@ -201,6 +201,7 @@ def measure_forces(forces: Sources, strides: int, dt: float) -> Decomposed:
     within = forces.covered(forces.within)
     through = forces.covered(forces.through)
     covered = sum(within.values())
+    hips = forces.at_motors("main inertial")[:, forces.motors("hip")]
     torques = {
         f"{joint}, {name}": float(np.max(np.abs(torque[:, forces.motors(joint)])))
         for joint in SAGITTAL_JOINTS
@@ -208,9 +209,9 @@ def measure_forces(forces: Sources, strides: int, dt: float) -> Decomposed:
     }
     return Decomposed(
         strides=strides,
-        frequency=strides / (forces.terms.shape[1] * dt),
+        frequency=strides / (len(hips) * dt),
         closure=float(np.max(closure(forces))),
-        peaks=len(forces.peaks()[0]),
+        peaks=len(periodic_peaks(hips)[0]),
         covered=covered,
         own=covered - sum(within[name] for name in COORDINATES.trunk),
         legs=through["same pair"] + through["other pair"],
