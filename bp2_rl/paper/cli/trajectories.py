@@ -230,7 +230,9 @@ def _set_beside(
         tabulate_variants,
     )
 
-    problem, speeds, rows = arguments.problem, arguments.speeds, []
+    problem = arguments.problem
+    speeds = arguments.speeds
+    rows = []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
     with own_folder(arguments.out), trajopt.progress_bar() as progress:
         compared = compare_variants(
@@ -275,7 +277,8 @@ def run_schemes(arguments: SchemesArguments) -> None:
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.paper.trajectories.robustness import SCHEMES, SchemeRow, compare_schemes
 
-    problem, meshes = Problem(speed=arguments.speed), arguments.meshes
+    problem = Problem(speed=arguments.speed)
+    meshes = arguments.meshes
     rows: list[SchemeRow] = []
     try:
         with trajopt.progress_bar() as progress:
@@ -308,7 +311,8 @@ def compare_objective_weights(arguments: ObjectiveArguments) -> None:
     again."""
     from bp2_rl.paper.trajectories import objective
 
-    settings, numbers = arguments.settings, arguments.out / "objective.json"
+    settings = arguments.settings
+    numbers = arguments.out / "objective.json"
     with own_folder(arguments.out):
         rows = objective.compare_objectives(settings, arguments.out, arguments.workers)
         save_config(numbers, objective.Objective(settings, tuple(rows)))
@@ -333,7 +337,8 @@ def run_codesign(arguments: CodesignArguments) -> None:
     again."""
     from bp2_rl.paper.trajectories import codesign
 
-    settings, numbers = arguments.settings, arguments.out / "codesign.json"
+    settings = arguments.settings
+    numbers = arguments.out / "codesign.json"
     with own_folder(arguments.out):
         rows = codesign.optimise_design(settings, arguments.out, arguments.workers)
         save_config(numbers, codesign.Codesign(settings, rows))

@@ -17,15 +17,15 @@ from bp2_rl.paper.benchmarks.efficiency.measured import measure_energy
 from bp2_rl.paper.benchmarks.speeds import whole_strides
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.runs import read_runs
-from bp2_rl.paper.figures.settings import BindingSettings
+from bp2_rl.paper.figures.settings import BindingFigureSettings
 from bp2_rl.paper.trajectories.comparison import (
     GaitSummary,
     running_cost,
     summarise_gait,
 )
 from bp2_rl.paper.trajectories.shadow_prices import (
-    LIMITS,
-    LOSSES,
+    LIMIT_CHANGES,
+    LOSS_CHANGES,
     Change,
     ShadowPrices,
     find_shadow_prices,
@@ -72,7 +72,7 @@ class BindingNumbers:
     gaps: tuple[Gap, ...]
 
 
-def price_limits(settings: BindingSettings) -> BindingNumbers:
+def price_limits(settings: BindingFigureSettings) -> BindingNumbers:
     """Solve at each speed, find the shadow prices, and set the runs beside.
 
     Raises:
@@ -88,8 +88,8 @@ def price_limits(settings: BindingSettings) -> BindingNumbers:
     policies = [(name, describe_run(run)) for name, _, run in ran]
     problem = Problem(intervals=settings.intervals, hardware=hardware)
     changes: dict[str, Change] = {
-        **LIMITS,
-        **(LOSSES if hardware.losses != IDEAL.losses else {}),
+        **LIMIT_CHANGES,
+        **(LOSS_CHANGES if hardware.losses != IDEAL.losses else {}),
     }
     found: list[BindingAtSpeed] = []
     solutions: list[Solution] = []
@@ -196,7 +196,7 @@ MORE = 0.1  # by which a parameter is thought to grow where the greatest speed i
 COLORS = FRONT, FALL, *(LEG_COLORS[leg] for leg in ("RR", "RL", "FL")), INK, QUIET
 
 
-def binding(settings: BindingSettings) -> Drawn:
+def binding(settings: BindingFigureSettings) -> Drawn:
     """Draw and tabulate what limits cost, and policies beside the optimiser."""
     numbers = price_limits(settings)
     tables = [_price_table(numbers)]

@@ -29,13 +29,13 @@ from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilityFigureSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
 from bp2_rl.paper.trajectories.shadow_prices import (
-    LIMITS,
-    LOSSES,
+    LIMIT_CHANGES,
+    LOSS_CHANGES,
     Change,
     find_shadow_prices,
     times_fields,
@@ -73,7 +73,8 @@ def _foot_radius(problem: Problem, factor: float) -> Problem:
     return dataclasses.replace(problem, foot_radius=factor * bp2.FOOT_RADIUS)
 
 
-_LOSSES, _MOTOR = BUILT.losses, MotorHeat()
+_LOSSES = BUILT.losses
+_MOTOR = MotorHeat()
 MECHANICAL = (
     Assumed(
         "F bar",
@@ -84,22 +85,36 @@ MECHANICAL = (
         times_fields("weights.force"),
     ),
     # the text, and Table S1
-    Assumed("peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),
+    Assumed(
+        "peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMIT_CHANGES["peak torque"]
+    ),
     Assumed(
         "corner speed",
         "rad/s",
         bp2.CORNER_SPEED,
         bp2.CORNER_SPEED,
         18.0,
-        LIMITS["corner speed"],
+        LIMIT_CHANGES["corner speed"],
     ),
     Assumed(
-        "rotor inertia", "kg m2", 1e-4, bp2.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]
+        "rotor inertia",
+        "kg m2",
+        1e-4,
+        bp2.ROTOR_INERTIA,
+        4e-4,
+        LIMIT_CHANGES["rotor inertia"],
     ),
     # for the spring's rest length
-    Assumed("leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMITS["leg length"]),
     Assumed(
-        "spring travel", "m", 0.10, bp2.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]
+        "leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMIT_CHANGES["leg length"]
+    ),
+    Assumed(
+        "spring travel",
+        "m",
+        0.10,
+        bp2.SPRING_TRAVEL,
+        0.15,
+        LIMIT_CHANGES["spring travel"],
     ),
     Assumed(
         "stops' stiffness",
@@ -107,16 +122,16 @@ MECHANICAL = (
         15e3,
         bp2.SPRING_STOP_STIFFNESS,
         60e3,
-        LIMITS["stops' stiffness"],
+        LIMIT_CHANGES["stops' stiffness"],
     ),
     Assumed("foot radius", "m", 0.01, bp2.FOOT_RADIUS, 0.04, _foot_radius),
-    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMITS["friction"]),
+    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMIT_CHANGES["friction"]),
 )
 """Of the robot and of the objective."""
 
 LOST = tuple(
     # BP2's joints are alike
-    Assumed(name, unit, low, cast(float, value), high, LOSSES[name])
+    Assumed(name, unit, low, cast(float, value), high, LOSS_CHANGES[name])
     for name, unit, low, value, high in (
         ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
         ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),
@@ -155,12 +170,10 @@ ASSUMED = (*MECHANICAL, *LOST, *HEAT)
 # --- The paper's numbers --------------------------------------------------------------
 
 SHARE = 0.1  # of a unit, by which an assumption is changed to either side
-TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = (
-    "main torque",
-    "C_z",
-    "thigh reverses",
-    "lesser power",
-)
+TORQUE = "main torque"
+VELOCITY_FORCE = "C_z"
+REVERSAL = "thigh reverses"
+POWERS = "lesser power"
 GREATEST, BELT, OUTDOORS = "greatest power", "belt", "outdoors"
 SPRINT, LAUNCH, HEATING = "100 m", "launch", "heating"
 
@@ -227,7 +240,7 @@ class AssumptionRow:
     left: float = metric("Left of its range", form=".0%")
 
 
-def identifiability(settings: IdentifiabilitySettings) -> Drawn:
+def identifiability(settings: IdentifiabilityFigureSettings) -> Drawn:
     """Draw and tabulate what the paper's numbers leave open of the assumptions."""
     numbers = identify(settings)
     rows = [
@@ -241,7 +254,7 @@ def identifiability(settings: IdentifiabilitySettings) -> Drawn:
     return Drawn(numbers, (table,), {"identifiability": picture})
 
 
-def identify(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
+def identify(settings: IdentifiabilityFigureSettings) -> IdentifiabilityNumbers:
     """Solve, differentiate and decompose."""
     problem = Problem(speed=settings.speed, intervals=settings.intervals)
     cruise = solve(problem)
@@ -313,7 +326,8 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
     power = root_scalar(
         lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, bracket=(1.0, 5e3)
     ).root
-    base, cool = _figures(cruise), hip_heat(cruise)
+    base = _figures(cruise)
+    cool = hip_heat(cruise)
 
     def described(solution: Solution) -> dict[str, float]:
         heat = heating_rate(network, power * hip_heat(solution) / cool)
@@ -332,7 +346,8 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
         for name in slopes:
             slopes[name][one.name] = math.log(high[name] / low[name]) / (2.0 * h)
     for one in HEAT:
-        h, field = SHARE * one.reach, getattr(network, one.heat)
+        h = SHARE * one.reach
+        field = getattr(network, one.heat)
         low, high = (
             heating_rate(
                 network.replace(**{one.heat: math.exp(way * h) * field}), power
@@ -347,7 +362,8 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
 def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
     """Return greatest speeds of the built robot on the belt (no air) and outdoors, and
     their d ln v / d ln p."""
-    start, found = fastest(cruise), []
+    start = fastest(cruise)
+    found = []
     for name, hardware in (
         (
             BELT,
@@ -414,7 +430,8 @@ def reversal(solution: Solution) -> float:
     """Return when the hind leg that stands first begins to swing forward, in periods
     since it landed: where its hip's speed falls through zero most steeply."""
     cycle = whole_cycle(solution)
-    speed, time = of_hind(solution, 0, lambda torque, speed: speed), cycle.time.ravel()
+    speed = of_hind(solution, 0, lambda torque, speed: speed)
+    time = cycle.time.ravel()
     falls = [
         i
         for i in range(len(speed) - 1)
@@ -431,7 +448,8 @@ def reversal(solution: Solution) -> float:
 
 def hip_heat(solution: Solution) -> float:
     """Return the mean copper loss of that leg's hip, cold, W."""
-    cycle, hardware = whole_cycle(solution), solution.problem.hardware
+    cycle = whole_cycle(solution)
+    hardware = solution.problem.hardware
     squares = of_hind(solution, 0, lambda torque, speed: torque**2)
     stall = stall_torque(
         hardware.joint_peak_torque,

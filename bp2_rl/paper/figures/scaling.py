@@ -16,7 +16,7 @@ from bp2_rl.base.metric import NOT_MEASURED, metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import DASHES, Drawn, name_rows, note
-from bp2_rl.paper.figures.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingFigureSettings
 from bp2_rl.paper.published import (
     KMH,
     PAPER_GRAVITY,
@@ -102,7 +102,7 @@ class ScalingNumbers:
         return (*self.simulated, self.treadmill, *first, *others)
 
 
-def scaling(settings: ScalingSettings) -> Drawn:
+def scaling(settings: ScalingFigureSettings) -> Drawn:
     """Draw and tabulate robots beside the law and their motors."""
     numbers = compare_robots(settings)
     placed = sorted(numbers.everyone, key=lambda robot: -robot.share)
@@ -111,7 +111,7 @@ def scaling(settings: ScalingSettings) -> Drawn:
     return Drawn(numbers, (table_of(title, placed),), {"scaling": picture})
 
 
-def compare_robots(settings: ScalingSettings) -> ScalingNumbers:
+def compare_robots(settings: ScalingFigureSettings) -> ScalingNumbers:
     """Read the tables and the reports, and place robots and mammals beside the law."""
     robots = read_robots()
     own = next(robot for robot in robots if robot.robot == BP2)

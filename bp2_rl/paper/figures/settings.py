@@ -10,7 +10,7 @@ from bp2_rl.robot.hardware import RobotName
 
 
 @dataclasses.dataclass(frozen=True)
-class ScalingSettings:
+class ScalingFigureSettings:
     """Draw greatest speed over body mass, and what is asked of the motors (paper, Fig.
     1 and its inset).
 
@@ -26,7 +26,7 @@ class ScalingSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RaceSettings:
+class RaceFigureSettings:
     """Draw speed over distance of BP2 and of athletes, their starts and their times
     (paper, Fig. 6 B-D, Table S2).
 
@@ -42,7 +42,7 @@ class RaceSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RobotSettings:
+class RobotFigureSettings:
     """Draw the robot as it is modelled, with its dimensions (paper, Fig. 2, Fig. S1,
     Table S3)."""
 
@@ -50,7 +50,7 @@ class RobotSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RewardsSettings(Bounded, path="--"):
+class RewardsFigureSettings(Bounded, path="--"):
     """Draw how the weights of imitation and of tracking go with the commanded speed
     (paper, Table S4)."""
 
@@ -59,7 +59,7 @@ class RewardsSettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class StridesSettings:
+class StridesFigureSettings:
     """Draw three cycles of a run's gait as keyframes (paper, Fig. 5 A)."""
 
     runs: tuple[Path, ...] = ()
@@ -67,7 +67,7 @@ class StridesSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class OperatingSettings:
+class OperatingFigureSettings:
     """Draw where hips and knees work, torque over speed, in three cycles of every run
     (paper, Fig. 5 E)."""
 
@@ -77,7 +77,7 @@ class OperatingSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class LearningSettings:
+class LearningFigureSettings:
     """Draw how soon the policies of trainings run, over control steps and over time, as
     their judge saw it."""
 
@@ -86,7 +86,7 @@ class LearningSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class WearSettings(Bounded, path="--"):
+class WearFigureSettings(Bounded, path="--"):
     """Draw speed over how hard soles land, of policies on the built robot, and whether
     they need strong brakes."""
 
@@ -97,7 +97,7 @@ class WearSettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiabilitySettings(Bounded, path="--"):
+class IdentifiabilityFigureSettings(Bounded, path="--"):
     """Draw which of the numbers that had to be assumed the paper's own numbers pin
     down, and which nothing does.
 
@@ -115,7 +115,7 @@ class IdentifiabilitySettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class BindingSettings:
+class BindingFigureSettings:
     """Draw which limits hold the optimiser's trots back at each speed, and how far a
     policy's gait is from them.
 

@@ -219,7 +219,8 @@ def _torque(cycle: Cycle, sources: Sources, name: str) -> Torque:
 
 
 def _velocity_force(terms: Decomposition) -> VelocityForce:
-    over_weight, share = terms.velocity_force, terms.time / terms.cycle.period
+    over_weight = terms.velocity_force
+    share = terms.time / terms.cycle.period
     peak = np.argmax(np.abs(over_weight))
     late = float(np.interp(0.75, share, over_weight))
     return VelocityForce(float(over_weight[peak]), float(share[peak]), late)
@@ -255,7 +256,8 @@ def number_shown(
     solution: Solution, terms: Decomposition, trends: Trends
 ) -> ShownStride:
     """Return the numbers of the trajectory that is drawn, and of the trends."""
-    weights, ground = terms.cycle.weights.ravel(), TERMS.index("ground reaction")
+    weights = terms.cycle.weights.ravel()
+    ground = TERMS.index("ground reaction")
     x, z = (terms.coordinates.index(name) for name in ("x", "z"))
     pushed = weights @ terms.forces[ground] + np.sum(terms.impulses[ground], axis=0)
     weight = weights @ terms.along("gravity", "z")

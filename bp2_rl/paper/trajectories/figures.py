@@ -77,7 +77,8 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends) -> Figure
     leg = cycle.hind_leg
     figure = Figure(figsize=(WIDTH, 10.4), layout="constrained")
     top, middle, bottom = rows(figure, 3.0, 1.45, 4.9)
-    profiles, motion = top.subplots(1, 3), middle.subplots()
+    profiles = top.subplots(1, 3)
+    motion = middle.subplots()
     means, shares = bottom.subplots(2, len(KINDS), sharex=True)
 
     for axes, coordinate in zip(

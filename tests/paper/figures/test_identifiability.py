@@ -10,7 +10,7 @@ from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.figures import identifiability as numbers_module
+from bp2_rl.paper.figures import identifiability as module
 from bp2_rl.paper.figures.identifiability import (
     ASSUMED,
     HEAT,
@@ -25,7 +25,7 @@ from bp2_rl.paper.figures.identifiability import (
     reversal,
     sprint,
 )
-from bp2_rl.paper.figures.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilityFigureSettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
 
@@ -110,13 +110,13 @@ def test_trajectories_and_greatest_speeds_make_the_rows(monkeypatch):
         ("belt", 17.0, {"drag area": 0.0}),
         ("outdoors", 16.0, {"drag area": -0.06}),
     ]
-    monkeypatch.setattr(numbers_module, "_greatest", lambda cruise: greatest)
+    monkeypatch.setattr(module, "_greatest", lambda cruise: greatest)
     monkeypatch.setattr(
-        numbers_module,
+        module,
         "MECHANICAL",
         [one for one in MECHANICAL if one.name == "rotor inertia"],
     )
-    numbers = identify(IdentifiabilitySettings(intervals=4))
+    numbers = identify(IdentifiabilityFigureSettings(intervals=4))
     rows = {row.name: row for row in numbers.rows}
     assert rows["greatest power"].ours == pytest.approx(1764.0)
     assert rows["C_z"].ours == pytest.approx(1.2, abs=0.2)
