@@ -1,5 +1,5 @@
-"""What every test runs under: JAX on the CPU, compiled code kept between runs, shapes
-checked."""
+"""Setting of every test: JAX on the CPU, compiled code kept between runs, shapes and
+types checked."""
 
 import dataclasses
 import functools
@@ -13,8 +13,8 @@ from pathlib import Path
 
 
 def _compilation_cache() -> Path | None:
-    """A folder of this user for compiled code of this very processor; None where there
-    is no place for one."""
+    """Return the folder of this user for code compiled on this very processor; None
+    where there is no place for one."""
     try:
         features = (
             Path("/proc/cpuinfo").read_text().split("flags", 1)[1].split("\n", 1)[0]
@@ -48,7 +48,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Property tests try the same examples in every run, unless the command says
+    """Make property tests try the same examples in every run, unless the command says
     --fuzz."""
     hypothesis.settings.register_profile("repeatable", derandomize=True)
     hypothesis.settings.load_profile(

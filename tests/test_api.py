@@ -57,7 +57,8 @@ def test_importing_the_package_imports_neither_jax_nor_mujoco():
 
 
 def in_a_process(code, **variables):
-    """Run the code where NPROC is not set, unless these variables set it."""
+    """Run code in a process of its own, with NPROC unset unless these variables set
+    it."""
     environment = {
         name: value for name, value in os.environ.items() if name != "NPROC"
     } | variables
@@ -243,8 +244,8 @@ WRONG = [
 
 @pytest.fixture(scope="module")
 def answers():
-    """The answers to all that is asked wrongly, from a process of its own: here the
-    types are checked first."""
+    """Return the answers to all wrong calls of the API, from a process of its own, as
+    types are checked first in this one."""
     code = f"""
 import bp2_rl as bp2
 for ask in {[ask for ask, _ in WRONG]}:
@@ -262,8 +263,7 @@ def test_a_wrong_choice_is_answered_with_what_is_right(number, answers):
 
 
 def paths_of_the_api():
-    """The parameters of the public functions, and of the public classes' methods, that
-    can be a path."""
+    """Return the parameters of public functions and methods that can be a path."""
     found = set()
     for name in bp2_rl.HOMES:
         public = getattr(bp2_rl, name)

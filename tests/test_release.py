@@ -1,4 +1,4 @@
-"""What a release says of itself agrees with itself."""
+"""Version, licence and pinned requirements agree wherever a release states them."""
 
 import re
 import tomllib

@@ -13,16 +13,19 @@ what they have in common."""
 Array: TypeAlias = Any
 """An array of NumPy or JAX, whose functions are in `__array_namespace__()`."""
 ArrayT = TypeVar("ArrayT", bound=Array)
-"""The one kind of array that a function takes and returns."""
+"""Type variable of functions that return an array of the library whose array they
+take."""
 
 
 def line(s: Number, left: Number, right: Number) -> Number:
-    """The straight line between two points."""
+    """Interpolate linearly between `left` and `right`, at the share `s` of an
+    interval."""
     return left + s * (right - left)
 
 
 def parabola(s: Number, left: Number, middle: Number, right: Number) -> Number:
-    """Lagrange's polynomial through three points."""
+    """Interpolate by the parabola through `left`, `middle` and `right`, at the share
+    `s` of an interval."""
     return (
         left * (1 - s) * (1 - 2 * s)
         + middle * 4 * s * (1 - s)
@@ -33,7 +36,8 @@ def parabola(s: Number, left: Number, middle: Number, right: Number) -> Number:
 def hermite_and_rate(
     s: Number, h: Number, left: Number, right: Number, out: Number, into: Number
 ) -> tuple[Number, Number]:
-    """Hermite's cubic through two values and their rates: (value, rate)."""
+    """Return (value, rate) of Hermite's cubic through two values and their rates, at
+    the share `s` of an interval."""
     out, into, r = h * out, h * into, 1.0 - s
     value = (
         left * r**2 * (1.0 + 2.0 * s)
@@ -52,7 +56,8 @@ def hermite_and_rate(
 def hermite_coefficients(
     h: Number, left: Number, right: Number, out: Number, into: Number
 ) -> tuple[Number, Number, Number, Number]:
-    """Coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
+    """Return the coefficients of 1, s, s^2 and s^3 of Hermite's cubic through two
+    values and their rates."""
     out, into = h * out, h * into
     return (
         left,
@@ -65,6 +70,7 @@ def hermite_coefficients(
 def cubic_and_slope(
     s: Number, c: tuple[Number, Number, Number, Number]
 ) -> tuple[Number, Number]:
-    """A cubic by its coefficients, and its derivative by s."""
+    """Return a cubic's value and its derivative by s, from the coefficients of 1, s,
+    s^2 and s^3."""
     value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
     return value, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])

@@ -41,11 +41,11 @@ class Within:
         return above and below
 
     def __repr__(self) -> str:
-        """In words, for signatures."""
+        """Return the bounds in words, in angle brackets, for signatures."""
         return f"<{self}>"
 
     def __str__(self) -> str:
-        """In words, after "must be"."""
+        """Return the bounds in words that continue "must be", such as "from 0 to 1"."""
         lower, upper = math.isfinite(self.least), math.isfinite(self.most)
         if lower and upper and not (self.open_below or self.open_above):
             return f"from {_show(self.least)} to {_show(self.most)}{' or inf' if self.infinite else ''}"
@@ -67,14 +67,15 @@ Positive = Annotated[float, POSITIVE]
 Share = Annotated[float, Within(0.0, 1.0)]
 Count = Annotated[int, Within(1)]
 NUMBERS: dict[Any, Any] = {float: Real, int: Integral}
-"""What counts as a number of a type: NumPy's, too."""
+"""Python's abstract type for each type of number, so that NumPy's numbers count,
+too."""
 Range = tuple[float, float]
-"""(low, high), from which something is drawn or between which it lies."""
+"""An interval (low, high), in which a setting lies or from which it is drawn."""
 
 
 def check_bounds(config: Any, path: str = "") -> None:
-    """Refuse a dataclass with a value of another type or a number out of bounds; those
-    in it are looked at, too.
+    """Raise `UserError` if a field of a dataclass, or of a dataclass in it, has a wrong
+    type or is out of bounds.
 
     Args:
         config: an instance.
@@ -124,25 +125,25 @@ def check_bounds(config: Any, path: str = "") -> None:
 
 
 class Bounded:
-    """A dataclass that refuses numbers out of bounds; one with more to refuse has a
-    `__post_init__` of its own."""
+    """Base class of dataclasses that check types and bounds of their fields when made;
+    one with further checks has a `__post_init__` of its own."""
 
     _path: ClassVar[str] = ""
 
     def __init_subclass__(cls, path: str | None = None) -> None:
-        """Keep `path`, with which `check_bounds` names a subclass's fields; a subclass
-        of that inherits it."""
+        """Set the prefix `path` of a subclass's field names in error messages; without
+        `path` it is inherited."""
         if path is not None:
             cls._path = path
 
     def __post_init__(self) -> None:
-        """Refuse numbers out of bounds."""
+        """Raise `UserError` if a field has a wrong type or is out of bounds."""
         check_bounds(self, self._path)
 
 
 def _bounds(annotation: object) -> Within:
-    """The bounds that an annotation declares, of an optional one or a tuple's entries
-    as well."""
+    """Return the bounds that a type annotation declares, also inside `X | None` or a
+    tuple."""
     if get_origin(annotation) is Annotated:
         inner, *remarks = get_args(annotation)
         found = [remark for remark in remarks if isinstance(remark, Within)]
@@ -155,7 +156,7 @@ def _bounds(annotation: object) -> Within:
 
 
 def _fits(value: Any, annotation: object) -> bool:
-    """Return whether a value is of a type.
+    """Return whether a value has the type that an annotation declares.
 
     It always is of a type that cannot be looked into, such as a function's.
     """
@@ -183,8 +184,8 @@ def _fits(value: Any, annotation: object) -> bool:
 
 
 def kinds_of(annotation: object) -> list[Any]:
-    """Return the types that an annotation allows, one by one, None's too; without the
-    remarks of `Annotated`."""
+    """Return the alternatives of a type annotation, None's included, without the extras
+    of `Annotated`."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return kinds_of(inner[0])
@@ -194,7 +195,7 @@ def kinds_of(annotation: object) -> list[Any]:
 
 
 def _in_words(kind: Any) -> str:
-    """Name a value of this kind, after "takes"."""
+    """Describe a type in words that continue "takes", such as "a whole number"."""
     inner = [each for each in get_args(kind) if each is not ...]
     if get_origin(kind) is Literal:
         return " or ".join(map(str, inner))
@@ -220,7 +221,8 @@ def _is_finite(number: float) -> bool:
 
 
 def _show(number: float) -> str:
-    """A number for a message: an integer of hundreds of digits is no help."""
+    """Return a number as text for an error message; a huge integer is not written
+    out."""
     if isinstance(number, int):
         return str(number) if abs(number) < 10**30 else "a huge integer"
     return f"{number:g}"

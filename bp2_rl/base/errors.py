@@ -1,11 +1,11 @@
-"""How a command can end but for success and failure: by a user's mistake, or early,
-with the work kept."""
+"""Errors that end a command with one line: a user's mistake, or a run that stops early
+with its work kept."""
 
 import difflib
 from collections.abc import Iterable
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses; a command that signal n stopped has 128 + n."""
+"""Exit statuses of commands; a command that signal n stopped has 128 + n."""
 
 
 class UserError(ValueError):
@@ -23,12 +23,12 @@ def not_installed(
 
 
 LONGEST_LINE = 2000
-"""Characters of a message, beyond which its middle is left out."""
+"""Longest error message, in characters; the middle of a longer message is left out."""
 
 
 def one_line(text: str) -> str:
-    """Return the text without line breaks, and with escapes for what no terminal shows,
-    or what steers one."""
+    """Return a text as one printable line: control characters escaped, the middle of a
+    long text left out."""
     line = "".join(
         c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split())
     )
@@ -40,8 +40,8 @@ def one_line(text: str) -> str:
 
 
 class RunStopped(Exception):
-    """A run that ends before its last step, with its work kept: one line that says why
-    and how to go on.
+    """Raised when a run ends before its last step, with its work kept; the line says
+    why and how to go on.
 
     Args:
         message: the line.
@@ -55,7 +55,7 @@ class RunStopped(Exception):
 
 
 def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
-    """Raise a `UserError` that lists the choices, unless `name` is one of them."""
+    """Raise a `UserError` that lists the choices if `name` is not among them."""
     if name not in (names := tuple(choices)):
         near = did_you_mean(str(name), names) or ":"
         raise UserError(
@@ -64,7 +64,8 @@ def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the question whether the most similar of the `known` words was meant.
+    """Return ": did you mean X?" for the word X of `known` that is most similar to
+    `word`.
 
     It is empty where no known word is similar.
     """
@@ -77,13 +78,13 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def require_kind(
     what: str, value: object, kinds: type | tuple[type, ...], such_as: str
 ) -> None:
-    """Raise a `UserError` with an example where a value is of none of these kinds."""
+    """Raise a `UserError` with an example if a value has none of the given types."""
     if not isinstance(value, kinds):
         raise UserError(f"{what} takes {such_as}, got {shown(value)}")
 
 
 def shown(value: object) -> str:
-    """Return a value for a message: as it is written, or only its type where that is
+    """Return a value as text for an error message, or only its type where the text is
     long."""
     text = one_line(repr(value))
     return text if len(text) < 80 else f"a {type(value).__name__}"

@@ -1,5 +1,5 @@
-"""Files that are whole or not there, and strangers' files that are looked at before
-use.
+"""Write files whole or not at all, and check files of unknown origin before they are
+used.
 
 Everything that the package keeps is written by these functions, and everything that it
 reads back goes through `read_json` and `read_npz`: whatever such a file holds, it ends
@@ -29,17 +29,18 @@ from bp2_rl.base.errors import UserError, require_kind
 
 LARGEST_FILE = 4 << 30
 LARGEST_TEXT = 64 << 20
-"""Bytes of the largest file, and of the largest JSON file, that is read: ours are far
-smaller."""
+"""Size limits, bytes, of a file (`LARGEST_FILE`) and of a JSON file that are read: ours
+are far smaller."""
 LARGEST_ARRAYS = 1 << 30
-"""Bytes that the arrays of one .npz file may have unless the reader says otherwise."""
+"""Size limit, bytes, of the unpacked arrays of an .npz file, unless its reader sets
+another."""
 DEEPEST = 50
-"""Levels of lists and objects within each other in a JSON value that is read."""
+"""Deepest nesting of lists and objects in a JSON value that is read."""
 
 
 class BadFileError(UserError):
-    """A file that is not there, cannot be read, or does not hold what it should; the
-    line begins with its path."""
+    """Raised for a file that is missing, unreadable, or of wrong content; the message
+    begins with the file's path."""
 
 
 # --- Writing --------------------------------------------------------------------------
@@ -47,8 +48,8 @@ class BadFileError(UserError):
 
 @contextlib.contextmanager
 def new_file(path: Path | str) -> Generator[IO[bytes]]:
-    """A file to fill, which takes the place of `path` when the block ends, whole and on
-    disk, or not at all.
+    """Context manager that yields a temporary file, which replaces `path` when the
+    block ends, whole and on disk, or not at all.
 
     Raises:
         OSError: the disk is full, or the folder not ours; what was there before still
@@ -69,7 +70,7 @@ def new_file(path: Path | str) -> Generator[IO[bytes]]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; raises as `new_file`."""
+    """Write bytes to a file, whole or not at all; raises as `new_file`."""
     with new_file(path) as file:
         file.write(content)
 
@@ -89,8 +90,8 @@ def write_npz(
 
 
 def open_in_place(path: Path) -> IO[str]:
-    """Open a file, made if need be, to append text in UTF-8; in somebody else's folder
-    it may be anything.
+    """Open or create a regular file to append UTF-8 text; refuse links, folders,
+    devices and pipes.
 
     Raises:
         BadFileError: it is a link, a folder, a device or a pipe.
@@ -100,8 +101,8 @@ def open_in_place(path: Path) -> IO[str]:
 
 
 def _open(path: Path | str, mode: str, **options: Any) -> IO[Any]:
-    """Open a regular file, without waiting for a pipe's other end; one that is written
-    is no link."""
+    """Open a regular file without waiting for a pipe's other end; refuse to write
+    through a link."""
     special = _WITHOUT_WAITING if mode == "rb" else _WITHOUT_WAITING | _WITHOUT_LINKS
 
     def opener(name: str, flags: int) -> int:
@@ -133,14 +134,14 @@ def _temporary(path: Path, process: int) -> Path:
 
 
 def flush(file: IO[Any] | io.IOBase) -> None:
-    """Until what has been written to an open file is on disk."""
+    """Flush an open file, and wait until its content is on disk."""
     file.flush()
     os.fsync(file.fileno())
 
 
 def sync(path: Path) -> None:
-    """Until a file's content, or a folder's names, are on disk; Windows, which opens no
-    folders, is left to itself."""
+    """Wait until a file's content, or a folder's list of names, is on disk; on Windows
+    do nothing."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     descriptor = os.open(path, os.O_RDONLY)
@@ -151,8 +152,8 @@ def sync(path: Path) -> None:
 
 
 def require_name(path: Path | str) -> None:
-    """Raise `UserError` unless a file or a folder can be written under this name,
-    whether there is one or not."""
+    """Raise `UserError` if no file or folder can have this name, whether it exists or
+    not."""
     require_kind(
         "the name of a file or folder",
         path,
@@ -183,7 +184,7 @@ def require_name(path: Path | str) -> None:
 
 
 def read_bytes(path: Path | str, largest: int = LARGEST_FILE) -> bytes:
-    """A file's content.
+    """Return the content of a regular file of at most `largest` bytes.
 
     Raises:
         BadFileError: it is not there, cannot be read, is no regular file, or is larger
@@ -206,7 +207,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_FILE) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """The JSON value in a file.
+    """Return the JSON value that a file holds.
 
     Raises:
         BadFileError: as `read_bytes` and `parse_json`.
@@ -215,7 +216,8 @@ def read_json(path: Path) -> Any:
 
 
 def parse_json(content: bytes | str, source: str) -> Any:
-    """The JSON value that a file's content stands for.
+    """Parse the content of a JSON file, and return its value; messages name the
+    `source`.
 
     Raises:
         BadFileError: it is not JSON in UTF-8, or nested too deeply; `source` stands
@@ -234,8 +236,8 @@ def parse_json(content: bytes | str, source: str) -> Any:
 
 
 def check_values(value: Any) -> None:
-    """Raise RecursionError or ValueError where a value of JSON or TOML cannot be walked
-    through or shown.
+    """Raise RecursionError or ValueError if a JSON or TOML value is nested too deeply
+    or holds text that cannot be shown.
 
     It may be nested too deeply, and a text may hold half a character or what steers a
     terminal.
@@ -258,8 +260,8 @@ def check_values(value: Any) -> None:
 
 
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Control characters but tab and line feed, and marks that turn the direction of
-writing."""
+"""Pattern of control characters except tab and line feed, and of marks that change the
+direction of writing."""
 
 
 class ArraySpec(NamedTuple):

@@ -1,5 +1,4 @@
-"""Folders that are replaced whole or not at all, and folders that belong to one piece
-of work."""
+"""Replace folders whole or not at all, and lock folders for one process at a time."""
 
 import contextlib
 import errno
@@ -14,7 +13,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place, require_name, sync
 
 LOCK = ".lock"
-"""The file in a folder that `lock_folder` locks; it stays there."""
+"""Name of the file in a folder that `lock_folder` locks; the file is never removed."""
 
 
 # --- Replaced whole -------------------------------------------------------------------
@@ -22,8 +21,8 @@ LOCK = ".lock"
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Generator[Path]:
-    """A folder to fill, which takes the place of `path` when the block ends, whole or
-    not at all.
+    """Context manager that yields a new folder, which replaces `path` when the block
+    ends, whole or not at all.
 
     Killed at any moment, either the old folder or the new one is there under its name,
     or the old one is complete under `.NAME.old`, where `find_folder` finds it and from
@@ -57,15 +56,16 @@ def new_folder(path: Path) -> Generator[Path]:
 
 
 def remove_folder(path: Path) -> None:
-    """Remove a folder; a kill half-way leaves nothing under the folder's name."""
+    """Remove a folder by renaming it first, so that a kill leaves nothing under its
+    name."""
     doomed = _aside(Path(path), "gone")
     Path(path).rename(doomed)
     _remove(doomed)
 
 
 def find_folder(path: Path) -> Path:
-    """Where the folder is that `new_folder` calls `path`: there, or set aside by a
-    process that was killed."""
+    """Return `path`, or the old folder of that name that a killed `new_folder` has set
+    aside."""
     path = Path(path)
     return (
         path
@@ -75,8 +75,8 @@ def find_folder(path: Path) -> Path:
 
 
 def folder_names(parent: Path) -> set[str]:
-    """Names of the folders in a folder, of those with an own name and those that
-    `find_folder` finds aside."""
+    """Return the names of the folders in a folder, old ones that a killed `new_folder`
+    has set aside included."""
     names = {entry.name for entry in Path(parent).iterdir() if entry.is_dir()}
     asides = {name: match for name in names if (match := _ASIDE.fullmatch(name))}
     return names - asides.keys() | {
@@ -85,7 +85,7 @@ def folder_names(parent: Path) -> set[str]:
 
 
 def restore_folder(path: Path) -> None:
-    """Undo what a process left that was killed between the two renames of
+    """Rename an old folder back if a process was killed between the two renames of
     `new_folder`."""
     old = _aside(Path(path), "old")
     if old.is_dir() and not Path(path).exists():
@@ -93,8 +93,8 @@ def restore_folder(path: Path) -> None:
 
 
 def tidy(parent: Path) -> None:
-    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have
-    left in a folder."""
+    """Restore or remove what killed calls of `new_folder` and `remove_folder` have left
+    in a folder."""
     for entry in list(Path(parent).iterdir()):
         match = _ASIDE.fullmatch(entry.name)
         if match and entry.is_dir():
@@ -123,8 +123,8 @@ _ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
 
 @contextlib.contextmanager
 def lock_folder(folder: Path, busy: str) -> Generator[int]:
-    """Keep other processes from working in an existing folder meanwhile; gives the
-    lock's file descriptor.
+    """Context manager that locks an existing folder against other processes, and yields
+    the lock's file descriptor.
 
     A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the
     lock as well, so that it is not free while one of them still works. It ends with the
@@ -166,7 +166,8 @@ def _lock(file: IO[str], busy: str) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results, before anything is computed for it.
+    """Create a folder for results, and check that it can be written, before anything is
+    computed.
 
     Raises:
         UserError: it cannot be made, or cannot be written.
@@ -189,7 +190,8 @@ def make_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def own_folder(folder: Path) -> Generator[None]:
-    """A folder for results, made if need be, in which no other command works meanwhile.
+    """Context manager that creates a folder for results, if need be, and locks it
+    against other commands.
 
     Raises:
         UserError: another one does, or the folder cannot be made or written.
@@ -203,7 +205,8 @@ def own_folder(folder: Path) -> Generator[None]:
 
 
 def open_report(folder: Path, mark: str, what: str) -> None:
-    """Make a report's folder, before anything is measured for it.
+    """Create a report's folder, or accept the folder of an old report, before anything
+    is measured.
 
     Args:
         folder: what --out names.

@@ -41,7 +41,8 @@ class Table(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """How one figure of merit is called and shown.
+    """Label, unit, format and meaning of a figure of merit, and where the figure is
+    shown.
 
     Attributes:
         label: its name for a reader.
@@ -64,11 +65,12 @@ class Metric:
 
     @property
     def head(self) -> str:
-        """The head of the column that holds this metric for many subjects."""
+        """Heading of this metric's column in a table: its label and unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     def show(self, value: object, *, unit: bool = True) -> str:
-        """Format a value, with its unit unless that stands in the head of its column."""
+        """Return a value of this metric as text, with its unit unless a table's heading
+        has it."""
         if callable(self.form):
             return self.form(value)
         if isinstance(value, bool):
@@ -78,11 +80,13 @@ class Metric:
         return show(value, self.form, self.unit if unit else "")
 
     def is_shown(self, holder: object) -> bool:
-        """Return whether reports and tables show this metric of `holder`."""
+        """Return whether reports and tables show this metric of the dataclass
+        `holder`."""
         return self.shown(holder) if callable(self.shown) else self.shown
 
     def explain(self, holder: object) -> str:
-        """Return the definition of this metric of `holder` in words."""
+        """Return this metric's definition in words, filled in with values of the
+        dataclass `holder`."""
         if callable(self.meaning):
             return self.meaning(holder)
         return self.meaning.format(m=holder)
@@ -114,7 +118,7 @@ def rows_of(holder: object, *names: str) -> tuple[Row, ...]:
 
 
 def card_of(holder: object, *names: str) -> dict[str, Any]:
-    """Return the values that a policy's card keeps, rounded to four digits.
+    """Return a dataclass's values for a policy's card, by name, rounded to four digits.
 
     `names` are the fields to look at; by default all.
     """
@@ -151,7 +155,8 @@ def table_of(
 
 
 def table_of_rows(title: str, rows: Sequence[Row]) -> Table:
-    """Return a table with a line for each row."""
+    """Return a table of measure, value and definition, with a line for each report
+    row."""
     return Table(title, ("Measure", "Value", "Definition"), rows, words=True)
 
 
@@ -161,7 +166,7 @@ def show(value: object, form: str, unit: str = "") -> str:
 
 
 def show_fall(fell_at: float | None) -> str:
-    """Say when a robot fell, in s, or that none fell."""
+    """Return the time of a robot's fall, s, as text, or "none" if no robot fell."""
     return "none" if fell_at is None else f"at {fell_at:.2f} s"
 
 

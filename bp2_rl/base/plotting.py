@@ -52,7 +52,8 @@ P = ParamSpec("P")
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw under this module's style and leave Matplotlib's own untouched."""
+    """Decorate a drawing function so that it draws in this module's style and leaves
+    Matplotlib's settings as they are."""
 
     @functools.wraps(draw)
     def draw_styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -63,8 +64,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture, PNG, PDF or SVG by the file's name, whole or not at all; raises
-    as `files.new_file`."""
+    """Write a figure as PNG, PDF or SVG, by the file's suffix, whole or not at all;
+    raises as `files.new_file`."""
     with new_file(path) as file:
         figure.savefig(file, format=path.suffix.removeprefix("."))
 
@@ -72,8 +73,8 @@ def save_figure(figure: Figure, path: Path) -> None:
 def moving_mean(
     values: Float[np.ndarray, "N ..."], samples: int
 ) -> Float[np.ndarray, "N ..."]:
-    """Mean over a window around each sample, which narrows towards the ends and so
-    stays centred."""
+    """Return the centred moving mean over a window of samples, which narrows towards
+    the ends."""
     sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
     index = np.arange(len(values))
     half = np.minimum(samples // 2, np.minimum(index, len(values) - 1 - index))
@@ -82,18 +83,19 @@ def moving_mean(
 
 
 def legend_above(axes: Axes) -> None:
-    """The legend in the line of the title, clear of the data."""
+    """Draw the legend at the right end of the title's line, clear of the data."""
     axes.legend(
         loc="lower right",
-        bbox_to_anchor=(1.0, 0.98),
+        bbox_to_anchor=(1.0, 1.0),
         ncols=5,
         handlelength=1.6,
         borderpad=0.0,
+        borderaxespad=0.2,
     )
 
 
 def mark_level(axes: Axes, level: float, text: str) -> None:
-    """A dashed line across, with its name."""
+    """Draw a dashed horizontal line at a level, with its name at the right end."""
     axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
     box = {
         "boxstyle": "square,pad=0.15",

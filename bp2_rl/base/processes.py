@@ -1,4 +1,5 @@
-"""Processes: what this one imports, compiles and hears, and the workers it starts.
+"""Control of processes: imports, compiled programs, XLA's threads, signals, and
+workers.
 
 A worker is a fresh process that does not outlive its parent.
 """
@@ -30,13 +31,13 @@ STOPPING = tuple(
 """Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's,
 which Windows has not."""
 IMPORTED_AT = time.time()
-"""s since 1970: a source written later may not be what this process has imported."""
+"""Time of this process's imports, s since 1970: a source file written later may differ
+from the code that runs."""
 PARENT = "BP2_PARENT"
-"""The environment variable by which a command is told the process that it is to end
-with."""
+"""Environment variable with the id of the process at whose end a command ends, too."""
 NPROC_IS_OURS = "NPROC" not in os.environ
-"""Whether the number of XLA's threads is ours to set; if not, the user or a parent
-process has set it."""
+"""True if this package may set NPROC, the number of XLA's threads; else the user or a
+parent process has set it."""
 _DEVICES = "xla_force_host_platform_device_count"
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 # Windows has but the latter, to the same end
@@ -48,8 +49,8 @@ _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)
 
 @contextlib.contextmanager
 def left_out(*names: str) -> Generator[None]:
-    """Let nothing import these modules meanwhile, as if they were not installed; those
-    imported before stay."""
+    """Context manager in which these modules cannot be imported, as if not installed;
+    modules imported before stay."""
     unwanted = [name for name in names if name not in sys.modules]
     # None is Python's way to say that a module cannot be imported
     sys.modules.update(dict.fromkeys(unwanted, cast(types.ModuleType, None)))
@@ -62,8 +63,8 @@ def left_out(*names: str) -> Generator[None]:
 
 @contextlib.contextmanager
 def without_gl_library() -> Generator[None]:
-    """Hide the GL library that MUJOCO_GL names while MuJoCo is imported, here or in a
-    process that begins meanwhile.
+    """Context manager that hides the GL library named by MUJOCO_GL from MuJoCo's
+    import, here or in a process started meanwhile.
 
     MuJoCo binds it when imported, and fails if it is not there; only films need one, in
     a process of their own.
@@ -77,8 +78,8 @@ def without_gl_library() -> Generator[None]:
 
 
 def keep_compiled() -> Path | None:
-    """Let JAX keep compiled programs on disk; return the folder of traced programs,
-    None where it cannot be written.
+    """Let JAX keep compiled programs on disk; return the folder for traced programs, or
+    None if it cannot be written.
 
     Both lie in $BP2_CACHE, else in the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
     Where JAX has been told a folder before, by $JAX_COMPILATION_CACHE_DIR for one, JAX
@@ -101,7 +102,7 @@ def keep_compiled() -> Path | None:
 
 
 def processors() -> int:
-    """How many this process may use."""
+    """Return the number of processors that this process may use."""
     return (
         len(os.sched_getaffinity(0))
         if hasattr(os, "sched_getaffinity")
@@ -122,14 +123,14 @@ def use_one_xla_thread() -> None:
 
 
 def jax_is_on_cpu() -> bool:
-    """Return whether JAX, which need not be imported, can find no accelerator."""
+    """Return whether JAX can find no accelerator, without importing JAX."""
     drivers = map(importlib.util.find_spec, ("jax_plugins", "libtpu"))
     return os.environ.get("JAX_PLATFORMS") == "cpu" or not any(drivers)
 
 
 def use_all_processors() -> None:
-    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and
-    before JAX starts its backend."""
+    """Make each processor a device of JAX; call after `use_one_xla_thread` and before
+    JAX starts its backend."""
     if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
         return
     os.environ["NPROC"] = str(processors())
@@ -140,8 +141,8 @@ def use_all_processors() -> None:
 
 
 def command_environment() -> dict[str, str]:
-    """Return the environment of a command that ends with this process
-    (`end_with_caller`), and that sets its own number of XLA's threads."""
+    """Return the environment of a subprocess that ends with this process
+    (`end_with_caller`) and sets its own number of XLA threads."""
     environment = os.environ | {PARENT: str(os.getpid())}
     if NPROC_IS_OURS:
         environment.pop("NPROC", None)
@@ -153,8 +154,8 @@ def command_environment() -> dict[str, str]:
 
 @contextlib.contextmanager
 def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:
-    """Call `hear` with each signal that a handler in Python waits for, at once and from
-    a thread of its own.
+    """Context manager that calls `hear` at once, from a thread of its own, with each
+    signal that has a Python handler.
 
     Python runs its handlers between two lines of Python, and so not while XLA compiles.
     To be used in the main thread.
@@ -185,8 +186,8 @@ def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:
 def spawned(
     count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
 ) -> Generator[concurrent.futures.ProcessPoolExecutor]:
-    """A pool of `count` processes, spawned: one forked beside JAX's threads can hang.
-    Each begins with `initializer`.
+    """Context manager that yields a pool of `count` spawned processes; each first calls
+    `initializer`. Forked ones could hang beside JAX's threads.
 
     The processes do not run the caller's script again, as spawned ones do: what they
     are given is of this package.
@@ -228,11 +229,11 @@ def spawned(
 
 
 class _SpawnProcess(SpawnProcess):
-    """A spawned process that is not told of the caller's main module."""
+    """A spawned process that does not import the caller's main module."""
 
     def start(self) -> None:
-        """Start the process as if the caller had no main module, without a GL library,
-        and deaf to signals before `_begin`, too."""
+        """Start the process without the caller's main module, without a GL library, and
+        with `STOPPING` signals blocked."""
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
@@ -244,7 +245,8 @@ class _SpawnProcess(SpawnProcess):
 
 @contextlib.contextmanager
 def _deaf() -> Generator[None]:
-    """Block `STOPPING` signals here, and in processes that begin meanwhile."""
+    """Context manager that blocks `STOPPING` signals in this process and in processes
+    started meanwhile."""
     mask = (
         signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         if hasattr(signal, "pthread_sigmask")
@@ -262,7 +264,7 @@ class _SpawnContext(SpawnContext):
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:
-    """From here on this process gets the signal `by` when its parent ends, even if
+    """Arrange that this process gets the signal `by` when its parent ends, even if
     Python never gets to run.
 
     Args:
@@ -280,8 +282,8 @@ def end_with_parent(parent: int, by: signal.Signals) -> None:
 
 
 def end_with_caller() -> None:
-    """`end_with_parent`, by SIGTERM, for a command whose environment names its parent;
-    else nothing."""
+    """Let this command get SIGTERM when the process ends that the environment variable
+    `PARENT` names; without it do nothing."""
     parent = os.environ.pop(PARENT, "")
     if parent.isdecimal():
         end_with_parent(int(parent), signal.SIGTERM)
@@ -297,7 +299,8 @@ def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
 
 
 def _watch(parent: int, by: signal.Signals) -> None:
-    """Where Linux's prctl is not: look every second."""
+    """Poll for the parent's end every second, then signal this process; used where
+    Linux's prctl is missing."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os.kill(os.getpid(), by)

@@ -1,5 +1,4 @@
-"""Configs are frozen dataclasses; this is how they become JSON and how JSON becomes
-them again, strictly.
+"""Convert configs, which are frozen dataclasses, to JSON and strictly back.
 
 What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, a float or a
 tuple, Literals, nested dataclasses, any of those or None, `dict[str, ...]` and `Any`
@@ -34,12 +33,12 @@ _NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 
 
 class ConfigError(UserError):
-    """A config file or value that does not fit its dataclass."""
+    """Raised for a config file or value that does not fit its dataclass."""
 
 
 def to_json(config: object) -> dict[str, Any]:
-    """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0),
-    non-finite ones as strings.
+    """Return a dataclass as a JSON object; floats stay floats (1 becomes 1.0),
+    non-finite numbers become strings.
 
     Raises:
         ConfigError: a field holds a value of another type than the one declared.
@@ -48,8 +47,8 @@ def to_json(config: object) -> dict[str, Any]:
 
 
 def from_json(cls: type[Config], data: object) -> Config:
-    """The `cls` that `data`, an object as `to_json` makes it, describes:
-    `from_json(cls, to_json(c)) == c`.
+    """Return the `cls` that the JSON object `data` describes: `from_json(cls,
+    to_json(c)) == c`.
 
     Fields with a default may be absent. An integer is a fine float; nothing else is
     converted.
@@ -62,7 +61,7 @@ def from_json(cls: type[Config], data: object) -> Config:
 
 
 def flatten(data: Any, path: str = "") -> dict[str, Any]:
-    """The values of a JSON object by their dotted names."""
+    """Return the values of a nested JSON object by their dotted names."""
     if not isinstance(data, dict):
         return {path: data}
     return {
@@ -73,8 +72,8 @@ def flatten(data: Any, path: str = "") -> dict[str, Any]:
 
 
 def merge(before: Config, changed: Config, after: Config) -> Config:
-    """`after`, with what `changed` sets otherwise than `before`: three dataclasses of
-    one type, field by field."""
+    """Return `after` with every field that `changed` sets differently from `before`;
+    all three have one type."""
 
     def field(old: Any, mine: Any, new: Any) -> Any:
         nested = dataclasses.is_dataclass(old) and type(old) is type(mine) is type(new)
@@ -89,13 +88,13 @@ def merge(before: Config, changed: Config, after: Config) -> Config:
 
 
 def config_hash(config: object) -> str:
-    """Twelve hex digits that are equal for equal configs, on every machine and in every
-    process."""
+    """Return a hash of a config, twelve hex digits, the same on every machine and in
+    every process."""
     return _sha256(to_json(config))[:12]
 
 
 def _sha256(data: Mapping[str, object]) -> str:
-    """The checksum of a JSON object, however it is laid out in a file."""
+    """Return the SHA-256 of a JSON object, however it is laid out in a file."""
     return hashlib.sha256(
         json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
     ).hexdigest()
@@ -108,7 +107,7 @@ def save_config(path: Path, config: object) -> None:
 
 
 def load_config(cls: type[Config], path: Path) -> Config:
-    """Read the `cls` that `save_config` wrote to `path`.
+    """Read a config of the dataclass `cls` from the JSON file that `save_config` wrote.
 
     Raises:
         ConfigError: the file is missing, is not JSON, or does not describe a `cls`.
@@ -122,8 +121,8 @@ def load_config(cls: type[Config], path: Path) -> Config:
 
 
 def save_sealed(path: Path, card: object, checksum: str) -> None:
-    """Write a dataclass as `save_config` does, with a checksum of all its values under
-    the name `checksum`."""
+    """Write a dataclass as `save_config` does, and a checksum of its values under the
+    key `checksum`."""
     data = to_json(card)
     write_text(
         path,
@@ -132,8 +131,8 @@ def save_sealed(path: Path, card: object, checksum: str) -> None:
 
 
 def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> Config:
-    """Read the `cls` that `save_sealed` wrote to `path`; without a checksum the file is
-    taken as it is.
+    """Read the `cls` that `save_sealed` wrote to `path`, and verify its checksum if it
+    has one.
 
     Args:
         cls: a dataclass with the fields `format_version` and `versions`.
@@ -171,7 +170,8 @@ def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> C
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
-    """Make a folder for work with these settings; refuse one that has other settings.
+    """Create a folder for work with these settings; raise `UserError` if it holds work
+    with other settings.
 
     Args:
         folder: of the work.
@@ -201,7 +201,7 @@ def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
 
 
 def utc_now() -> str:
-    """Return the time to the second, in UTC, as files and logs have it."""
+    """Return the present time in UTC, to the second, as text in ISO 8601."""
     return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -217,8 +217,8 @@ def package_versions() -> dict[str, str]:
 
 # --- The walk over a type, in both directions -----------------------------------------
 def _convert(annotation: object, value: Any, path: str, *, reading: bool) -> Any:
-    """Return the JSON value of what is declared as `annotation` at `path`, or the
-    Python value of the JSON (`reading`)."""
+    """Return a value declared as `annotation` as JSON, or, if `reading`, the JSON as a
+    Python value."""
     kinds = kinds_of(annotation)
     if value is None and NoneType in kinds:
         return None
@@ -335,7 +335,7 @@ def _read_dataclass(cls: Any, data: Any, path: str) -> Any:
 
 
 def _plain(annotation: Any, value: Any, path: str) -> Any:
-    """Values that are the same in Python and in JSON."""
+    """Check and return a value that is the same in Python and in JSON."""
     if get_origin(annotation) is Literal:
         _require(
             any(
@@ -360,8 +360,8 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
 
 
 def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
-    """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any
-    number."""
+    """Return a tuple's entries, each as (annotation, value, path); `tuple[X, ...]`
+    takes any number."""
     items = get_args(annotation)
     if len(items) == 2 and items[1] is Ellipsis:
         items = items[:1] * len(values)
@@ -389,7 +389,7 @@ def _mismatch(annotation: object, value: object, path: str) -> ConfigError:
 
 
 def _name(annotation: Any) -> str:
-    """The type in a reader's words."""
+    """Describe a type in words for an error message."""
     [annotation, *_] = kinds_of(annotation)
     if get_origin(annotation) is Literal:
         return " or ".join(repr(choice) for choice in get_args(annotation))

@@ -1,5 +1,5 @@
-"""`bp2 COMMAND ...`, also `python -m bp2_rl COMMAND ...`: hands over to the command's
-own main."""
+"""Entry point of `bp2 COMMAND ...` and `python -m bp2_rl COMMAND ...`, which calls the
+command's own main."""
 
 import sys
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ COMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; the exit
-    status."""
+    """Run the command that `argv` (by default the process's arguments) names; return
+    the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["--version"]:
         print(f"bp2_rl {bp2_rl.__version__}")

@@ -1,4 +1,5 @@
-"""How every command is found, reads its flags and ends.
+"""The frame of every command: how it is found, parses its flags, and ends with an exit
+status.
 
 A command ends with status 0: done; 2: a user's mistake; 1: a failure, with what to do
 or the place of its log; 128 + n: stopped by signal n, with the work kept. All but 0 say
@@ -36,10 +37,10 @@ from bp2_rl.base.processes import STOPPING, listening
 
 Config = TypeVar("Config")
 Main = Callable[[Sequence[str] | None], int]
-"""A command: it takes the words after its name, None for the process's own arguments,
+"""Main function of a command: takes the words after its name (None: the process's own)
 and returns the exit status."""
 Entry = tuple[str, Main]
-"""A command in the list of a group: what it does, and itself."""
+"""An entry in a list of commands: description and main function."""
 
 HELP_ALL = "--help-all"
 HELP = ("-h", "--help", HELP_ALL)
@@ -54,8 +55,8 @@ GRACE = 3.0  # s
 
 
 def run(command: Callable[[], None], *, patient: bool = True) -> int:
-    """Run a command and turn how it ends into an exit status; no traceback reaches the
-    terminal.
+    """Run a command and return its exit status; errors become one-line messages,
+    without a traceback.
 
     SIGTERM and SIGHUP end a command tidily, as Ctrl-C does. Where one finds the main
     thread in compiled code, XLA's compiler for one, the process ends after `GRACE`
@@ -94,7 +95,11 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
 
 @contextlib.contextmanager
 def _terminable(patient: bool) -> Generator[None]:
-    """See `run`; a training that has something to save replaces the handlers."""
+    """Let SIGTERM, SIGHUP and Ctrl-C end the command in the block tidily, as `run`
+    says.
+
+    A training that has something to save replaces the handlers.
+    """
     if (
         threading.current_thread() is not threading.main_thread()
         or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL
@@ -136,7 +141,7 @@ def _terminable(patient: bool) -> Generator[None]:
 
 
 def _stopped(number: int) -> RunStopped:
-    """Return how a signal other than Ctrl-C ends a command."""
+    """Return the exception that ends a command after a signal other than Ctrl-C."""
     return RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
 
 
@@ -149,7 +154,7 @@ def _tell(line: str) -> None:
 
 
 def _printable(text: str) -> str:
-    """Return a text of several lines with escapes for what no terminal shows."""
+    """Return a text with unprintable characters escaped, line by line."""
     shown = (
         "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
         for line in text.splitlines()
@@ -158,14 +163,13 @@ def _printable(text: str) -> str:
 
 
 def _forget(stream: Any) -> None:
-    """Let a stream without a reader swallow what is written from now on, and what is
-    still buffered."""
+    """Redirect a stream without a reader to the null device."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class _ClosableStream:
-    """A stream that swallows what is written once its reader has left, as `head` and a
-    terminal may, and says so once on standard error: the results are on disk."""
+    """A standard output that discards text once its reader has left, and says so once
+    on standard error."""
 
     def __init__(self, stream: Any):
         self._stream = stream
@@ -194,8 +198,8 @@ class _ClosableStream:
 
 
 class LoggedError(Exception):
-    """A failure whose traceback is written down: in `folder` where there is one, else
-    among the temporary files."""
+    """A failure whose traceback is in a log file: in `folder` if it exists, else among
+    the temporary files."""
 
     def __init__(self, error: Exception, folder: Path | None = None):
         folder = folder if folder is not None and os.access(folder, os.W_OK) else None
@@ -210,7 +214,8 @@ class LoggedError(Exception):
 
 @contextlib.contextmanager
 def failures_into(folder: Path) -> Generator[None]:
-    """The traceback of a failure within goes into `folder`, if it is there by then."""
+    """Write the traceback of a failure in the block into `folder`, if it exists by
+    then."""
     try:
         yield
     except (UserError, RunStopped):
@@ -221,7 +226,7 @@ def failures_into(folder: Path) -> Generator[None]:
 
 @dataclasses.dataclass(frozen=True)
 class Command(Generic[Config]):
-    """A command that reads its flags and does something with them.
+    """A command: its flags as a dataclass, and the function that runs it.
 
     Args:
         prog: the command as the user types it.
@@ -250,13 +255,14 @@ class Command(Generic[Config]):
 
     @property
     def what(self) -> str:
-        """Return what the command does: the first paragraph about its flags."""
+        """Description of the command: the first paragraph of its flags' docstring."""
         said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
         return said[:1].lower() + said[1:].rstrip(".")
 
 
 def show_screen(words: Sequence[str], prog: str, screen: str) -> None:
-    """Print a command's first screen and end with status 0, if the words ask for help.
+    """Print a command's short help and end with status 0, if the command line asks for
+    help.
 
     Args:
         words: the command line.
@@ -275,7 +281,8 @@ def parse(
     default: Config | None = None,
     screen: str = "",
 ) -> Config:
-    """Return the config that the command line describes; help is printed, and ends.
+    """Parse a command line into an instance of the dataclass `config`; for `--help`,
+    print the help and exit.
 
     Args:
         config: a dataclass; its docstring and its fields' are the help.
@@ -303,8 +310,8 @@ def parse(
 
 
 def parse_known(config: type[Config], words: Sequence[str], prog: str) -> Config:
-    """Return the config of those flags of a command line that are its own; pass over
-    all others, and over `--help`."""
+    """Parse the flags of a command line that belong to `config`; ignore all others, and
+    `--help`."""
     import tyro
 
     with _mistakes_raised():
@@ -320,8 +327,8 @@ def parse_known(config: type[Config], words: Sequence[str], prog: str) -> Config
 
 @contextlib.contextmanager
 def _mistakes_raised() -> Generator[None]:
-    """Raise what tyro would print of a wrong command line before it exits: the
-    `UserError` by which a config refused its values, else a `FlagError`."""
+    """Raise an error for a wrong command line where tyro would print and exit: the
+    config's `UserError`, else a `FlagError`."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -336,13 +343,13 @@ def _mistakes_raised() -> Generator[None]:
 
 
 def entries(commands: Mapping[str, Command[Any]]) -> dict[str, Entry]:
-    """Return the entries of commands in the list of their group."""
+    """Return the list entries (description and main) of commands, by name."""
     return {name: (command.what, command) for name, command in commands.items()}
 
 
 def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
-    """Return the entries of modules that have a `main`, each imported when its command
-    is run, from what each does."""
+    """Return the list entries of command modules, by name; a module is imported when
+    its command runs."""
 
     def entry(name: str, what: str) -> Entry:
         def main(argv: Sequence[str] | None) -> int:
@@ -359,7 +366,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
 
 
 def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
-    """Run the command that `argv` begins with, or say what there is; return the exit
+    """Run the command named first in `argv`, or list all commands; return the exit
     status."""
     words = sys.argv[1:] if argv is None else argv
     if not words or words[0] in HELP:

@@ -28,7 +28,7 @@ from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
 
 PROG = "bp2 bench"
 FIRST_STEP = "from bp2_rl.cli import bench; bench.first_step()"
-"""The program whose start `--startup` times."""
+"""Program whose start the flag `--startup` times."""
 Size = Annotated[int, Within(1, 2**24)]
 OwnPart = Literal[
     "physics", "environment", "resets", "policy", "sgd", "acting", "training"
@@ -108,12 +108,12 @@ class BenchArguments(Bounded, path="--"):
 
     @property
     def config(self) -> TrainConfig:
-        """The training that is measured."""
+        """Settings of the training that is timed."""
         return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Read the flags, measure, and return the exit status."""
+    """Parse the flags, time the training, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     return app.run(lambda: _bench(words))
 
@@ -150,8 +150,8 @@ def _bench(words: list[str]) -> None:
 
 
 def read_arguments(words: list[str], flags: EarlyFlags) -> BenchArguments:
-    """Return all arguments of a command line, with the defaults of the preset and the
-    robot that its early flags name."""
+    """Return all arguments of the command line; defaults come from its preset and
+    robot."""
     preset = find_preset(flags)
     defaults = presets.preset("imitation", preset, robot=flags.robot or "built")
     default = BenchArguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
@@ -160,7 +160,7 @@ def read_arguments(words: list[str], flags: EarlyFlags) -> BenchArguments:
 
 
 def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
-    """Return (robots, devices) of all that is measured, each once.
+    """Return each combination of robots and devices that is timed, once.
 
     Raises:
         UserError: there are fewer devices than asked for.
@@ -179,8 +179,8 @@ def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
 
 
 def first_step() -> None:
-    """Start the training that the process's command line describes, as train.py does,
-    and print when what was done."""
+    """Start a training from the command line's flags as train.py does; print the time
+    of each stage."""
     words = sys.argv[1:]
     flags = app.parse_known(EarlyFlags, words, PROG)
     _import_jax(flags, words)
@@ -199,8 +199,8 @@ def first_step() -> None:
 
 
 def _import_jax(flags: EarlyFlags, words: list[str]) -> None:
-    """Import JAX and MuJoCo as a training with these flags does, or as Playground,
-    which may want Warp."""
+    """Import JAX and MuJoCo as a training with these flags does, or as Playground needs
+    them."""
     playground = "--peer playground" in " ".join(words).replace("=", " ")
     with contextlib.nullcontext() if playground else unused_left_out(flags):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo

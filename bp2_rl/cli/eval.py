@@ -79,7 +79,7 @@ BenchmarkName = Literal[
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """The policy, and the benchmark that it is put to: the first flags of the help."""
+    """The policy to evaluate and the benchmark: the first flags in the help."""
 
     run: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")
@@ -111,7 +111,7 @@ class EvalConfig(Setup, Target):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Run the command `bp2 eval`; return its exit status."""
     words, prog = (
         list(sys.argv[1:] if argv is None else argv),
         "python eval.py" if argv is None else "bp2 eval",
@@ -128,8 +128,8 @@ def evaluate(
     registry: str = REGISTRY,
     again: str | None = None,
 ) -> None:
-    """Evaluate as configured. Everything a user can get wrong is looked at before the
-    robot runs.
+    """Run a policy on a benchmark, print a table and write a report; check all inputs
+    before the simulation.
 
     Args:
         config: the command line.

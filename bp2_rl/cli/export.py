@@ -1,5 +1,5 @@
-"""`bp2 export`: a run's policy in a folder of its own: as it is, or as what runs on a
-robot."""
+"""`bp2 export`: copy a run's policy to a folder of its own, or write the bundle that
+runs on a robot."""
 
 import dataclasses
 from pathlib import Path
@@ -50,8 +50,8 @@ class ExportConfig:
 
 
 def export(config: ExportConfig) -> None:
-    """Export as configured; nothing is written before everything has been read and fits
-    together."""
+    """Copy a policy or write its bundle, as `config` says; check all inputs before
+    writing."""
     if config.format == "onnx" and config.report:
         raise UserError(
             "--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx"

@@ -1,5 +1,4 @@
-"""`bp2 paper COMMAND`: hands over to the paper's evidence, which nothing else in the
-core knows of."""
+"""`bp2 paper COMMAND`: call a command of `bp2_rl.paper`, the evidence for the paper."""
 
 import importlib
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""`bp2 play`: the robot under your hands, in a browser."""
+"""`bp2 play`: steer a policy's robot in real time, in a browser."""
 
 import contextlib
 import dataclasses
@@ -52,8 +52,8 @@ class PlayConfig(Bounded, path="--"):
 
 
 def play(config: PlayConfig) -> None:
-    """Play as configured. What can be wrong is looked at before the robot is set on its
-    feet."""
+    """Load the policy and serve the page on which it is steered; check all inputs
+    before the simulation."""
     path = config.run or asset_path(DEFAULT_POLICY)
     find_policy(path)
     for name in WEB:

@@ -1,4 +1,4 @@
-"""`bp2 robot`: make a robot file from a model, and look at what it says."""
+"""`bp2 robot`: write a robot file from an MJCF or URDF model, and check one."""
 
 import dataclasses
 import os
@@ -57,7 +57,7 @@ class CheckConfig:
 
 
 def new(config: NewConfig) -> None:
-    """Write a robot file from a model."""
+    """Write a robot file from an MJCF or URDF model."""
     from bp2_rl.base.files import require_name, write_text
 
     out = config.model.with_suffix(".toml") if config.out is None else config.out
@@ -94,7 +94,7 @@ def new(config: NewConfig) -> None:
 
 
 def check(config: CheckConfig) -> None:
-    """Print and draw a robot."""
+    """Print a robot's data sheet and save a drawing of the robot."""
     from bp2_rl.base.files import require_name
 
     out = Path(f"{Path(config.robot).stem}.png") if config.out is None else config.out

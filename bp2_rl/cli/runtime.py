@@ -1,4 +1,4 @@
-"""JAX as the commands want it: its devices, and no chatter on import.
+"""Set up JAX for the commands: find its devices, and import it without messages.
 
 Import this before anything else of the package.
 """
@@ -31,14 +31,14 @@ def find_backend() -> str:
 
 
 def wake_device() -> None:
-    """Let the device begin beside what is imported meanwhile: a GPU's first operation
+    """Initialise the device in a thread while imports go on; a GPU's first operation
     takes a second."""
     concurrent.futures.ThreadPoolExecutor(1).submit(jax.numpy.zeros, 1)
 
 
 def require_accelerator(preset: str) -> None:
-    """Refuse the preset `gpu` where JAX would simulate its thousands of robots on
-    processors, for days.
+    """Raise UserError for the preset `gpu` on a machine without an accelerator, where
+    training takes days.
 
     Raises:
         UserError: the preset is `gpu`, and there is no accelerator.
@@ -50,8 +50,8 @@ def require_accelerator(preset: str) -> None:
 
 
 def repeat_bit_for_bit() -> None:
-    """Make a GPU repeat itself bit for bit, for some speed; call it before JAX starts.
-    A CPU does so anyhow."""
+    """Make GPU results repeat bit for bit, as CPU results do, at some cost in speed;
+    call it before JAX starts."""
     # Of two flags the later one holds.
     os.environ["XLA_FLAGS"] = (
         f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()

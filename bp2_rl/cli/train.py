@@ -126,13 +126,14 @@ class EarlyFlags:
 
     @property
     def goes_on(self) -> Path | None:
-        """The run whose own settings hold."""
+        """Folder of the run that is resumed or replayed with its own settings; None for
+        a new run."""
         return self.replay if self.resume is None else self.resume
 
     @property
     def physics(self) -> Impl | None:
-        """The physics, without an accelerator where it hangs on that; None where a run
-        that cannot be read would tell it."""
+        """Physics engine of the training, with the preset `cpu` for `auto`; None if a
+        run's settings cannot be read."""
         if self.impl is not None:
             return self.impl
         if self.goes_on is None:
@@ -144,7 +145,7 @@ class EarlyFlags:
 
     @property
     def known_without_jax(self) -> bool:
-        """Return whether these flags tell all defaults before JAX is imported.
+        """Return whether these flags determine all defaults without importing JAX.
 
         A parent's settings and the machine's accelerator are looked at with JAX. In a
         cluster all processes must hear of a mistake, once they have met.
@@ -193,8 +194,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _read_early(
     words: list[str], prog: str
 ) -> tuple[EarlyFlags, TrainArguments | None]:
-    """Refuse mistakes before JAX is imported, which takes seconds; return all arguments
-    where they can be told already."""
+    """Parse the flags before JAX is imported, to report mistakes at once; return all
+    arguments if already known."""
     flags = read_early_flags(words, prog, SCREEN)
     if app.HELP_ALL not in words and not flags.known_without_jax:
         return flags, None
@@ -204,7 +205,8 @@ def _read_early(
 
 
 def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
-    """Return the early flags of a command line, or print the first screen and end.
+    """Return the early flags of a command line; for help, print the first screen and
+    exit.
 
     The whole help shows the defaults of the preset `cpu` where none is named.
     """
@@ -289,8 +291,8 @@ def _train(
 def read_arguments(
     words: list[str], prog: str = PROG, flags: EarlyFlags | None = None
 ) -> TrainArguments:
-    """Return all arguments of a command line, with the defaults of the stage, the
-    preset and the parent that its early flags name.
+    """Return all arguments of the command line; defaults come from its stage, preset
+    and parent.
 
     Raises:
         UserError: a flag is wrong, a run is not there, or one that goes on would get
@@ -320,8 +322,8 @@ def read_arguments(
 
 
 def _require_runs(words: list[str], arguments: TrainArguments) -> None:
-    """Look at the runs that are named: they must be there, and a run that goes on has
-    its own settings."""
+    """Raise UserError for a named run that does not exist, or for settings given to a
+    run that has its own."""
     for flag in ("--resume", "--replay"):
         allowed = (flag, "--cluster.", "--deterministic", "--track")
         others = [
@@ -339,20 +341,20 @@ def _require_runs(words: list[str], arguments: TrainArguments) -> None:
 
 
 def use_processors(flags: EarlyFlags) -> None:
-    """Let XLA compute on all processors where MJX does not simulate; with MJX it may
-    hang (`use_one_xla_thread`)."""
+    """Let XLA use all processors with the fused kernel; with MJX that may hang
+    (`use_one_xla_thread`)."""
     if flags.physics == "kernel":
         use_all_processors()
 
 
 def unused_left_out(flags: EarlyFlags) -> contextlib.AbstractContextManager[None]:
-    """Let MJX be imported without NetworkX, and without Warp unless Warp simulates:
+    """Let MJX be imported without NetworkX and, unless Warp simulates, without Warp:
     each takes a second."""
     return left_out("networkx", *(() if flags.physics == "warp" else ("warp",)))
 
 
 def find_preset(flags: EarlyFlags) -> Preset:
-    """Return the preset that is named, or else the one for this machine."""
+    """Return the preset of the flags, or for `auto` the one that suits this machine."""
     if flags.preset != "auto":
         return flags.preset
     if flags.known_without_jax:
@@ -363,8 +365,8 @@ def find_preset(flags: EarlyFlags) -> Preset:
 
 
 def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
-    """The stage's settings on the parent's robot, or the one named, its networks, and
-    what was set for it alone."""
+    """Return the settings of a stage that continues a parent run, with the parent's
+    robot, networks and changed settings."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)

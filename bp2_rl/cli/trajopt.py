@@ -87,8 +87,8 @@ the stride:
   --force-rate FLOAT    N/s, greatest change of a foot's force
 
 all flags, with --hardware.*, --form.* and --weights.*: {{prog}} --help-all"""
-"""What `--help` prints of a command that solves a problem: what it does, and its own
-flags, are left open."""
+"""Template of the `--help` text of commands that solve a problem, with places for
+description and flags."""
 SOLVE_SCREEN = PROBLEM_SCREEN.format(
     what="""Find the stride that costs least at one speed, by trajectory optimisation; verify it
 and draw it. It takes about three minutes of a processor. The solution, a .npz and a
@@ -143,7 +143,8 @@ class SolveArguments:
     out: Folder = OUT / "solve"
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Raise UserError for values out of bounds, and for speeds that the joints
+        cannot reach."""
         check_bounds(self)
         if self.refine == 1:
             raise UserError("refine must be 0 or at least 2 intervals, got 1")
@@ -191,7 +192,8 @@ class LibraryArguments:
     """the library"""
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Raise UserError for values out of bounds, and for a library file that is no
+        .npz."""
         check_bounds(self)
         if self.to.suffix != ".npz":
             raise UserError(f"--to {self.to}: a library is an .npz file")
@@ -199,7 +201,7 @@ class LibraryArguments:
 
 @runtime_checkable
 class _OnRobot(Protocol):
-    """Arguments of a command that solves a problem of a robot."""
+    """A protocol of arguments that hold an optimisation problem of a robot."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[object]]]
 
@@ -218,8 +220,8 @@ class _Named:
 def problem_of_robot(
     arguments: Callable[[], Solving],
 ) -> Callable[[Sequence[str]], Solving]:
-    """Return what makes a command's defaults: its problem, on the robot that `--robot`
-    names."""
+    """Return a function that makes a command's default arguments, for the robot that
+    `--robot` names."""
 
     def default(words: Sequence[str]) -> Solving:
         ours = arguments()
@@ -230,8 +232,8 @@ def problem_of_robot(
 
 
 def library_of_robot(words: Sequence[str]) -> LibraryArguments:
-    """Return the defaults of a library on the robot that `--robot` names; folder and
-    file have its name."""
+    """Return the default arguments of a library for the robot that `--robot` names;
+    folder and file bear its name."""
     robot = app.parse_known(_Named, words, "bp2 trajopt library").robot
     if robot == LibraryArguments.robot:
         return LibraryArguments("build")
@@ -251,7 +253,8 @@ def library_of_robot(words: Sequence[str]) -> LibraryArguments:
 
 
 def _solve(arguments: SolveArguments) -> None:
-    """Leave a solution, named after its speed, in the output folder."""
+    """Optimise, refine and verify a stride; save solution and figure in the output
+    folder."""
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.optimiser.collocation import refine, solve_best
     from bp2_rl.optimiser.figure import trajectory_figure
@@ -275,8 +278,8 @@ def _solve(arguments: SolveArguments) -> None:
 
 
 def _verify(arguments: VerifyArguments) -> None:
-    """Print every figure and its limit; a figure beyond its limit is a user's mistake
-    like any other."""
+    """Verify solutions and print the results; raise UserError if a figure is beyond its
+    limit."""
     solutions = load_solutions(arguments.path)
 
     from bp2_rl.optimiser.verify import verify
@@ -290,7 +293,8 @@ def _verify(arguments: VerifyArguments) -> None:
 
 
 def _build(arguments: LibraryArguments) -> None:
-    """Leave the solutions in their folder and the library in its file."""
+    """Solve and verify the family of a library; save solutions in the folder and the
+    library as a file."""
     with own_folder(arguments.out):
         make_folder(arguments.to.parent)
         with progress_bar() as bar:
@@ -389,8 +393,8 @@ def print_solutions(solutions: Sequence[Solution]) -> None:
 
 
 def print_verification(solutions: Sequence[Solution], *, strict: bool = False) -> None:
-    """Print which figures of solutions are beyond their limits; if strict, that is a
-    `UserError`."""
+    """Print the figures of solutions that are beyond their limits; if `strict`, raise
+    UserError for any."""
     from bp2_rl.optimiser.verify import failures
 
     lines = [
@@ -409,7 +413,7 @@ def print_verification(solutions: Sequence[Solution], *, strict: bool = False) -
 
 
 def progress_bar() -> Progress:
-    """Return a bar on standard error that shows how much is done."""
+    """Return a progress bar on standard error."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -420,7 +424,7 @@ def progress_bar() -> Progress:
 
 
 def spinner(text: str) -> Status:
-    """Return what turns on standard error while there is nothing to count."""
+    """Return a spinner on standard error with a text, for work of unknown length."""
     return Console(file=sys.stderr).status(text)
 
 
@@ -428,8 +432,8 @@ def spinner(text: str) -> Status:
 
 
 def load_solutions(path: Path | None) -> list[Solution]:
-    """Return the solutions at `path`: a library, a folder of solutions, or a single one;
-    None is the library that ships.
+    """Return the solutions at `path`: a library, a folder or one solution; by default
+    the library that ships.
 
     Raises:
         UserError: there are none, or they cannot be read.
@@ -450,7 +454,7 @@ def load_solutions(path: Path | None) -> list[Solution]:
 
 
 def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> None:
-    """Write a family as a motion library."""
+    """Save a family of solutions as a motion library."""
     save_library(
         path,
         MotionLibrary(**arrays_of(family), provenance=provenance_of(family, settings)),

@@ -1,2 +1,2 @@
-"""Deployment: `bundle` writes a policy as a folder that runs on a robot, and copies
-`onboard` into the folder."""
+"""Deployment: `bundle` writes a policy as a folder that runs on a robot, with the code
+in `onboard`."""

@@ -1,5 +1,5 @@
-"""A policy as a folder for a robot's computer: network, reference motion, settings, and
-the controller's code.
+"""Write a policy as a bundle for a robot's computer: network, reference motion,
+settings and controller code.
 
 manifest.json      the SHA-256 of every file that follows
 policy.onnx        the network: observation (1, n) -> action (1, 12)
@@ -94,17 +94,16 @@ LAWS = [
         ),
     )
 ]
-"""The modules of bp2_rl that the code on board shares; a bundle holds copies of them,
-so that it is whole."""
+"""Modules of bp2_rl that the onboard code imports; a bundle holds copies of them."""
 FROM_PACKAGE = re.compile(
     r"^from bp2_rl\.(?:base|reference|robot)(?: (?=import)|\.)", re.MULTILINE
 )
-"""What the imports of these modules begin with."""
+"""Start of the import lines that a bundle's copies replace with relative imports."""
 
 
 def write_bundle(directory: Path, policy: Policy) -> None:
-    """Write the policy's bundle to `directory`, whole or not at all; a bundle that is
-    there is replaced.
+    """Write the policy's bundle to `directory`, in the place of an older bundle; a
+    failed write leaves nothing partial.
 
     Raises:
         UserError: the controller cannot run this policy, a package is missing, or the
@@ -155,7 +154,8 @@ def write_bundle(directory: Path, policy: Policy) -> None:
 
 
 def describe(policy: Policy) -> Playback:
-    """Return the content of deploy.json and the arrays of reference.npz for a policy.
+    """Return the content of a bundle's deploy.json and the arrays of its reference.npz
+    for a policy.
 
     Raises:
         UserError: the controller of a bundle cannot run this policy.
@@ -217,8 +217,8 @@ def describe(policy: Policy) -> Playback:
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
-    """Return the limits of a policy's robot, with reasons; docs/deploy.md has what
-    normal running uses of each."""
+    """Return the watchdog's limits for an environment's robot; docs/deploy.md compares
+    each with normal running."""
     robot, control = env.hardware, env.control
     size, fastest = (
         robot.size,
@@ -263,8 +263,8 @@ def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
 
 
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
-    """Return the robots to rehearse on: BP2's two, and first the policy's own as `own`
-    if it is another."""
+    """Return the robots of a bundle's rehearsal, by name: `own`, if not a named BP2,
+    and BP2's built and ideal."""
     if not env.hardware.is_bp2:
         return {"own": env.hardware}
     own = {} if robot_name(env.hardware) else {"own": env.hardware}
@@ -272,7 +272,8 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
 
 
 def _describe_robots(env: EnvConfig) -> dict[str, Settings]:
-    """Return each robot's motors, bus, losses and settled stand.
+    """Return motors, bus, losses and settled stand for every robot of a bundle's
+    rehearsal.
 
     `onboard.robot` reads them; None means no limit.
     """
@@ -297,8 +298,8 @@ def _describe_robots(env: EnvConfig) -> dict[str, Settings]:
 
 
 def _limits(values: Settings) -> Settings:
-    """Return limits by name, a number or twelve, with None for an infinite one, because
-    JSON has no infinity."""
+    """Return limits by name for JSON: numbers or lists of twelve, with None for
+    infinity."""
     return {
         name: np.where(np.isfinite(value), value, np.array(None)).tolist()
         for name, value in values.items()

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 INPUT, OUTPUT = "observation", "action"
 OPSET, IR_VERSION = 17, 8
-"""Every onnxruntime from 1.12 on reads these versions."""
+"""Versions of ONNX's operators and file format, which onnxruntime 1.12 and later
+read."""
 ACTIVATIONS = {"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
 SAMPLES, CLOSE = 256, 1e-5
 """Number of random observations to compare on, and the largest relative error that
@@ -22,8 +23,8 @@ float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
-    """Return the network as an ONNX model: `observation` (batch, n) -> `action` (batch,
-    12).
+    """Return a policy's network as an ONNX model: `observation` (batch, n) -> `action`
+    (batch, 12).
 
     Numbers are float32, and actions are not clipped.
 
@@ -70,7 +71,8 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
 
 
 def _activate(name: str, before: str, after: str) -> "list[NodeProto]":
-    """Return the nodes of an activation between two values."""
+    """Return the ONNX nodes of an activation function from value `before` to value
+    `after`."""
     from onnx import helper
 
     if name == "swish":
@@ -83,8 +85,8 @@ def _activate(name: str, before: str, after: str) -> "list[NodeProto]":
 
 
 def _compare(policy: Policy, content: bytes) -> None:
-    """Raise unless onnxruntime and the policy give the same actions for random
-    observations in the sensors' range."""
+    """Raise RuntimeError unless onnxruntime and the policy agree, up to rounding, on
+    random observations."""
     import onnxruntime
 
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
@@ -104,7 +106,7 @@ def _compare(policy: Policy, content: bytes) -> None:
 
 
 def require_onnx() -> None:
-    """Refuse to go on without the packages onnx and onnxruntime.
+    """Raise UserError if the packages onnx or onnxruntime are missing.
 
     Raises:
         UserError: one of them is missing.

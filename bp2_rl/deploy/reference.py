@@ -1,5 +1,5 @@
-"""Write a reference motion as plain numbers, from which `onboard.motion` plays the
-motion."""
+"""Describe a reference motion as plain numbers, from which `onboard.motion` plays
+it."""
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +15,12 @@ from bp2_rl.robot import kinematics
 from bp2_rl.settings.env import EnvConfig
 
 Playback = tuple[Settings, dict[str, np.ndarray]]
-"""Content of deploy.json, or `reference` in it, and the arrays of reference.npz."""
+"""Content of deploy.json, or of its `reference`, and the arrays of reference.npz."""
 
 
 def playback(config: EnvConfig) -> Playback:
-    """Return the numbers of the reference motion that `config` names, for the robot of
-    `config`.
+    """Return the settings and arrays of an environment's reference motion, for
+    `onboard.motion`.
 
     Raises:
         UserError: the motion library cannot be read.

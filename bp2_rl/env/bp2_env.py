@@ -39,8 +39,8 @@ from bp2_rl.settings.env import EnvConfig, Impl
 
 
 class BP2Env(envs.Env):
-    """A quadruped, by default BP2, follows a velocity command (v_x, v_y, omega_z) on
-    flat ground.
+    """Environment in which a quadruped, by default BP2, follows a velocity command
+    (v_x, v_y, omega_z) on flat ground.
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD,
     envelope, motor) recomputed at each. Actions are 12 joint position targets (see
@@ -142,12 +142,13 @@ class BP2Env(envs.Env):
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
-        """How a mirror, half a cycle on, changes both observations and the action."""
+        """Mirrors of both observations and of the action, for a robot with left and
+        right exchanged, half a cycle on."""
         return observations.mirrors_under(self.config.control)
 
     @property
     def action_size(self) -> int:
-        """12: one target a motor."""
+        """Length of an action: 12, a target for each motor."""
         return conventions.NUM_MOTORS
 
     @property
@@ -248,7 +249,8 @@ class BP2Env(envs.Env):
     def _average(
         self, before: PipelineState, after: PipelineState, outcome: StepOutcome
     ) -> PipelineState:
-        """Return `after` with the averages over time that rewards look at."""
+        """Return `after` with the torque, the tracking error and the action averaged
+        over time, for the rewards."""
         error = outcome.motion.horizontal - before.command.current
         memory, dt = self.config.reward.tracking_shape.memory, conventions.CONTROL_STEP
         action, window = after.controller.last_action, rewards.ACTION_AVERAGING
@@ -299,8 +301,8 @@ class BP2Env(envs.Env):
     def _observe(
         self, state: PipelineState, foot_contact: Float[Array, "4"], key: Array
     ) -> tuple[PipelineState, dict[str, Array]]:
-        """Return the state in which the controller remembers its observation, and both
-        observations."""
+        """Return the state in which the controller remembers its observation, and the
+        observations of policy and critic."""
         config, physics = self.config.randomization, state.physics
         command = state.command.current
         measurement = observations.sense(physics.qpos, physics.qvel)

@@ -48,7 +48,7 @@ def sideways_limits(forward: ArrayT, config: CommandConfig) -> tuple[ArrayT, Arr
 def draw_target(
     key: Array, top: Float[Array, ""], config: CommandConfig
 ) -> Float[Array, "3"]:
-    """Return a command (v_x, v_y, omega_z).
+    """Draw a target command (v_x, v_y, omega_z), m/s and rad/s.
 
     It is forward up to `top`, often near it or slow; lateral and yaw commands are
     smaller at speed.
@@ -81,7 +81,8 @@ def draw(
     top: Float[Array, ""],
     config: CommandConfig,
 ) -> CommandState:
-    """Return a new target from `start` (None: already at the target)."""
+    """Draw a new target, and return the command state on its way there from `start`
+    (None: already at the target)."""
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
     hold = jnp.asarray(config.hold_time)
@@ -108,7 +109,7 @@ def with_command_error(
     top: Float[Array, ""],
     config: EnvConfig,
 ) -> CommandState:
-    """Let a running robot start slower or faster than commanded, as it is in steep
+    """Let a running robot start at another speed than its command, as happens in steep
     launches and when braking.
 
     The error is the cube of a uniform number, so that most errors are small.

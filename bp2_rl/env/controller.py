@@ -50,7 +50,7 @@ class Controller:
         self.reference: ReferenceMotion = motion_of(config)
 
     def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
-        """Return the state at the start of an episode."""
+        """Return the controller's state at the start of an episode."""
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(conventions.NUM_MOTORS),
@@ -165,7 +165,8 @@ def motion_of(config: EnvConfig) -> ReferenceMotion:
 
 
 def motors_of(config: EnvConfig) -> Actuator:
-    """Return the motors under the controller, with its gains and at full strength."""
+    """Return the motors that a config's controller drives, with its gains and at full
+    strength."""
     control = config.control
     return Actuator.from_hardware(
         config.hardware,

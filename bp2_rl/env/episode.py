@@ -26,11 +26,12 @@ from bp2_rl.robot.coordinates import (
 from bp2_rl.settings.env import EnvConfig
 
 NUM_KEYS = 5
-"""Random keys that a start takes."""
+"""Number of random keys that the draw of an episode takes."""
 
 
 class PipelineState(struct.PyTreeNode):
-    """Everything that begins anew with an episode."""
+    """Everything that begins anew with an episode: physics, controller, command,
+    randomisation and averages."""
 
     physics: Physics
     controller: ControllerState
@@ -53,7 +54,8 @@ class PipelineState(struct.PyTreeNode):
 
 
 class EpisodeStarts:
-    """The starts that a config describes, for a robot with this model."""
+    """Draws the starts of episodes that a config describes, for a robot with this
+    model."""
 
     def __init__(
         self, config: EnvConfig, controller: Controller, model: mujoco.MjModel
@@ -64,8 +66,8 @@ class EpisodeStarts:
     def draw(
         self, keys: Sequence[Array] | Array, level: Float[Array, ""]
     ) -> tuple[PipelineState, Reference]:
-        """Return a new episode at a curriculum level, and the reference there; `keys`
-        are `NUM_KEYS` random keys."""
+        """Draw a new episode at a curriculum level, and return it with its reference;
+        `keys` are `NUM_KEYS` random keys."""
         config = self._config
         key_command, key_stand, key_phase, key_pose, key_robot = keys
         standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
@@ -162,7 +164,7 @@ class EpisodeStarts:
     def _without_self_collision(
         self, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]
     ) -> tuple[Array, Array]:
-        """Return the state with its legs apart, at need in their hips' planes."""
+        """Return (qpos, qvel) with legs that collide turned into their hips' planes."""
         self_collision = termination.self_collision(
             qpos, self._config.termination, self._config.hardware
         )
@@ -178,8 +180,8 @@ class EpisodeStarts:
 def _physics_at_rest(
     qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], targets: Targets
 ) -> Physics:
-    """Return a state without torque, in which the joints have followed these targets
-    for as long as is remembered."""
+    """Return a physics state without torque, with these joint targets as all that are
+    remembered."""
     # One array, taken apart again: XLA would fuse separate ones with the reference, and
     # round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])

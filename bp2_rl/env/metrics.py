@@ -30,8 +30,8 @@ class StepOutcome(NamedTuple):
 def metrics(
     step: StepOutcome, rewards: Mapping[str, Array], level: Float[Array, ""]
 ) -> dict[str, Array]:
-    """Return the numbers by name, of a step, its rewards by row and the curriculum
-    level afterwards.
+    """Return the metrics of a control step by name, with its rewards by row and the
+    curriculum level afterwards.
 
     `error/A` over `share/A` is the mean speed error at commands from A m/s to the next
     bin.

@@ -43,7 +43,8 @@ Layout = tuple[tuple[str, int], ...]
 
 
 class Unsensed(NamedTuple):
-    """The source of the critic's entries beyond the policy's observation."""
+    """Source of the critic's entries beyond the policy's observation, which no sensor
+    measures."""
 
     episode: "PipelineState"
     velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
@@ -72,8 +73,8 @@ at."""
 
 
 def mirrors_under(control: ControlConfig) -> dict[str, Mirror]:
-    """Return how a mirror, half a cycle on, changes both observations and the
-    action."""
+    """Return the mirrors of both observations and of the action, for left and right
+    exchanged, half a cycle on."""
     own = [entry.mirror for entry in ENTRIES]
     return {
         "state": Mirror.joined(own * (1 + len(control.history))),
@@ -83,8 +84,8 @@ def mirrors_under(control: ControlConfig) -> dict[str, Mirror]:
 
 
 def layout_of(control: ControlConfig) -> Layout:
-    """Return the policy's observation under a controller: the present one, and
-    `NAME@K`, its change in K steps."""
+    """Return names and sizes of the policy's observation under a controller: the
+    present entries, and `NAME@K`, their changes in K steps."""
     return (
         *LAYOUT,
         *((f"{name}@{k}", size) for k in control.history for name, size in LAYOUT),
@@ -92,10 +93,10 @@ def layout_of(control: ControlConfig) -> Layout:
 
 
 LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
-"""The policy's observation of one moment."""
+"""Names and sizes of the entries of the policy's observation at one moment."""
 CRITIC_LAYOUT: Layout = (*LAYOUT, *((entry.name, entry.size) for entry in PRIVILEGED))
-"""All that the critic sees: the policy's observation of the moment, without noise, and
-more."""
+"""Names and sizes of the entries that the critic sees: the policy's at one moment,
+without noise, and `PRIVILEGED`."""
 
 
 def size_of(layout: Layout) -> int:
@@ -144,7 +145,7 @@ def add_noise(
 def observe(
     entries: Sequence[Entry[Source]], source: Source
 ) -> Float[Array, " observation"]:
-    """Return the vector of these entries, read from what they are made of."""
+    """Return the observation vector of these entries, read from their source."""
     return jnp.concatenate([entry.read(source).reshape(-1) for entry in entries])
 
 
@@ -162,7 +163,7 @@ class TrunkMotion(struct.PyTreeNode):
 
 
 def trunk_motion(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> TrunkMotion:
-    """Return velocity, body vertical axis and yaw rate in the heading frame."""
+    """Return the trunk's velocity, vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
     yaw = yaw_of(quat)
     c, s = jnp.cos(yaw), jnp.sin(yaw)

@@ -19,7 +19,8 @@ LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
 
 
 class Randomization(struct.PyTreeNode):
-    """One robot's draw; the critic sees it, but for the losses."""
+    """Random parameters of a robot and its ground; the critic sees them, but for the
+    losses."""
 
     friction: Float[Array, "..."]
     mass: Float[Array, "... nbody"]  # factor
@@ -35,7 +36,7 @@ class Randomization(struct.PyTreeNode):
 
 
 def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
-    """Return the robot as designed."""
+    """Return the parameters of the robot as designed, in place of random ones."""
     ones = jnp.ones(12)
     return Randomization(
         friction=jnp.asarray(hardware.friction, jnp.float32),
@@ -53,7 +54,7 @@ def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
 def draw(
     key: Array, config: RandomizationConfig, num_bodies: int, hardware: HardwareSpec
 ) -> Randomization:
-    """Return a random robot around this one, or that itself where randomisation is
+    """Draw random parameters of a robot; return the nominal ones if randomisation is
     off."""
     if not config.enabled:
         return nominal(num_bodies, hardware)

@@ -24,39 +24,41 @@ ACTION_AVERAGING = 0.2
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
-    """|x|^2."""
+    """Return |x|^2."""
     return jnp.sum(jnp.square(x))
 
 
 def body_height(z: Scalar, z_ref: Scalar) -> Scalar:
-    """r_h / c_h; heights in m."""
+    """Return r_h / c_h, the reward for a trunk as high as the reference's; heights in
+    m."""
     return jnp.exp(-80.0 * jnp.square(z - z_ref))
 
 
 def body_attitude(e_z: Float[Array, "3"], e_z_ref: Float[Array, "3"]) -> Scalar:
-    """r_R / c_R; body vertical axes, unit vectors."""
+    """Return r_R / c_R, the reward for a trunk's vertical axis near the reference's;
+    unit vectors."""
     return jnp.exp(-80.0 * squared_norm(e_z - e_z_ref))
 
 
 def joint_position_imitation(
     q: Float[Array, "12"], q_ref: Float[Array, "12"]
 ) -> Scalar:
-    """r_q / c_m; rad."""
+    """Return r_q / c_m, the reward for joint angles near the reference's; rad."""
     return 0.2 * jnp.exp(-2.0 * squared_norm(q_ref - q))
 
 
 def joint_velocity_imitation(
     qd: Float[Array, "12"], qd_ref: Float[Array, "12"]
 ) -> Scalar:
-    """r_qd / c_m; rad/s."""
+    """Return r_qd / c_m, the reward for joint speeds near the reference's; rad/s."""
     return 0.7 * jnp.exp(-0.02 * squared_norm(qd_ref - qd))
 
 
 def exponential_average(
     mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float
 ) -> Float[Array, " n"]:
-    """Return the exponential average over `time` seconds, dt seconds after it was
-    `mean`; of 0 seconds: what is now."""
+    """Return the exponential average with time constant `time`, dt seconds after it was
+    `mean`; `now` if `time` is 0."""
     return now if time == 0.0 else mean - math.expm1(-dt / time) * (now - mean)
 
 
@@ -68,8 +70,8 @@ def velocity_tracking(
     w: float,
     shape: TrackingShape = PAPER_SHAPE,
 ) -> Scalar:
-    """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the
-    yaw rate.
+    """Return r_v / c_v, the reward for velocities near the commanded ones; m/s and
+    rad/s. The environment passes the horizontal velocity and the yaw rate.
 
     The paper rewards exp(-2 |e|^2), which has no slope where the error is large, beyond
     2 m/s, nor where it is small, as in slow motion and in fast turns; see
@@ -100,8 +102,8 @@ def _tracking_term(
 def torque_regularization(
     tau_n: Float[Array, "12"], tau_n_last: Float[Array, "12"], dt: float
 ) -> Scalar:
-    """r_tau / c_tau; torques over the peak torque, at this and the last control step,
-    dt seconds apart."""
+    """Return r_tau / c_tau, the reward for small and steady torques; torques over the
+    peak torque, at this control step and at the last, dt seconds before."""
     return 0.9 * jnp.exp(-0.5 * squared_norm(tau_n)) + 0.1 * jnp.exp(
         -0.1 * squared_norm(tau_n - tau_n_last) / dt
     )
@@ -124,13 +126,13 @@ def power_regularization(power: Float[Array, "12"]) -> Scalar:
 def action_smoothness(
     action: Float[Array, "12"], last_action: Float[Array, "12"]
 ) -> Scalar:
-    """r_s / c_s."""
+    """Return r_s / c_s, the reward for small changes of the action."""
     return jnp.exp(-3.0 * jnp.max(jnp.abs(action - last_action)))
 
 
 def straight_symmetry(abad: Float[Array, "4"], eta: Scalar) -> Scalar:
-    """r_str; abduction angles in the order FR, FL, RR, RL (rad); the table's 0 / 0.1 is
-    its coefficient."""
+    """Return r_str, the reward for mirrored abduction angles (FR, FL, RR, RL, rad) on
+    straight runs; the table's 0 / 0.1 is its coefficient."""
     front, rear = abad[0] + abad[1], abad[2] + abad[3]
     return jnp.exp(-10.0 * eta) * jnp.exp(
         -100.0 * (jnp.square(front) + jnp.square(rear))
@@ -145,8 +147,8 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
 
 
 def overspeed(qd_n: Float[Array, "12"]) -> Scalar:
-    """Beyond Table S4: the sum of how far motors are beyond their no-load speed; speeds
-    over that speed."""
+    """Beyond Table S4: the sum over motors of the speed beyond the no-load speed;
+    `qd_n` is the speed over the no-load speed."""
     return jnp.sum(jnp.maximum(jnp.abs(qd_n) - 1.0, 0.0))
 
 
@@ -207,7 +209,8 @@ def speed_schedule(
 
 
 class RewardInputs(struct.PyTreeNode):
-    """The quantities of Table S4 at a robot's control step, over the robot's `Size`."""
+    """Quantities of Table S4 at a robot's control step, scaled to BP2 by the robot's
+    `Size`."""
 
     command: Float[Array, "... 3"]  # v_x, v_y, omega_z
     z: Float[Array, "..."]
@@ -244,7 +247,8 @@ class SharedTerms(NamedTuple):
 
 
 RewardRow = Callable[[RewardInputs, RewardConfig, SharedTerms], Scalar]
-"""A row of the table, its coefficient included."""
+"""A reward term with its coefficient, as a function of inputs, coefficients and shared
+terms."""
 ROWS: Mapping[str, RewardRow] = {
     "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
     "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
@@ -281,13 +285,15 @@ ROWS: Mapping[str, RewardRow] = {
         else jnp.zeros(())
     ),
 }
-"""Table S4 and three rows more, by their names, as in the metrics `reward/NAME`."""
+"""Reward terms, Table S4's and three more, by their names, as in the metrics
+`reward/NAME`."""
 
 
 def reward_terms(
     x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS
 ) -> dict[str, Scalar]:
-    """Return all rows with their coefficients; the reward is their sum."""
+    """Return all reward terms with their coefficients, by name; the reward is their
+    sum."""
     reward, size = config.reward, config.hardware.size
     max_forward, max_lateral = (
         config.commands.max_forward / size.speed,

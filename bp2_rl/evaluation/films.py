@@ -1,4 +1,5 @@
-"""Films of the policies that are judged beside a training, and the page of the films.
+"""Film the policies that the judge measures beside a training, and write a page of the
+films.
 
 The judge keeps the last seconds of a policy's first launch. A process of its own films
 them, one policy after the other, with the time that everybody else leaves: results
@@ -20,7 +21,7 @@ from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
 FILMS, PAGE = "films", "films.html"
-"""In a run's folder: the films, each by its policy's control steps, and the page that
+"""Folder of the films in a run's folder, named by control steps, and the page that
 shows them."""
 SHOT = Shot(
     length=3.0, frame_rate=25, width=432, height=240, to_the_end=True, beside=True
@@ -35,8 +36,8 @@ def filming(
     gl_library: str | None = None,
     until: float | None = None,
 ) -> Generator["Filmed"]:
-    """The judge who films, too. Films are waited for at the end, but not when the
-    training is stopped.
+    """Yield a judge that also films the launches of policies; at the end films are
+    waited for, unless the training is stopped.
 
     Args:
         workers: the judge's.
@@ -53,7 +54,7 @@ def filming(
 
 
 class Filmed:
-    """A `learning.exports.Judge` whose results are followed by films; see `filming`."""
+    """A `learning.exports.Judge` that films each policy it measures; see `filming`."""
 
     def __init__(
         self,
@@ -71,8 +72,8 @@ class Filmed:
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
     def submit(self, policy: Path) -> Future[JudgeResult]:
-        """See `Judge`; the folder's name is the policy's control steps, and it lies in
-        the run's own."""
+        """Queue the policy folder for the judge, and film its launch; return the
+        judge's future result."""
         if self._results is None:
             self._run_dir = policy.parent.parent
             self._results = {
@@ -99,7 +100,8 @@ class Filmed:
         return shown
 
     def close(self, *, wait: bool) -> None:
-        """Film what is left, or leave it; the page's last form."""
+        """Finish the remaining films (if `wait`) or drop them, and write the final
+        page."""
         with self._writing:
             self._closed = True
         self._camera.shutdown(wait=True, cancel_futures=not wait)
@@ -110,7 +112,7 @@ class Filmed:
         self._show(goes_on=False)
 
     def _take(self, steps: int, kept: Path | None, result: JudgeResult) -> None:
-        """Show a result, and film what was kept of the launch."""
+        """Add a judge's result to the page, and queue the film of the launch."""
         with self._writing:
             # the training has ended without this result
             if self._closed or self._results is None:
@@ -121,8 +123,7 @@ class Filmed:
                 self._camera.submit(self._film, kept)
 
     def _film(self, kept: Path) -> None:
-        """In the thread: films are a luxury, and whatever fails here must not stop a
-        training."""
+        """Film a saved launch in a thread; no failure here may stop a training."""
         try:
             if kept.is_file() and not self._no_film:
                 make_video(kept, kept.with_suffix(".mp4"), self._gl_library, SHOT)
@@ -142,7 +143,7 @@ class Filmed:
         self._say(f"warning: {reason}")
 
     def _show(self, *, goes_on: bool) -> None:
-        """Write the page, if its run is there."""
+        """Write the page of films, if a result of the judge is known."""
         with self._writing, contextlib.suppress(OSError):
             if self._results:
                 best = best_policy(self._results, self._until)
@@ -161,7 +162,7 @@ def films_page(
     no_film: str,
     goes_on: bool,
 ) -> str:
-    """The page of a run, with the films that are there.
+    """Return the HTML page of a training run, with the films that exist.
 
     Args:
         run_dir: the run's folder.

@@ -38,8 +38,8 @@ NICE = 5
 
 @dataclasses.dataclass(frozen=True)
 class JudgedLaunch:
-    """A launch from a standing start, on the training's robot or a worse one, to a
-    share of its fastest command."""
+    """A test launch of a policy from a stand, to a share of the training's fastest
+    command, on its robot or a worse one."""
 
     # m/s2, at which the command rises; in a training with gentler launches as in those
     acceleration: float
@@ -52,16 +52,19 @@ class JudgedLaunch:
     latency: float = 0.0  # s, added to the robot's
 
     def ramp(self, env: EnvConfig) -> Ramp:
-        """Return the commands of this launch in a training's environment."""
+        """Return the command ramp of this launch for a training with the environment
+        `env`."""
         acceleration = min(self.acceleration, env.commands.acceleration[1])
         return Ramp(self.speed(env), acceleration, self.hold).under(env.control)
 
     def speed(self, env: EnvConfig) -> float:
-        """Return the last command of this launch in a training's environment, m/s."""
+        """Return the final commanded speed of this launch for a training with the
+        environment `env`, m/s."""
         return self.share * env.commands.max_forward
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
-        """Return the robot that is launched."""
+        """Return the robot of this launch: the training's, with changed friction, mass
+        and latency."""
         losses = dataclasses.replace(
             hardware.losses, latency=hardware.losses.latency + self.latency
         )
@@ -85,14 +88,18 @@ JUDGED_LAUNCHES = (
         latency=0.005,
     ),
 )
-"""The first launch gives a policy's top speed; the others show whether that was luck.
-In the last one the built robot has a friction of 0.6. No benchmark launches so by
-itself: none reports what a policy was chosen by."""
+"""Launches that the judge makes of every policy: the first gives its top speed, the
+others show whether that was luck.
+
+In the last launch the built robot has a friction of 0.6. No benchmark makes these
+launches: none reports the results by which a policy was chosen.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class LaunchResult:
-    """How a launch ended."""
+    """The result of a launch: whether and at which command the robot fell, and its best
+    speed."""
 
     fell: bool
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
@@ -102,8 +109,7 @@ class LaunchResult:
 
     @property
     def followed(self) -> float:
-        """The speed, m/s, less what is beyond the command: too fast is as wrong as too
-        slow."""
+        """The best speed, m/s, less twice its excess over the command."""
         return self.best_speed - 2.0 * max(self.best_speed - self.command, 0.0)
 
 
@@ -114,8 +120,8 @@ def measure_launches(
     kept: Path | None = None,
     length: float = 0.0,
 ) -> list[LaunchResult]:
-    """Launch a policy on robots of its environment, all at once; return each one's top
-    speed and whether it fell.
+    """Simulate launches of a policy on robots of its environment; return each launch's
+    top speed and fall.
 
     Where `kept` names a file, the last `length` seconds of the first launch are saved
     there.
@@ -163,8 +169,8 @@ def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
 
 @contextlib.contextmanager
 def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses"]:
-    """Start the judge of a training; launches that still run when the block ends are
-    killed.
+    """Start the judge processes of a training; launches still running at the end of the
+    block are killed.
 
     Args:
         card: of the training's policies, for whose network the processes compile before
@@ -193,8 +199,8 @@ class JudgeProcesses:
     def submit(
         self, policy: Path, kept: Path | None = None, length: float = 0.0
     ) -> Future[JudgeResult]:
-        """Launch the policy in this folder; save the first launch's last `length`
-        seconds in the file `kept`."""
+        """Queue the policy folder for its launches; save the first launch's last
+        `length` seconds in `kept`."""
         return self._pool.submit(_judge, policy, kept, length)
 
 
@@ -202,7 +208,7 @@ class JudgeProcesses:
 
 
 def _begin(cache: str | None) -> None:
-    """Run at low priority and on one thread, and leave the GPU to the training."""
+    """Set up a judge process: low priority, one thread, and no GPU."""
     if hasattr(os, "nice"):  # not on Windows
         os.nice(NICE)
     os.environ["XLA_FLAGS"] = (
@@ -213,7 +219,7 @@ def _begin(cache: str | None) -> None:
 
 
 def _warm_up(card: PolicyCard) -> None:
-    """Compile, and settle the standing robots from which all launches begin."""
+    """Compile the launches, and simulate the standing robots from which they begin."""
     brief = [
         dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3)
         for one in JUDGED_LAUNCHES

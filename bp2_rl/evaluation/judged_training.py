@@ -1,4 +1,5 @@
-"""Training with the judge beside it: what `train.py` and `bp2_rl.train` do."""
+"""Training with the judge beside it: the functions behind `train.py` and
+`bp2_rl.train`."""
 
 import contextlib
 import os
@@ -68,8 +69,8 @@ def train(
 
 
 def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
-    """Go on with a stopped run exactly where it stands, with its own settings; return
-    its folder.
+    """Continue a stopped training run from its newest checkpoint, with its own
+    settings; return its folder.
 
     Raises:
         UserError: the folder is no run, or its newest checkpoint does not fit its
@@ -86,8 +87,8 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
 
 @contextlib.contextmanager
 def _judge(config: TrainConfig) -> Generator[Judge | None]:
-    """Start the judge, if this process is to have one; the judge warms up while the
-    training compiles.
+    """Start the judge of a training, to warm up while the training compiles; yield None
+    if no judge is wanted here.
 
     Before that a training in the fused kernel takes all processors.
     """

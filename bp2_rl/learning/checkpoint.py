@@ -47,18 +47,18 @@ from bp2_rl.learning import cluster
 FORMAT_VERSION = 3
 CHECKPOINTS, FAILED = "checkpoints", "failed"
 KEPT = 3
-"""Checkpoints of a run that remain when another one is saved."""
+"""Number of checkpoints of a run that are kept."""
 METADATA = "metadata.json"
 STATE = "state.npz"
 CHECKSUM = "metadata_sha256"
-"""The entry of the metadata that is the checksum of the others."""
+"""Key in the metadata for the checksum of all other entries."""
 
 State = TypeVar("State")
 
 
 class CheckpointError(UserError):
-    """A checkpoint that cannot be written, or that does not fit the training it is to
-    resume."""
+    """Raised for a checkpoint that cannot be written, or that does not fit the training
+    it is to resume."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Metadata:
 
 # --- Saving ---------------------------------------------------------------------------
 def host_copy(state: State) -> State:
-    """`state` as NumPy arrays of this process's own, whole: also what lies on the
-    devices of other processes.
+    """Return `state` as NumPy arrays of this process's own, whole, even where parts lie
+    on devices of other processes.
 
     All processes must call it together. The copy shares no memory with `state`, which
     may then be donated.
@@ -152,7 +152,8 @@ class Saver:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """Wait; a save that failed is raised, unless something else was."""
+        """Wait for the last save; raise its failure, unless another exception was
+        raised."""
         self._thread.shutdown()
         if kind is None:
             self.wait()
@@ -183,7 +184,7 @@ def restore_checkpoint(
     part: bool = False,
     folder: str = CHECKPOINTS,
 ) -> tuple[int, State]:
-    """Read back what was saved.
+    """Restore a training state from a run's checkpoint.
 
     Args:
         run_dir: the run's folder.
@@ -270,7 +271,7 @@ def leaves_by_path(tree: object) -> dict[str, Any]:
 
 
 def _describe(leaf: Any) -> str:
-    """Type and shape: `float32[8192,47]`."""
+    """Return the type and shape of an array as text: `float32[8192,47]`."""
     return f"{np.dtype(leaf.dtype).name}[{','.join(map(str, leaf.shape))}]"
 
 
@@ -293,8 +294,8 @@ def require_same(
 
 
 def place(array: np.ndarray, leaf: object) -> Any:
-    """`array` on the devices of `leaf`, each process its own shards; as it is where
-    `leaf` has no sharding."""
+    """Put `array` on the devices of `leaf`, each process its own shards; return it
+    unchanged where `leaf` has no sharding."""
     sharding = getattr(leaf, "sharding", None)
     return (
         array
@@ -305,7 +306,7 @@ def place(array: np.ndarray, leaf: object) -> Any:
 
 # --- The files ------------------------------------------------------------------------
 def _save(folder: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
-    """Write a host copy, whole or not at all, and remove the oldest."""
+    """Write a checkpoint, whole or not at all, and remove the oldest."""
     try:
         folder.mkdir(exist_ok=True)
         tidy(folder)
@@ -324,7 +325,8 @@ def _save(folder: Path, step: int, state: object, extra: Mapping[str, Any]) -> N
 
 
 def _write(directory: Path, step: int, state: object, extra: Mapping[str, Any]) -> None:
-    """Write the state, and last of all the metadata that vouches for it."""
+    """Write a checkpoint's arrays, and last of all the metadata that vouches for
+    them."""
     leaves = leaves_by_path(state)
     path = directory / STATE
     write_npz(path, leaves)
@@ -344,8 +346,8 @@ def _write(directory: Path, step: int, state: object, extra: Mapping[str, Any]) 
 
 @contextlib.contextmanager
 def _refusing_damage(directory: Path) -> Generator[None]:
-    """Turn what is wrong with a checkpoint's files into a `CheckpointError`; of damage
-    it says from where the run can go on."""
+    """Context manager that turns errors in a checkpoint's files into a
+    `CheckpointError`; for damage it says from where the run can go on."""
     try:
         yield
     except BadFileError as error:

@@ -29,7 +29,7 @@ without telling them."""
 
 
 def join(config: ClusterConfig) -> None:
-    """Meet the other processes; call before JAX starts a backend.
+    """Meet the other processes of the training; call before JAX starts a backend.
 
     Where the others don't come in time, the process ends here, with one line and status
     2: JAX would abort.
@@ -77,7 +77,8 @@ def is_first() -> bool:
 
 
 def from_first(array: np.ndarray) -> np.ndarray:
-    """Process 0's array on all; it has the same shape everywhere."""
+    """Return process 0's array on all processes; arrays have the same shape
+    everywhere."""
     return (
         array
         if jax.process_count() == 1
@@ -96,7 +97,7 @@ def require_same(text: str, what: str) -> None:
 
 
 def largest(number: int) -> int:
-    """Return the largest of the processes' numbers, on all."""
+    """Return the largest of the processes' numbers, on all processes."""
     return (
         number
         if jax.process_count() == 1
@@ -106,8 +107,8 @@ def largest(number: int) -> int:
 
 @contextlib.contextmanager
 def together() -> Generator[None]:
-    """All processes get through this block, or none does. The block itself must not
-    call the others.
+    """Context manager whose block all processes get through, or none does. The block
+    itself must not call the other processes.
 
     Raises:
         UserError: another process could not; its own line says why.
@@ -141,7 +142,7 @@ class StopSignals:
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "StopSignals":
-        """Take over the handlers."""
+        """Install handlers for the signals."""
         if threading.current_thread() is threading.main_thread():
             self._open.enter_context(listening(self._hear))
             for number in STOPPING:
@@ -156,7 +157,7 @@ class StopSignals:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give back the handlers."""
+        """Restore the handlers that were there before."""
         self._open.close()
 
     def received(self) -> signal.Signals | None:
@@ -180,7 +181,7 @@ class StopSignals:
 
 
 def leave(status: int) -> int:
-    """Return the exit status of this process; one that failed does not wait long for
+    """Return the exit status of this process; a failed process does not wait long for
     the others, which may be at work.
 
     They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).

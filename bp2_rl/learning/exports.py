@@ -104,7 +104,7 @@ class ExportedPolicies:
         self._submit(steps)
 
     def collect(self) -> None:
-        """Take in the results that are there."""
+        """Take in the judge's results that are ready, without waiting for others."""
         for steps, pending in list(self._pending.items()):
             try:
                 result = pending.result() if pending.done() else None
@@ -116,8 +116,8 @@ class ExportedPolicies:
                 self._add_result(steps, result)
 
     def wait(self, enough: Callable[[], bool]) -> None:
-        """Wait until the last result is there, `enough` says so, or a policy has
-        reached the run's speed."""
+        """Wait until the judge's last result is there, `enough` says so, or a policy
+        has reached the run's speed."""
         if self._pending and not self.reached and not enough():
             self._monitor.note(
                 f"waiting for the judge: {len(self._pending)} of the policies are left"

@@ -22,8 +22,8 @@ PERSISTENT = ("curriculum",)
 """Entries of `state.info` that outlive an episode."""
 
 FAULTS = ("fault/physics", "fault/observation", "fault/reward", "fault/reset")
-"""Metrics of `Fleet`: what was not finite first in a robot's step; and a reset that
-could not be used."""
+"""Metrics of steps that are not finite, by what was not finite first; and of a fresh
+episode that could not be used."""
 
 
 class Fleet:
@@ -42,8 +42,8 @@ class Fleet:
         self.episode_length = episode_length
 
     def reset(self, keys: Array) -> envs.State:
-        """First episodes; they start at a random age so that time limits don't strike
-        all robots at once."""
+        """Return first episodes, at random ages, so that time limits don't strike all
+        robots at once."""
         state = jax.vmap(self.env.reset)(keys)
         age = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.episode_length))(
             keys
@@ -54,8 +54,8 @@ class Fleet:
         )
 
     def fresh_episodes(self, state: envs.State, keys: Array) -> envs.State:
-        """One fresh episode for every robot of `state`; where that is not finite, its
-        `state` stands in for it."""
+        """Return a fresh episode for every robot; if it is not finite, the robot's
+        `state` takes its place."""
         restart = getattr(self.env, "restart", None)
         fresh = (
             jax.vmap(self.env.reset)(keys)
@@ -77,8 +77,8 @@ class Fleet:
         action: Float[Array, "robots actions"],
         fresh: envs.State,
     ) -> envs.State:
-        """One control step of every robot. Where an episode ends, the returned state is
-        the fresh episode's.
+        """Take one control step with every robot. Where an episode ends, the returned
+        state is the fresh episode's.
 
         `reward`, `done`, `metrics` and `info["truncation"]` are those of the step
         taken, also for ended episodes. A step that is not finite ends the episode as a
@@ -116,13 +116,13 @@ def _with_clock(state: envs.State, age: Array) -> envs.State:
 
 
 def _episode(state: envs.State) -> tuple[Any, Any, dict[str, Any]]:
-    """All that a robot's next step depends on."""
+    """Return all that a robot's next step depends on."""
     return state.pipeline_state, state.obs, state.info
 
 
 def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
-    """(`after` with the episodes over whose step was not finite, counted by the first
-    cause; which ones were.)
+    """End the episodes of steps that were not finite, counted by their first cause;
+    return the state, and which steps were finite.
 
     Their numbers are those of a fall with reward 0; physics and observation are still
     to be replaced.
@@ -149,7 +149,7 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
 
 
 def _finite(tree: object) -> Bool[Array, " robots"]:
-    """For each robot, whether all its numbers are finite."""
+    """Return for each robot whether all its numbers are finite."""
     leaves = [
         jnp.isfinite(leaf).all(axis=tuple(range(1, leaf.ndim)))
         for leaf in jax.tree.leaves(tree)

@@ -12,31 +12,31 @@ from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.ppo import PPOConfig
 
 COLLAPSED_STD = 0.05
-"""Of the initial standard deviation: actions this sure no longer tell the learner what
-else it could do."""
+"""Share of the initial standard deviation below which actions no longer tell the
+learner what else it could do."""
 EXPLODED_KL = 10.0
-"""Times the desired divergence, at the least learning rate. From twice on the rate is
-lowered, which takes a few train
-steps: a training's first ones may be far off, and that mends itself."""
+"""Multiple of the desired KL divergence that is warned about at the least learning
+rate. From twice on the rate is lowered, which takes a few train steps: a training's
+first ones may be far off, and that mends itself."""
 LEAST_RATE = 1e-5
-"""To which Brax's `adaptive_kl_learning_rate` lowers the learning rate at most."""
+"""Least learning rate to which Brax's `adaptive_kl_learning_rate` goes."""
 BLOWN_VALUE = 10.0
-"""Times the square of the largest return the rewards allow. A critic that says 0 stands
-at 1/2 at most."""
+"""Multiple of the square of the largest return the rewards allow, above which the value
+loss is warned about. A critic that says 0 stands at 1/2 at most."""
 FALLING = 0.05
-"""Falls a robot a control step: episodes of 0.1 s, which teach nothing but how to
-start."""
+"""Falls per robot and control step above which a warning is given: episodes of 0.1 s,
+which teach nothing but how to start."""
 EXPLODING = 1e-3
-"""Falls by exploding physics a robot a control step: each robot every 5 s. A sound
-simulation knows none."""
+"""Falls by exploding physics per robot and control step above which a warning is given:
+each robot every 5 s. A sound simulation knows none."""
 
 LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
 """The terms that the gradient is made of, and the divergence that sets its step."""
 
 
 def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
-    """Signs of a training that goes wrong, in words by their names, from the means of a
-    logging interval."""
+    """Return signs of a training that goes wrong, in words by their names, from the
+    metrics' means over a logging interval."""
     std, kl = metrics["loss/policy_dist_mean_std"], metrics["loss/kl_mean"]
     rate = metrics["loss/learning_rate"]
     horizon = min(1.0 / max(1.0 - config.discounting, 1e-9), config.episode_length)
@@ -78,8 +78,8 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
 
 
 def explain(learner: PPO, state: TrainState) -> str:
-    """Repeat the train step that `state` could not leave, piece by piece; say what was
-    not finite first."""
+    """Repeat a train step that was not finite, from `state`, piece by piece; return
+    what was not finite first, in words."""
     if found := _not_finite(state):
         return f"before the train step: {found}"
     config = learner.config

@@ -17,7 +17,7 @@ POLICIES, JUDGED = "policies", "judged.json"
 
 @dataclasses.dataclass(frozen=True)
 class JudgeResult:
-    """The judge's measurements of one policy."""
+    """The judge's measurements of a policy."""
 
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
@@ -65,7 +65,7 @@ class Judged:
 
 
 def read_judged(run_dir: Path) -> Judged:
-    """Return what the judge said of a run's policies; nothing where there is no file.
+    """Return the judge's results for a run's policies; none where there is no file.
 
     Raises:
         ConfigError: the file is damaged.

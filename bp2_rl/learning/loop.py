@@ -45,8 +45,7 @@ from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
 
 @dataclasses.dataclass(frozen=True)
 class TrainingRun:
-    """A run that a process trains: the run's settings and folder, and what acts on them
-    in this process."""
+    """A run that this process trains: settings, folder, learner, judge and writers."""
 
     config: TrainConfig
     run_dir: Path  # holds the config already
@@ -251,8 +250,8 @@ class _Loop:
         )
 
     def export_late(self, steps: Sequence[int], newest: TrainState) -> None:
-        """Export the policies of these checkpoints; `newest` is the state of the last
-        one."""
+        """Export the policies of checkpoints that a killed run has left without one;
+        `newest` is the state of the last checkpoint."""
         for step in steps:
             if step == int(newest.step):
                 self._export(newest)
@@ -267,8 +266,8 @@ class _Loop:
             self._export(state)
 
     def _export(self, state: TrainState) -> None:
-        """Write the policy of a state; leave out, with a warning, one whose weights
-        overflow: training may mend it."""
+        """Export the policy of a state; skip it, with a warning, where its weights
+        overflow: training may mend that."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
         # by NumPy nothing compiles; of a cluster a process has a part alone
         levels = state.fleet.info["curriculum"]

@@ -62,8 +62,8 @@ HEADLINES = (
 
 
 class Monitor:
-    """Passes what a run tells to its writers, the console among them; a context
-    manager.
+    """Passes a run's metrics and notes to its writers, the console among them; a
+    context manager.
 
     Args:
         run_dir: the run's folder, made if absent; None in a cluster's further
@@ -140,13 +140,13 @@ class Monitor:
         self._write(step, metrics, late=False)
 
     def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record what became known later of a step that the run may have left behind,
-        as `log` does; show nothing."""
+        """Record metrics of an earlier step that became known late, as `log` does, but
+        show nothing."""
         self._write(step, metrics, late=True)
 
     def show(self, remark: str) -> None:
-        """Let a remark stand below the progress line from now on, in the place of the
-        one before."""
+        """Show a remark below the progress line from now on, in the place of the last
+        remark."""
         self._progress.remark = remark
 
     def note(self, text: str) -> None:
@@ -175,7 +175,8 @@ class Monitor:
 
 @dataclasses.dataclass(frozen=True)
 class Unlogged:
-    """The part of a logging interval that a checkpoint falls into, kept with it."""
+    """Metrics of a logging interval that were not written yet when a checkpoint was
+    saved, kept with the checkpoint."""
 
     count: int = 0  # train steps
     sums: dict[str, float] = dataclasses.field(default_factory=dict)  # of their metrics
@@ -227,8 +228,8 @@ class Log:
         self._pending, self._interval = (done, self._interval), Interval()
 
     def flush(self) -> None:
-        """Write what has been closed, and warn of what it shows; nothing from a train
-        step that is not finite on."""
+        """Write the metrics of the interval closed last, and warn of bad signs; write
+        nothing from a train step that is not finite on."""
         if self._pending is None or self.not_finite:
             return
         (done, interval), self._pending = self._pending, None
@@ -255,7 +256,7 @@ class Log:
 
 @dataclasses.dataclass
 class Interval:
-    """Train steps that become one line of the log."""
+    """Metrics of the train steps that become one line of the log."""
 
     # of their metrics
     sums: Mapping[str, jax.Array | np.float32] = dataclasses.field(default_factory=dict)
@@ -271,7 +272,8 @@ def _add(
 
 
 def summarize(metrics: dict[str, float]) -> dict[str, float]:
-    """From means over robots and steps to numbers that mean something by themselves.
+    """Turn means over robots and steps into metrics that mean something by themselves,
+    such as the share of falls.
 
     Falls become falls a robot a second, falls of all ended episodes become `falls`;
     errors by bin are divided by the bin's share of commands (and left out where nobody
@@ -355,8 +357,8 @@ class Progress(Writer):
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def __rich__(self) -> Table:
-        """Two lines for the terminal: how far, and how well; and the remark, if there
-        is one."""
+        """Return the lines for a terminal: how far the run is, how well it does, and
+        the remark, if there is one."""
         bar = Table.grid(padding=(0, 1), expand=True)
         bar.add_column(no_wrap=True)
         bar.add_column(ratio=1)
@@ -410,7 +412,8 @@ class Progress(Writer):
         return " ".join(parts)
 
     def _rate(self) -> float | None:
-        """Steps per second over the last logs; None before there are two."""
+        """Return the control steps per second over the last logs; None before there are
+        two."""
         if len(self._history) < 2:
             return None
         (t0, step0), (t1, step1) = self._history[0], self._history[-1]
@@ -418,7 +421,7 @@ class Progress(Writer):
 
 
 def count(number: float) -> str:
-    """Return a number in at most five characters: 950, 12.3k, 4.00M, 1.21G."""
+    """Return a number as text of at most five characters: 950, 12.3k, 4.00M, 1.21G."""
     for limit, unit in ((1e3, ""), (1e6, "k"), (1e9, "M"), (1e12, "G")):
         # A number that would round up to 1000 of a unit is 1.00 of the next.
         scaled = number / (limit / 1e3)
@@ -432,7 +435,7 @@ def count(number: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time span: 0:42, 3:07, 2:15:00, 3d 4h."""
+    """Return a time span in seconds as text: 0:42, 3:07, 2:15:00, 3d 4h."""
     minutes, second = divmod(max(round(seconds), 0), 60)
     hours, minute = divmod(minutes, 60)
     if hours >= 48:

@@ -36,17 +36,18 @@ ACTIVATIONS = {
     "relu": linen.relu,
 }
 POLICY, CRITIC = "state", "privileged_state"
-"""The entry that each network sees of an observation that is a dictionary."""
+"""Keys of the observation dictionary for what the policy and what the critic sees."""
 FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
-"""Small: training begins on the reference motion, not on noise of the
-initialisation."""
+"""Initialiser of the policy's last layer: small, so that training begins on the
+reference motion, not on noise."""
 Bases = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]
 HIDDEN = jax.nn.initializers.lecun_uniform()
 HALF = float(np.sqrt(0.5))
 
 
 def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
-    """Actor and critic: Gaussian policy with a state-independent standard deviation.
+    """Return actor and critic; the actor is a Gaussian policy with a state-independent
+    standard deviation.
 
     They are symmetric where the config asks for it and the environment has `mirrors`,
     the `Mirror` of each entry of its observation and of its `action`.
@@ -125,7 +126,7 @@ class SymmetricMLP(linen.Module):
     def __call__(
         self, x: Float[Array, "*batch inputs"]
     ) -> Float[Array, "*batch outputs"]:
-        """One pass."""
+        """Return the MLP's outputs for a batch of inputs."""
         first, last = self.inputs.parities(), self.outputs.parities()
         sizes = [
             tuple(basis.shape[1] for basis in first),
@@ -188,7 +189,8 @@ def _of_units(
 
 
 class SymmetricPolicy(linen.Module):
-    """The mean action, and a standard deviation that mirrored actions share."""
+    """Policy network: the mean action, and a standard deviation that mirrored actions
+    share."""
 
     inputs: Mirror
     outputs: Mirror
@@ -199,7 +201,8 @@ class SymmetricPolicy(linen.Module):
 
     @linen.compact
     def __call__(self, x: Float[Array, "*batch inputs"]) -> tuple[Array, Array]:
-        """(Mean, standard deviation), each of shape (*batch, outputs)."""
+        """Return (mean, standard deviation) of the action, each of shape (*batch,
+        outputs)."""
         how = (self.activation, self.dtype, FIRST_OUTPUTS())
         mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, *how)(x)
         pairs = np.unique(

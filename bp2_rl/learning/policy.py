@@ -45,19 +45,18 @@ SHIPPED = ("built", "gentle", "fastest", "ideal")
 WEIGHTS = "weights.npz"
 CARD = "card.json"
 CHECKSUM = "card_sha256"
-"""The entry of card.json that is the checksum of the others."""
+"""Key in card.json for the checksum of all other entries."""
 LARGEST_WEIGHTS = 256 << 20
 """Bytes of the largest weights.npz that is read: a hundred times our own."""
 MOST_LAYERS = 100
 LARGEST_OBSERVATION = 1e3
-"""What no number of an observation exceeds (SI units): below it no action may
-overflow."""
+"""Largest number in an observation (SI units); up to it no action may overflow."""
 # The entry of Brax's observation dictionary that the policy sees.
 POLICY_OBSERVATION = "state"
 
 
 class PolicyError(UserError):
-    """A policy that cannot be loaded or exported."""
+    """Raised for a policy that cannot be loaded or exported."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,8 +108,8 @@ class Policy:
     def __call__(
         self, observation: Float[Any, "*batch observation"]
     ) -> Float[Any, "*batch action"]:
-        """Return the action of Brax's network of the same parameters, in the array
-        library of `observation`."""
+        """Return the mean actions for observations, as Brax's network does, in the
+        array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
             layout = self.card.observation_layout
             raise PolicyError(
@@ -123,7 +122,8 @@ class Policy:
     def weights(
         self,
     ) -> tuple[np.ndarray, np.ndarray, tuple[tuple[np.ndarray, np.ndarray], ...]]:
-        """Mean, standard deviation and layers: all numbers of the network."""
+        """All numbers of the network: the observation's mean and standard deviation,
+        and the layers."""
         return self.mean, self.std, self.layers
 
 
@@ -152,7 +152,8 @@ NETWORKS = {
         "relu": lambda xp, x: xp.maximum(x, 0.0),
     }.items()
 }
-"""(mean, std, layers, observation) -> action, by the hidden layers' activation."""
+"""Functions (mean, std, layers, observation) -> action, by the hidden layers'
+activation."""
 
 
 def make_policy(
@@ -318,7 +319,7 @@ def _read_card(directory: Path) -> PolicyCard:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
-    """Return the arrays that the card promises, and no others."""
+    """Read the arrays that a policy's card promises, and no others."""
     if not path.exists():
         raise PolicyError(
             f"{path} is missing: the policy was copied without its weights"
@@ -361,7 +362,7 @@ def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
 
 
 def _check_shapes(policy: Policy) -> None:
-    """Raise unless the arrays have the shapes that the card promises."""
+    """Raise `PolicyError` unless the arrays have the shapes that the card promises."""
     count = len(policy.card.hidden_layer_sizes) + 1
     if len(policy.layers) != count:
         raise PolicyError(
@@ -376,8 +377,8 @@ def _check_shapes(policy: Policy) -> None:
 
 
 def _check_numbers(policy: Policy, where: str) -> None:
-    """Raise where the weights are such that an action may not be finite; after `where`
-    the array at fault is named."""
+    """Raise `PolicyError` if the weights are such that an action may not be finite;
+    `where` begins the message."""
     for name, array in _to_arrays(policy).items():
         if not np.isfinite(array).all():
             raise PolicyError(f"{where}: {name} is not finite")

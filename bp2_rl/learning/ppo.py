@@ -40,11 +40,13 @@ from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
 make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
 NOT_FINITE = "not_finite"
-"""Metric: 1 where a train step was not finite and left the state as it was."""
+"""Name of the metric that is 1 where a train step was not finite and left the state as
+it was."""
 
 
 class TrainState(struct.PyTreeNode):
-    """Everything that training depends on."""
+    """Everything that training depends on: networks, normaliser, optimiser, robots,
+    random key and step."""
 
     params: losses.PPONetworkParams
     # of the policy's parameters, over the last train steps: what is exported
@@ -113,7 +115,7 @@ class PPO:
         init: Callable[[Array], TrainState],
         train_step: Callable[[TrainState], tuple[TrainState, dict[str, Array]]],
     ) -> Programs:
-        """Return the programs of these functions for the mesh."""
+        """Return `init` and `train_step` as programs jitted for the mesh of devices."""
         # Run once, and on a CPU compiled in half the time.
         options: Any = (
             {"xla_backend_optimization_level": 0}
@@ -142,8 +144,8 @@ class PPO:
 
     @contextlib.contextmanager
     def compiling(self) -> Generator[None]:
-        """Compile the train step beside what is done meanwhile, `init` say; the first
-        train step finds it."""
+        """Context manager that compiles the train step in another thread meanwhile; the
+        first train step finds it."""
         shape = self.shape
         with concurrent.futures.ThreadPoolExecutor(1) as beside:
             compiled = beside.submit(
@@ -154,7 +156,8 @@ class PPO:
 
     @functools.cached_property
     def shape(self) -> TrainState:
-        """Return the state's shapes and dtypes, for restoring a checkpoint."""
+        """Shapes, dtypes and shardings of the train state, for restoring a
+        checkpoint."""
         shapes = self.programs.init.eval_shape(self.first_key(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(
@@ -169,8 +172,8 @@ class PPO:
         )
 
     def shardings(self) -> TrainState:
-        """Where each part of the state lives: robots are spread, all else is on every
-        device."""
+        """Return the shardings of the train state's parts: robots are spread, all else
+        is on every device."""
         whole: Any = self.everywhere  # one sharding stands for all the leaves below it
         robots: Any = self.robots
         return TrainState(
@@ -239,8 +242,8 @@ class PPO:
     def update_normalizer(
         self, normalizer: running_statistics.RunningStatisticsState, observation: Any
     ) -> running_statistics.RunningStatisticsState:
-        """Return statistics that count these observations, and their mirror images
-        where networks are symmetric."""
+        """Return the statistics of observations, updated by these, and by their mirror
+        images where networks are symmetric."""
         if self.mirrors:
             images = reflect(self.mirrors, observation)
             observation = jax.tree.map(
@@ -249,7 +252,8 @@ class PPO:
         return running_statistics.update(normalizer, observation)
 
     def draw_keys(self, state: TrainState) -> tuple[Array, Array, Array]:
-        """Random keys of a train step: (the next one's, one a robot, the epochs')."""
+        """Return the random keys of a train step: the next step's, a key for each
+        robot, and the epochs'."""
         key, key_unroll, key_sgd = jax.random.split(state.key, 3)
         return key, jax.random.split(key_unroll, self.config.num_envs), key_sgd
 
@@ -260,8 +264,8 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Take `unroll_length` control steps: (fleet, data with axes (robot, time),
-        metrics averaged over both)."""
+        """Take `unroll_length` control steps; return the fleet, data with axes (robot,
+        time), and metrics averaged over both."""
         robots, whole = PartitionSpec("robots"), PartitionSpec()
         local = jax.shard_map(
             self._unroll_local,
@@ -280,7 +284,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """Unroll the robots of one device; each robot draws from a key of its own."""
+        """Unroll the robots on a device; each robot draws from a key of its own."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
@@ -451,7 +455,8 @@ def _all_finite(tree: object) -> Array:
 
 
 def _step_metrics(state: envs.State) -> dict[str, Array]:
-    """Return the terms that a control step adds to the metrics, robot by robot."""
+    """Return the metrics of a control step, robot by robot, to be summed over the
+    steps."""
     terminated = state.done * (1.0 - state.info["truncation"])
     return {
         **state.metrics,

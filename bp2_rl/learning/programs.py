@@ -30,7 +30,7 @@ WANTED = {
     "train_step": ArraySpec(np.uint8, (None,)),
 }
 KEPT = 8
-"""Files in the folder: others were made before."""
+"""Number of files kept in the folder; the oldest are removed."""
 PALLAS = [
     export.DisabledSafetyCheck.custom_call(name)
     for name in ("__gpu$xla.gpu.triton", "triton_kernel_call_ffi")
@@ -96,7 +96,7 @@ def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str,
 
 
 def _trace(learner: PPO) -> dict[str, np.ndarray]:
-    """Trace both programs, as bytes by their names.
+    """Return both traced programs as bytes, by their names.
 
     They are functions of the leaves of the state: JAX could not write the state's type.
     """
@@ -127,7 +127,7 @@ def _trace(learner: PPO) -> dict[str, np.ndarray]:
 
 
 def _load(learner: PPO, kept: Mapping[str, np.ndarray]) -> Programs:
-    """Return the kept programs as functions of the state."""
+    """Return the kept programs as functions of the train state."""
     tree = jax.tree.structure(learner.shape)
     first, then = (
         export.deserialize(bytearray(kept[name].tobytes())).call for name in WANTED

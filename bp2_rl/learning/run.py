@@ -47,7 +47,7 @@ from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
-"""Fields of `PPOConfig` that a run shares with its parent."""
+"""Fields of `PPOConfig` in which a run must agree with its parent."""
 
 
 def start(
@@ -154,8 +154,8 @@ def resume(
 
 
 def replay(run_dir: Path) -> str:
-    """Repeat the train step at which a run stopped because it was not finite; what was
-    not finite first, in words.
+    """Repeat the train step at which a run stopped because it was not finite; return
+    what was not finite first, in words.
 
     Raises:
         UserError: there is no run, or it did not stop so.
@@ -197,8 +197,8 @@ def _require_empty(run_dir: Path) -> None:
 
 
 def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
-    """Keep other processes from training in the run's folder meanwhile, and the run
-    from writing elsewhere."""
+    """Return a context manager that locks a run's folder against other trainings; raise
+    `UserError` for a link in the folder."""
     for entry in run_dir.iterdir():
         if entry.is_symlink() and entry.name != CHECKPOINTS:
             raise UserError(
@@ -212,7 +212,8 @@ def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
 def _inherit(
     parent: Path, config: TrainConfig, shape: TrainState
 ) -> tuple[dict[str, Any], Parent]:
-    """Read the part of a state that the newest checkpoint of the run `parent` gives.
+    """Read networks, normaliser and curriculum levels from the newest checkpoint of the
+    run `parent`.
 
     The second value names the parent.
     """
@@ -246,8 +247,8 @@ def _inherit(
 
 
 def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
-    """`state` with the parent's networks and normaliser, and its robots' curriculum
-    levels dealt out in turn."""
+    """Return `state` with the parent's networks and normaliser, and with its curriculum
+    levels dealt out to the robots in turn."""
     here = state.fleet.info["curriculum"]
     levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
     fleet = dataclasses.replace(

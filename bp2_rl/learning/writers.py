@@ -1,4 +1,4 @@
-"""Writers take down what a run tells: log.txt, metrics.jsonl, TensorBoard, W&B.
+"""Writers record a run's metrics and notes: log.txt, metrics.jsonl, TensorBoard, W&B.
 
 `monitor.Monitor` passes every record and note to each writer; the console is one, too.
 """
@@ -32,8 +32,8 @@ LARGEST_METRICS = 256 << 20
 PROJECT = "bp2_rl"
 """W&B's project, unless WANDB_PROJECT says otherwise."""
 STEP = "step"
-"""W&B's x-axis. Its own step may not go back, as ours does where a policy is judged
-late."""
+"""Name of W&B's x-axis. W&B's own step may not go back, as ours does where a policy is
+judged late."""
 
 
 class Record(NamedTuple):
@@ -46,28 +46,29 @@ class Record(NamedTuple):
 
 
 class TrackerError(Exception):
-    """A writer that a run can do without has failed; the line says how."""
+    """Raised when a writer fails that a run can do without; the line says how."""
 
 
 class Writer:
-    """Takes down what a run tells: what a subclass does not override it ignores.
+    """Base class of writers, which record a run's metrics and notes; methods that a
+    subclass does not override do nothing.
 
     An `OSError` of a method, where the disk is full or gone, stops the run. After a
     `TrackerError` the run goes on without the writer. Process 0 alone has writers.
     """
 
     def write(self, record: Record) -> None:
-        """Take down metrics."""
+        """Record the metrics of a control step."""
 
     def note(self, text: str) -> None:
-        """Take down a line of text."""
+        """Record a line of text."""
 
     def close(self) -> None:
         """Close the writer: the run has ended, or has been stopped."""
 
 
 class LogFile(Writer):
-    """log.txt: every note with its time, on disk when `note` returns."""
+    """Writes log.txt: every note with its time, on disk when `note` returns."""
 
     def __init__(self, run_dir: Path):
         self._file = open_in_place(run_dir / LOG)
@@ -83,8 +84,8 @@ class LogFile(Writer):
 
 
 class MetricsFile(Writer):
-    """metrics.jsonl: a line a record, non-finite numbers as null, on disk when `write`
-    returns.
+    """Writes metrics.jsonl: a line for each record, non-finite numbers as null, on disk
+    when `write` returns.
 
     Args:
         run_dir: the run's folder.
@@ -115,8 +116,8 @@ class MetricsFile(Writer):
 
 
 class EventsFile(Writer):
-    """TensorBoard's finite scalars, in a new file; TensorBoard hides what earlier ones
-    hold past `start_step`.
+    """Writes finite metrics as TensorBoard's scalars in a new file; TensorBoard hides
+    what earlier files hold past `start_step`.
 
     Not by `SummaryWriter`: it writes in a thread that a full disk ends with a
     traceback, and then waits for it.
@@ -154,7 +155,8 @@ class EventsFile(Writer):
 
 
 class WandbRun(Writer):
-    """Weights & Biases; WANDB_MODE=offline keeps all on disk for `wandb sync`.
+    """Sends metrics to Weights & Biases; WANDB_MODE=offline keeps all on disk for
+    `wandb sync`.
 
     A run that is resumed keeps its name there, and metrics that W&B has already are not
     sent twice.
@@ -203,7 +205,8 @@ class WandbRun(Writer):
 def open_tracker(
     tracker: Tracker | None, run_dir: Path, config: TrainConfig
 ) -> list[Writer]:
-    """Return a run's tracker as a writer, new or resumed; an empty list without one.
+    """Return a list with a run's tracker as a writer, new or resumed; an empty list
+    without a tracker.
 
     W&B's own files are kept in the run's folder, unless WANDB_DIR says otherwise.
 
@@ -249,8 +252,8 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _truncate(path: Path, last_step: int) -> Path | None:
-    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of
-    those that cannot be read."""
+    """Drop lines of a metrics file past `last_step`; move lines that cannot be read to
+    a new file, and return its path."""
     if not path.exists():
         return None
     kept, damaged = [], []

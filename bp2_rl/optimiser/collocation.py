@@ -24,7 +24,7 @@ from bp2_rl.robot import conventions
 INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
 STANDARD = SolveOptions()
 GREATEST_SPEED = SolveOptions(speed_weight=100.0)
-"""With these options a solve looks for the greatest speed: the cost hardly matters
+"""Options with which a solve looks for the greatest speed: the cost hardly matters
 beside it."""
 
 
@@ -39,7 +39,8 @@ class Optimised(NamedTuple):
 def solve(
     problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD
 ) -> Solution:
-    """Return the trajectory that IPOPT finds from `start`.
+    """Solve a trajectory problem with IPOPT, from the guess `start`, and return the
+    solution.
 
     Args:
         problem: what is asked for.
@@ -56,8 +57,8 @@ def solve(
 def optimise(
     problem: Problem, start: Motion | None = None, options: SolveOptions = STANDARD
 ) -> Optimised:
-    """Solve a problem as `solve` does, and return the program and its multipliers as
-    well."""
+    """Solve a trajectory problem as `solve` does, and return the nonlinear program and
+    its multipliers as well."""
     if not ca.has_nlpsol("ipopt"):
         raise UserError(
             "this build of CasADi has no IPOPT: pip install --force-reinstall casadi"
@@ -130,8 +131,8 @@ def solve_best(
 
 
 def fastest(start: Solution) -> Solution:
-    """Return a trajectory of the greatest speed at which the start's robot and gait
-    have one at all.
+    """Return a trajectory of the greatest speed that the robot and gait of the solution
+    `start` can run.
 
     The speed is a local optimum, as the cost of every solution is.
 

@@ -34,31 +34,31 @@ class Cycle:
 
     @property
     def period(self) -> float:
-        """Duration, s."""
+        """Duration of the gait cycle, s."""
         return float(np.sum(self.motion.durations))
 
     @property
     def starts(self) -> Float[np.ndarray, " segments"]:
-        """When each segment begins, s."""
+        """Time at which each segment begins, s."""
         return np.concatenate([[0.0], np.cumsum(self.motion.durations)[:-1]])
 
     @property
     def time(self) -> Float[np.ndarray, "segments points"]:
-        """When the points are, s."""
+        """Times of the mesh's points, s."""
         return (
             self.starts[:, None] + self.motion.durations[:, None] * self.problem.points
         )
 
     @property
     def hind_leg(self) -> str:
-        """The hind leg that stands first."""
+        """Name of the hind leg that stands first."""
         return next(
             leg for feet in self.standing for leg in feet if not leg.startswith("F")
         )
 
     def since_touchdown(self, leg: str) -> Float[np.ndarray, " instants"]:
-        """How long after a leg's touchdown the points are, as shares of the period from
-        0 to 1."""
+        """Return the time of every point since a leg's touchdown, as a share of the
+        period from 0 to 1."""
         begin = next(
             start
             for start, feet in zip(self.starts, self.standing, strict=True)
@@ -68,13 +68,14 @@ class Cycle:
 
     @property
     def weights(self) -> Float[np.ndarray, "segments points"]:
-        """np.sum(weights * f) is the integral of f over the cycle as the scheme takes
-        it, s."""
+        """Quadrature weights, s, of the solution's scheme: np.sum(weights * f) is the
+        integral of f over the cycle."""
         return self.motion.durations[:, None] * self.problem.quadrature
 
 
 def whole_cycle(solution: Solution) -> Cycle:
-    """The solved stride, followed, where that is half a cycle, by its mirror image."""
+    """Return the whole gait cycle of a solution: its stride, followed by the mirror
+    image where the stride is half a cycle."""
     problem, solved = solution.problem, solution.motion
     stride = problem.stride
     if stride.cycles == 1.0:
@@ -136,7 +137,8 @@ def center_of_mass_velocity(
 
 
 def robot_mass(problem: Problem) -> float:
-    """Mass of the model, kg: its share of the robot's links."""
+    """Return the mass of a problem's model, kg: the model's share of the robot's
+    links."""
     return problem.hardware.mass_scale * problem.share * problem.hardware.anatomy.mass
 
 

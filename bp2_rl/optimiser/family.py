@@ -1,5 +1,5 @@
-"""One smooth family of trajectories over speed: the library that serves as reference
-motion.
+"""Solve a smooth family of trajectories over speed: the library that serves as
+reference motion.
 
 At each speed alone, neighbouring optima can differ by a lot: below 9 m/s several
 families of nearly equal cost exist, with other postures, periods and springs that
@@ -68,20 +68,20 @@ from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, times
 
 MOST_IMPACT = 0.16
-"""Of the weight, that landings bear in the library of a robot that is not BP2: as in
-BP2's own at 15 m/s. A model without soft ground would let rigid legs run on impacts
-alone, which cost nothing."""
+"""Most of the weight's impulse that landings may bear in the library of a robot other
+than BP2: as in BP2's own at 15 m/s. A model without soft ground would let rigid legs
+run on impacts alone, which cost nothing."""
 MESH = 24
-"""Intervals a segment of another robot's library: its energy then closes to some
-1e-4."""
+"""Intervals of each segment in another robot's library, with which its energy closes to
+some 1e-4."""
 LIMIT_TIME = 40.0
-"""s, for a solve to fail in where nobody knows what the robot can; from a neighbour a
-few seconds are enough."""
+"""Time limit of a solve, s, where nobody knows what the robot can; from a neighbour's
+solution a few seconds are enough."""
 
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
-    """Return a robot less what a library leaves to feedback; its speed margin is in
-    `FamilyConfig.problem`."""
+    """Return a robot without the torque and friction that a library leaves to feedback;
+    the speed margin is in `FamilyConfig.problem`."""
     friction = round(hardware.friction * 0.7 / 0.9, 9)
     return dataclasses.replace(
         hardware, peak_torque=times(0.9, hardware.peak_torque), friction=friction
@@ -99,7 +99,7 @@ class Limits(Form):
     torque_rate: Annotated[float, Within(1.0, 1e9)] = 1e9
 
     def on(self, problem: Problem) -> Problem:
-        """The problem within these limits."""
+        """Return a problem with these limits, scaled to its robot's size."""
         hardware, size = problem.hardware, problem.hardware.size
         # of a changed BP2, too, whose size is 1
         length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH
@@ -126,8 +126,8 @@ class Limits(Form):
 
 
 def _uneven(hardware: HardwareSpec) -> float:
-    """How much more than half of the weight the fore or the hind legs bear when they
-    hang straight."""
+    """Return the share of the weight, beyond a half, that the fore or the hind legs
+    bear when they hang straight."""
     fore, hind = (hip_of(leg_of(hardware.anatomy, end))[0] for end in ("F", "H"))
     coordinates = np.zeros(TRUNK + per_leg(hardware) * len(LEGS))
     return abs(
@@ -137,8 +137,8 @@ def _uneven(hardware: HardwareSpec) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class SlowEnd(Bounded, path="slow."):
-    """The form of slow trots: its limits go along straight lines between two speeds.
-    Faster ones have none.
+    """Limits on the form of slow trots, along straight lines between two speeds; faster
+    trots have none.
 
     All ASSUMED: at the upper speed nearly what the motion there has anyway; at the
     lower one and below, a trot that a robot can fall into from standing at 0.56 m with
@@ -176,7 +176,7 @@ class SlowEnd(Bounded, path="slow."):
         return problem.speed < problem.hardware.size.speed * self.speeds[1]
 
     def limit(self, problem: Problem) -> Problem:
-        """The problem within the limits of its speed."""
+        """Return a problem with the limits on form at its speed."""
         if not self.holds(problem):
             return problem
         speed = problem.speed / problem.hardware.size.speed
@@ -191,7 +191,7 @@ class SlowEnd(Bounded, path="slow."):
 
 @dataclasses.dataclass(frozen=True)
 class FamilyConfig:
-    """Which speeds the library has, and how it walks from one to the next."""
+    """Speeds of a library's trots, and how they are solved, each from its neighbour."""
 
     slowest: Speed = 0.5  # m/s
     fastest: Speed | None = 15.0  # m/s; None: the robot's limit
@@ -202,7 +202,7 @@ class FamilyConfig:
     # weight of staying near the neighbour
     proximity: Annotated[float, Within(0.0, 1e6)] = 10.0
     problem: Problem = Problem(intervals=40, hardware=reserved(IDEAL), speed_margin=0.9)
-    """at all speeds alike, but for `slow`"""
+    """the problem at all speeds, but for `slow`"""
     slow: SlowEnd = SlowEnd()
 
     def __post_init__(self) -> None:
@@ -227,8 +227,8 @@ class FamilyConfig:
 
     @classmethod
     def on(cls, hardware: HardwareSpec) -> "FamilyConfig":
-        """Return the family of a robot: BP2's, or by dynamic similarity from slow trots
-        to the robot's limit."""
+        """Return the settings of a robot's family: BP2's, or by dynamic similarity from
+        slow trots to the robot's limit."""
         bp2s = cls()
         if hardware.is_bp2:
             return dataclasses.replace(
@@ -254,25 +254,26 @@ class FamilyConfig:
 
     @property
     def time_limit(self) -> float:
-        """After how much of a processor's time a solve is given up, s."""
+        """Time limit of a solve, s of a processor's time."""
         return LIMIT_TIME if self.fastest is None else SOLVE_TIME
 
     def at(self, speed: float) -> Problem:
-        """Return the problem of a speed, m/s."""
+        """Return the trajectory problem at a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
     @property
     def ends(self) -> list[float]:
-        """The speeds to which the walks go that are asked for, m/s."""
+        """Speeds, m/s, to which trots are solved from the anchor; the slowest alone
+        where the fastest is not known."""
         return [self.slowest] if self.fastest is None else [self.slowest, self.fastest]
 
     @property
     def speeds(self) -> list[float]:
-        """All speeds that are asked for, ascending, m/s."""
+        """All speeds that the settings ask for, ascending, m/s."""
         return sorted({speed for end in self.ends for speed in self.walk(end)})
 
     def walk(self, end: float) -> list[float]:
-        """The speeds from the anchor to one end, both included, m/s."""
+        """Return the speeds from the anchor to one end, both included, m/s."""
         # the last step may be shorter
         count = round(abs(end - self.anchor) / self.step + 0.4999)
         steps = [
@@ -292,8 +293,8 @@ def build_family(
     workers: int = 2,
     report: Callable[[int, int | None], None] | None = None,
 ) -> list[Solution]:
-    """Solve and verify the family, a file for each speed in `folder`; those that are
-    there already are kept.
+    """Solve and verify a family of trots, with a file for each speed in `folder`;
+    speeds that are there already are kept.
 
     Args:
         settings: which family. With no fastest speed it ends where no faster trot is
@@ -361,7 +362,8 @@ def _kept(
 
 
 def _solve_anchor(settings: FamilyConfig, folder: Path) -> Solution:
-    """Return the solution from which the walks begin: the best of several guesses."""
+    """Return the solution at the anchor's speed, from which all others are reached: the
+    best of several guesses."""
 
     def find() -> Solution:
         # CasADi only where something is solved
@@ -383,7 +385,8 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> Solution:
 
 
 def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[Solution]:
-    """Solve one speed after the other, each from the one before."""
+    """Solve the trots of some speeds in turn, each from the one before, and return the
+    solutions."""
 
     def step(here: Solution, speed: float, halvings: int) -> Solution:
         try:
@@ -403,7 +406,7 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[Sol
 
 def _climb(settings: FamilyConfig, folder: Path) -> list[Solution]:
     """Solve faster and faster trots from the anchor on, by smaller steps in the end,
-    until there is none."""
+    until none is found; return them."""
     climbed, step = [_solve_anchor(settings, folder)], settings.step
     while step > settings.step / 5.0:
         speed = round(climbed[-1].problem.speed + step, 9)
@@ -422,7 +425,8 @@ def _sound(solution: Solution) -> bool:
 
 
 def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solution:
-    """Solve a neighbour's speed near to the neighbour."""
+    """Solve the trot of a speed, starting from a neighbour's solution `here` and
+    staying near to it."""
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.optimiser.transcription import SolveOptions
 
@@ -443,7 +447,7 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Provenance:
-    """Where a library comes from."""
+    """Origin of a library: settings, robot, statistics of the solves, and versions."""
 
     settings: FamilyConfig
     robot: str = IDEAL.anatomy.name  # that of files without a name
@@ -453,8 +457,8 @@ class _Provenance:
 
 
 def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
-    """The speeds (m/s) and, with one more axis in front, the arrays of the family's
-    motions.
+    """Return a family as arrays: the speeds (m/s) and, with a first axis over speeds,
+    the motions' arrays.
 
     Every leg has three coordinates: the spring of a rigid shank is zero.
     """
@@ -476,14 +480,15 @@ def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
 
 
 def _coordinates(problem: Problem) -> Int[np.ndarray, " nq"]:
-    """Which of a library's coordinates the problem has."""
+    """Return the indices of a problem's coordinates among a library's."""
     of_legs = TRUNK + np.arange(PER_LEG * len(LEGS)).reshape(len(LEGS), PER_LEG)
     had = of_legs[:, : problem.stride.per_leg].ravel()
     return np.concatenate([np.arange(TRUNK), had])
 
 
 def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:
-    """Where these arrays come from, as a JSON object."""
+    """Return the origin of a family (settings, robot, statistics, versions) as a JSON
+    object."""
     schema = (
         "axes: speed, segment of half a gait cycle, point (equally spaced in time), then coordinate. See "
         "bp2_rl/reference/library/file.py."
@@ -503,7 +508,7 @@ def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, A
 def family_of(
     arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any
 ) -> list[Solution]:
-    """The family that `arrays_of` and `provenance_of` made them from.
+    """Return the family of solutions that a library's arrays and provenance describe.
 
     Raises:
         UserError: one line that says what does not fit.
@@ -540,7 +545,7 @@ def family_of(
 
 @dataclasses.dataclass(frozen=True)
 class Steps:
-    """How two neighbours of a family differ."""
+    """Difference between two neighbouring trots of a family."""
 
     speed: float  # m/s, of the faster
     period: float  # relative change

@@ -39,13 +39,13 @@ PANELS = (
     ("Hip torque", "[Nm]"),
     ("Knee torque", "[Nm]"),
 )
-"""Titles and units below the picture of the motion."""
+"""Titles and units of the panels below the picture of the motion."""
 
 
 @styled
 def trajectory_figure(solution: Solution) -> Figure:
-    """One gait cycle: motion, velocities, ground reaction forces and torques (paper,
-    Fig. hardware_opt, A to I).
+    """Draw one gait cycle: motion, velocities, ground reaction forces and torques
+    (paper, Fig. hardware_opt, A to I).
 
     The dashed limits of a torque are those of the left hind leg's motor at its joint's
     speed.
@@ -143,8 +143,8 @@ def shade_stance(axes: Axes, cycle: Cycle, feet: Sequence[str]) -> None:
 
 
 def stick_figures(axes: Axes, cycle: Cycle) -> None:
-    """The robot at equal intervals of the cycle, moved apart where it would stand in
-    its own way."""
+    """Draw the robot as stick figures at equal intervals of the cycle, moved apart
+    where they would overlap."""
     problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
     step = problem.speed * cycle.period / FRAMES
     space = max(step, SPACE)

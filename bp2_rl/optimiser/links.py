@@ -30,7 +30,7 @@ class LegLinks(NamedTuple):
 
 
 class LinkBody(NamedTuple):
-    """A rigid part."""
+    """Mass, inertia, centre of mass and angle of a rigid part in the plane."""
 
     mass: float  # kg, before masses are scaled
     inertia: float  # kg m2, about the centre of mass, before masses are scaled
@@ -39,12 +39,13 @@ class LinkBody(NamedTuple):
 
 
 def leg_of(anatomy: Anatomy, name: str) -> Leg:
-    """Return the leg of that name in the plane; names of fore legs begin with F."""
+    """Return the leg in the plane that a name stands for; names of fore legs begin with
+    F."""
     return anatomy.legs[LEGS.index("FL" if name.startswith("F") else "RL")]
 
 
 def hip_of(leg: Leg) -> tuple[float, float]:
-    """Return where a leg's hip axis is in the trunk's frame."""
+    """Return the place (x, z) of a leg's hip axis in the trunk's frame, m."""
     return leg.anchor[0] + leg.hip[0], leg.anchor[2] + leg.hip[2]
 
 
@@ -63,7 +64,8 @@ def leg_links(
     below: Number,
     stretch: Number = 0.0,
 ) -> LegLinks:
-    """Hip, knee, links and a point of the lower leg.
+    """Return the places of hip, knee and a point of the lower leg, and the angles of a
+    leg's links.
 
     Args:
         xp: has the cosine and sine for the others: `numpy`, `jax.numpy` or `casadi`.
@@ -88,8 +90,8 @@ def leg_links(
 def leg_bodies(
     xp: Any, leg: Leg, links: LegLinks, compression: Number, stretch: Number = 0.0
 ) -> list[LinkBody]:
-    """Thigh, shank and, below a spring, toe of a leg; `stretch` lengthens the lower leg
-    above the toe."""
+    """Return thigh, shank and, below a spring, toe of a leg as rigid parts; `stretch`
+    lengthens the lower leg above the toe."""
 
     def body(link: Link, start: Point, angle: Number, down: Number = 0.0) -> LinkBody:
         x, _, z = link.com
@@ -111,7 +113,8 @@ def leg_bodies(
 def trunk_body(
     xp: Any, anatomy: Anatomy, legs: tuple[str, ...], trunk: tuple[Any, Any, Any]
 ) -> LinkBody:
-    """As much of the trunk as is these legs' share, with their abduction links."""
+    """Return these legs' share of the trunk, with their abduction links, as a rigid
+    part."""
     share = len(legs) / len(LEGS)
     parts = [(share, anatomy.trunk, (0.0, 0.0, 0.0))]
     parts += [
@@ -134,8 +137,8 @@ def trunk_body(
 def hip_and_knee(
     x: Number, z: Number, thigh: float, lower: Number, bend: int = -1
 ) -> tuple[Any, Any]:
-    """Hip and knee that put a sole at (x, z) from the hip; out of reach in direction
-    only.
+    """Return the angles of hip and knee that put a sole at (x, z) from the hip; out of
+    reach, in that direction only.
 
     What `kinematics.joint_angles` does in space, but short of straight: solves begin
     here, and a straight leg is no place to. `bend` is the sign of the knee's angle; -1

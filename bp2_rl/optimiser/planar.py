@@ -45,7 +45,8 @@ class Terms(NamedTuple):
 
 
 class PlanarModel:
-    """Legs, and their share of the trunk; left legs stand for the right ones.
+    """MuJoCo model of some legs and their share of the trunk, in the plane; left legs
+    stand for the right ones.
 
     Args:
         legs: names; those that begin with F are at the front, the others behind.
@@ -91,7 +92,8 @@ class PlanarModel:
         )
 
     def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
-        """Compute the terms at coordinates `q` and velocities `v`."""
+        """Compute the terms of the equations of motion at coordinates `q` and
+        velocities `v`."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(model, data)
@@ -107,8 +109,8 @@ class PlanarModel:
     def passive(
         self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """tau_p: linear springs and dampers, slides, one-sided rounded stops at both
-        ends of travel, and drag."""
+        """Return the passive forces tau_p: linear springs and dampers, slides, rounded
+        one-sided stops at both ends of travel, and drag."""
         hardware, s, rate = self.hardware, q[self.springs], v[self.springs]
         force = np.zeros_like(q)
         force[:1] = verifier_laws.drag(hardware, self.share, v[:1])
@@ -136,8 +138,8 @@ class PlanarModel:
         v: Float[np.ndarray, "k n"],
         tau: Float[np.ndarray, "k motors"],
     ) -> Float[np.ndarray, " k"]:
-        """Power that springs, slides, gears, joints and the air take, W, in k states;
-        headwind may give some."""
+        """Return the power, W, that springs, slides, gears, joints and the air take in
+        k states; headwind may give some."""
         rate, qd = v[:, self.springs], v[:, self.motors]
         springs = (
             self.damping(q[:, self.springs]) * rate**2
@@ -205,8 +207,8 @@ class PlanarModel:
 def _build_spec(
     legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: bool
 ) -> mujoco.MjSpec:
-    """Trunk on two slides and a hinge with the abduction links fixed to it; from them
-    thighs, shanks and toes."""
+    """Return the planar model's spec: a trunk on two slides and a hinge, with abduction
+    links fixed to it, thighs, shanks and toes."""
     spec, anatomy = mujoco.MjSpec(), hardware.anatomy
     spec.option.gravity = np.array([0.0, 0.0, -conventions.GRAVITY])
     # A rotor is an armature of its joint, or, if it turns with the link that holds it,
@@ -308,7 +310,7 @@ def _solve_with_contact(
     push: Float[np.ndarray, " n"],
     contact: Float[np.ndarray, " held"],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
-    """x and multiplier f with M x = push + J^T f and J x = contact."""
+    """Solve M x = push + J^T f and J x = contact, and return x and the multiplier f."""
     nothing = np.zeros((len(jacobian), len(jacobian)))
     system = np.block([[mass, -jacobian.T], [jacobian, nothing]])
     found = np.linalg.solve(system, np.concatenate([push, contact]))

@@ -29,18 +29,20 @@ GEAR_ROUNDING = 2.0  # Nm, ASSUMED
 Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
 Gait = Literal["trot", "two-leg", "pronk", "half-bound", "gallop"]
 Speed = Annotated[float, Within(0.01, 100.0)]
-"""m/s; files name speeds in this range in their order."""
+"""A speed, m/s; in this range names of files put speeds in their order."""
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
 MOST_SPEEDS = 1000
-"""More of them are a slip of the pen: at a minute each they take a day."""
+"""Most speeds of a family; more of them are a slip of the pen: at a minute each they
+take a day."""
 SOLVE_TIME = 300.0
-"""s of a processor's time, after which a solve is given up."""
+"""Time limit of a solve, s of a processor's time."""
 Intervals = Annotated[int, Within(2, 500)]
 Starts = Annotated[int, Within(1, 1000)]
 
 
 def per_leg(hardware: HardwareSpec) -> int:
-    """Coordinates of a leg of this robot."""
+    """Return the number of coordinates of a leg of this robot: 3 with a spring, else
+    2."""
     return PER_LEG if hardware.anatomy.sprung else PER_LEG - 1
 
 
@@ -59,15 +61,15 @@ def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
 
 
 def contact_rows(legs: tuple[str, ...], feet: tuple[str, ...]) -> list[int]:
-    """Return the rows of some feet in contact coordinates and forces, (x, z) leg by
-    leg."""
+    """Return the rows of some feet among contact coordinates and forces, which are (x,
+    z) leg by leg."""
     return [2 * legs.index(foot) + axis for foot in feet for axis in (0, 1)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Stride:
-    """Which feet stand in each segment, and what follows the last one: the first again,
-    with `then` as its legs."""
+    """Segments of a stride, with the feet that stand in each; the next stride has the
+    same segments, with `then` as its legs."""
 
     legs: tuple[str, ...]
     standing: tuple[tuple[str, ...], ...]
@@ -76,13 +78,13 @@ class Stride:
 
     @property
     def nq(self) -> int:
-        """Coordinates of the model: trunk, then hip, knee and, unless the shank is
-        rigid, spring of each leg."""
+        """Number of the model's coordinates: the trunk's, then hip, knee and, unless
+        the shank is rigid, spring of every leg."""
         return TRUNK + self.per_leg * len(self.legs)
 
     @property
     def motors(self) -> Int[np.ndarray, " motors"]:
-        """Indices into q that have a motor."""
+        """Indices into q of the coordinates that have a motor."""
         return motor_coordinates(self.legs, self.per_leg)
 
     @property
@@ -100,21 +102,21 @@ class Stride:
         return name in self.standing[segment]
 
     def touchdowns(self, segment: int) -> tuple[str, ...]:
-        """Feet that land as a segment begins."""
+        """Return the feet that land as a segment begins."""
         return tuple(
             leg for leg in self.standing[segment] if not self.stands(leg, segment - 1)
         )
 
     def liftoffs(self, segment: int) -> tuple[str, ...]:
-        """Feet that leave the ground as a segment ends."""
+        """Return the feet that leave the ground as a segment ends."""
         return tuple(
             leg for leg in self.standing[segment] if not self.stands(leg, segment + 1)
         )
 
     @property
     def next_coordinates(self) -> Int[np.ndarray, " nq"]:
-        """The stride's final q at these indices is the next stride's initial q (but for
-        x)."""
+        """Indices by which the stride's final q becomes the next stride's initial q
+        (but for x)."""
         blocks = [TRUNK + self.per_leg * self.legs.index(leg) for leg in self.then]
         return np.array(
             [
@@ -125,7 +127,7 @@ class Stride:
 
     @property
     def next_motors(self) -> Int[np.ndarray, " motors"]:
-        """The stride's final motor or contact values at these indices are the next
+        """Indices by which the stride's final motor or contact values become the next
         stride's initial ones."""
         return np.array(
             [2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)]
@@ -153,8 +155,8 @@ STRIDES: dict[Gait, Stride] = {
 
 @dataclasses.dataclass(frozen=True)
 class CostWeights(Bounded, path="weights."):
-    """Weights of the paper's running cost R, and what its terms are divided by. All
-    ASSUMED."""
+    """Weights of the paper's running cost R, and the numbers by which its terms are
+    divided. All ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
     load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f
@@ -184,9 +186,9 @@ class Form(Bounded, path="form."):
     """m/s, of a spring's extension as its foot lifts off: what then meets the rebound
     stop"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
-    """of the mean vertical force of a stance, that one of its feet bears"""
+    """largest share of a stance's mean vertical force that one of its feet bears"""
     greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0
-    """of the weight's impulse over the stride, that landings bear"""
+    """largest share of the weight's impulse over the stride that landings bear"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,18 +233,17 @@ class Problem:
 
     @property
     def stride(self) -> Stride:
-        """The sequence of segments."""
+        """Segments of the gait's stride, with the feet that stand in each."""
         return dataclasses.replace(STRIDES[self.gait], per_leg=per_leg(self.hardware))
 
     @property
     def share(self) -> float:
-        """Share of the robot that the model is: what the robot has once, its legs
-        share."""
+        """Share of the robot that is modelled: legs in the model, over four."""
         return len(self.stride.legs) / len(conventions.LEGS)
 
     @property
     def points(self) -> Float[np.ndarray, " points"]:
-        """Where a segment's points are, as shares of its duration."""
+        """Places of the mesh's points in a segment, as shares of its duration."""
         return np.linspace(
             0.0,
             1.0,
@@ -254,7 +255,8 @@ class Problem:
     @property
     def quadrature(self) -> Float[np.ndarray, " points"]:
         """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal
-        one, or, as the paper's scheme takes forces for velocities, the left ends."""
+        rule or, in the paper's scheme, which takes forces for velocities, the left
+        ends."""
         weights = np.ones(len(self.points))
         if self.scheme == "hermite-simpson":
             weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
@@ -269,8 +271,8 @@ class Problem:
         return dataclasses.replace(self, speed=speed)
 
     def sized(self, hardware: HardwareSpec) -> "Problem":
-        """Return this problem, which is written for BP2, for a robot, by dynamic
-        similarity; BP2's stays as it is."""
+        """Return this problem, which is written for BP2, scaled to a robot by dynamic
+        similarity; for a BP2 nothing is scaled."""
         size, weights = hardware.size, self.weights
         return dataclasses.replace(
             self,

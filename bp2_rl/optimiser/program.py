@@ -11,7 +11,7 @@ from bp2_rl.optimiser.sagittal import ca
 
 
 class Optimum(NamedTuple):
-    """Where IPOPT ended: n unknowns and m constraints, all in the program's own scaled
+    """Result of IPOPT for n unknowns and m constraints, all in the program's own scaled
     units."""
 
     point: Float[np.ndarray, " n"]
@@ -23,7 +23,7 @@ class Optimum(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Bounds of k constraints or unknowns."""
+    """Lower and upper bounds of k constraints or unknowns."""
 
     lower: Float[np.ndarray, " k"]
     upper: Float[np.ndarray, " k"]
@@ -68,8 +68,8 @@ class Program:
         upper: Any = np.inf,
         limits: Sequence[str] = (),
     ) -> ca.MX:
-        """A matrix like `guess`; inside the program it is divided by `scale`. Its rows'
-        bounds may have names."""
+        """Add a matrix of unknowns, which start at `guess` and are divided by `scale`
+        inside the program. Bounds of its rows may have names."""
         rows, columns = guess.shape
         first = _count(self._unknown_bounds)
         for row, limit in enumerate(limits):
@@ -96,7 +96,8 @@ class Program:
         limit: str = "",
         share: float = 1.0,
     ) -> None:
-        """lower <= expression / scale <= upper: an equation where no bounds are given.
+        """Add the constraint lower <= expression / scale <= upper: an equation where no
+        bounds are given.
 
         A `limit` has a name; `share` is as in `Limit`.
         """
@@ -114,18 +115,19 @@ class Program:
     def at_least_zero(
         self, expression: ca.MX, scale: float, limit: str = "", share: float = 1.0
     ) -> None:
-        """0 <= expression."""
+        """Add the constraint 0 <= expression."""
         self.require(expression, scale, 0.0, np.inf, limit, share)
 
     def within(
         self, expression: ca.MX, bound: ca.MX | float, scale: float, limit: str = ""
     ) -> None:
-        """|expression| <= bound."""
+        """Add the constraint |expression| <= bound."""
         self.at_least_zero(bound - expression, scale, limit, 0.5)
         self.at_least_zero(bound + expression, scale, limit, 0.5)
 
     def conditions(self, point: Float[np.ndarray, " n"]) -> Conditions:
-        """The constraints and all bounds at a point of the scaled unknowns."""
+        """Return the constraints' values and all bounds at a point of the scaled
+        unknowns."""
         [values] = self.values([ca.vertcat(*self._constraints)], point)
         return Conditions(
             values.ravel(),
@@ -136,15 +138,15 @@ class Program:
     def values(
         self, expressions: Sequence[ca.MX], point: Float[np.ndarray, " n"]
     ) -> list[Float[np.ndarray, "columns rows"]]:
-        """Expressions in the unknowns at a point of the scaled unknowns, each with its
-        columns first."""
+        """Return the values of expressions at a point of the scaled unknowns, each with
+        its columns first."""
         function = ca.Function(
             "values", [ca.vertcat(*self._unknowns)], list(expressions)
         )
         return [np.array(value).T for value in function.call([point])]
 
     def solve(self, time_limit: float, perhaps_infeasible: bool) -> Optimum:
-        """Where IPOPT ends from the guess."""
+        """Solve the program with IPOPT from the guess, and return where it ends."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {
             # Not expanded: to unroll the points costs more than the faster iterations
@@ -179,11 +181,11 @@ class Program:
 
 
 def _joined(parts: Sequence[Bounds]) -> Bounds:
-    """All bounds in one row."""
+    """Return several bounds joined into one."""
     lower, upper = zip(*parts, strict=True)
     return Bounds(np.concatenate(lower), np.concatenate(upper))
 
 
 def _count(parts: Sequence[Bounds]) -> int:
-    """Return how many unknowns or constraints these bounds are of."""
+    """Return the number of unknowns or constraints that have these bounds."""
     return sum(len(part.lower) for part in parts)

@@ -69,7 +69,7 @@ spring follows the length."""
 
 @dataclasses.dataclass(frozen=True)
 class SagittalModel:
-    """The model's terms as CasADi functions; `p` is the design vector of
+    """Terms of the equations of motion as CasADi functions; `p` is the vector of
     `design_vector`.
 
     With n = 3 + 3 legs coordinates, 3 + 2 legs with rigid shanks, u = 2 legs motors and
@@ -95,7 +95,7 @@ class SagittalModel:
 
 
 def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
-    """The hardware parameters that the model's functions take as their last
+    """Return the hardware parameters that the model's functions take as their last
     argument."""
     return np.array(
         [hardware.gear_ratio, hardware.anatomy.leg_length, hardware.spring_stiffness]
@@ -103,7 +103,7 @@ def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
 
 
 def model_of(problem: Problem) -> SagittalModel:
-    """The model that a problem is about."""
+    """Return the sagittal model of a problem's robot and legs."""
     return build_model(
         problem.stride.legs,
         problem.hardware,
@@ -119,7 +119,7 @@ def build_model(
     foot_radius: float | None = None,
     rotor_coupling: bool = False,
 ) -> SagittalModel:
-    """The model of these legs and of their share of the trunk.
+    """Build the sagittal model of these legs and of their share of the trunk.
 
     Args:
         legs: names; those that begin with F are at the front, the others behind.
@@ -228,8 +228,8 @@ def _rotors(
 
 
 def _centrifugal(C: ca.Function, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:
-    """C is quadratic in v, so what remains with one v_i alone is its centrifugal
-    part."""
+    """Return the centrifugal part of C, which is quadratic in v: the terms that remain
+    with one v_i alone."""
     n = v.shape[0]
     centrifugal = ca.SX.zeros(n)
     for i in range(TRUNK - 1, n):  # the trunk's translation is not in C
@@ -279,7 +279,7 @@ def _passive_forces(
 
 
 def _resistance(joint_velocity: ca.SX, tau: ca.SX, hardware: HardwareSpec) -> ca.SX:
-    """tau_r: what gears and joints take of the motors' torques."""
+    """Return tau_r: the torques that gears and joints take from the motors' torques."""
     losses, size = hardware.losses, hardware.size
     turning = ca.tanh(joint_velocity / (JOINT_ROUNDING * size.rate))
     load = tau * ca.tanh(tau / (GEAR_ROUNDING * size.torque))

@@ -23,7 +23,7 @@ MEND = "solve it again"
 
 
 class NotSolved(UserError):
-    """IPOPT found no trajectory; the message says how it ended."""
+    """Raised when IPOPT finds no trajectory; the message says how it ended."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Motion:
 
     @property
     def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
-        """The arrays by name."""
+        """Return the motion's arrays by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
 
@@ -54,7 +54,7 @@ ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
 class StrideMoment(NamedTuple):
-    """A motion at instants of one segment, in the columns of `Motion`."""
+    """A motion at some instants in a segment, in the columns of `Motion`."""
 
     q: Float[np.ndarray, "instants nq"]
     v: Float[np.ndarray, "instants nq"]
@@ -65,7 +65,8 @@ class StrideMoment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolveStatistics:
-    """How a solve went."""
+    """Cost, constraint violation, iterations and time of a solve, and what the verifier
+    measured."""
 
     cost: float
     # largest violation of any constraint, in the program's own scaled units
@@ -77,7 +78,7 @@ class SolveStatistics:
 
     @property
     def statistics(self) -> "SolveStatistics":
-        """These numbers alone."""
+        """Return these numbers alone, without the motion."""
         names = (field.name for field in dataclasses.fields(SolveStatistics))
         return SolveStatistics(**{name: getattr(self, name) for name in names})
 
@@ -117,8 +118,8 @@ def sample(
     segment: int,
     share: Float[np.ndarray, " instants"],
 ) -> StrideMoment:
-    """The motion at shares (0 to 1) of a segment, by the polynomials that its scheme
-    stands for.
+    """Return the motion at shares (0 to 1) of a segment, by the polynomials that the
+    problem's scheme stands for.
 
     Hermite-Simpson: q and v cubic, tau, force and a quadratic in each interval.
     Trapezoid: v quadratic, the others linear. The paper's scheme: v linear, tau, force
@@ -204,7 +205,7 @@ def save_solution(path: Path, solution: Solution) -> None:
 
 
 def load_solution(path: Path, problem: Problem | None = None) -> Solution:
-    """The solution that `save_solution` wrote to `path`.
+    """Read the solution that `save_solution` wrote to `path`.
 
     Args:
         path: without suffix.
@@ -248,7 +249,7 @@ def is_saved(path: Path) -> bool:
 
 
 def speed_name(speed: float) -> str:
-    """How files name a speed: exactly, and in its order up to 100 m/s; such as
+    """Return a speed as a file's name, exact, and in order up to 100 m/s; such as
     speed-08.50 or speed-10.003."""
     whole, _, decimals = format(Decimal(repr(speed)), "f").partition(".")
     return f"speed-{whole:0>2}.{decimals:0<2}"
@@ -272,7 +273,7 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
 
 
 def versions() -> dict[str, str]:
-    """The versions that a solution depends on."""
+    """Return the versions of the packages that a solution depends on."""
     found = {"bp2_rl": config.package_versions()["bp2_rl"], "numpy": np.__version__}
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
         found["casadi"] = importlib.metadata.version("casadi")

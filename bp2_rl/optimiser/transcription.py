@@ -55,7 +55,8 @@ RANGES = "hip range", "knee range", "spring range"
 
 @dataclasses.dataclass(frozen=True)
 class SolveOptions:
-    """Wishes of a solve beside its problem; by default there are none.
+    """Options of a solve beside its problem: nearness to the guess, free parameters, a
+    weight on speed, a time limit.
 
     The solution's problem has what was found as well: the speed, an unknown if
     `speed_weight` is positive, and the hardware parameters that are `free`.
@@ -70,7 +71,8 @@ class SolveOptions:
     """lower and upper bounds of the hardware parameters of `sagittal.DESIGN` that are
     unknowns"""
     speed_weight: float = 0.0
-    """what a metre per second is worth, in units of the cost"""
+    """units of the cost that a metre per second is worth; above 0 the speed is an
+    unknown"""
     time_limit: float = SOLVE_TIME
     """s, of a processor's time"""
     perhaps_infeasible: bool = False
@@ -106,15 +108,15 @@ class Transcription:
 
     @property
     def gear(self) -> ca.MX:
-        """The gear ratio, as a share of that for which the motors' numbers are."""
+        """Gear ratio, over the ratio at which the motors' numbers are given."""
         return (
             self.design[DESIGN.index("gear_ratio")]
             / self.problem.hardware.anatomy.gear_ratio
         )
 
     def of_motors(self, name: str) -> ca.DM:
-        """A parameter of hips and knees, behind the gear for which it is given: one of
-        each motor."""
+        """Return a hardware parameter of hips and knees, a number for each motor, at
+        the gear ratio for which it is given."""
         each = np.broadcast_to(self.problem.hardware.parameter(name), 3)[1:]
         return ca.DM(np.tile(each, len(self.problem.stride.legs)))
 
@@ -145,7 +147,8 @@ class Transcription:
 
     @functools.cached_property
     def cost(self) -> ca.MX:
-        """Mean of R (paper, Eq. R) over the stride; every segment counts alike."""
+        """Mean of the running cost R (paper, Eq. R) over the stride; every segment
+        counts alike."""
         return sum(
             (
                 _mean_running_cost(self, segment) / len(self.segments)
@@ -253,8 +256,8 @@ def _add_unknowns(
 def _design(
     program: Program, problem: Problem, free: Mapping[str, tuple[float, float]]
 ) -> ca.MX:
-    """The design vector: the hardware's own numbers, or unknowns where they are
-    free."""
+    """Return the design vector: the hardware's own numbers, or unknowns where a
+    parameter is free."""
     values = []
     for name, number in zip(
         DESIGN, sagittal.design_vector(problem.hardware), strict=True
@@ -297,8 +300,8 @@ def _push(
     feet: tuple[str, ...],
     lifting: tuple[str, ...] = (),
 ) -> ca.MX:
-    """Return all legs' forces or impulses, zero but for `feet`, which push up, and end
-    at zero if `lifting`."""
+    """Return forces or impulses of all legs as unknowns: upward on `feet`, else zero,
+    and zero at the end of `lifting` feet."""
     rows = []
     for leg in stride.legs:
         row = guess[contact_rows(stride.legs, (leg,))]
@@ -317,8 +320,8 @@ def _push(
 
 
 def _require_dynamics(nlp: Transcription, i: int) -> None:
-    """M a + C + G = B (tau - tau_r) + tau_p + J^T F at each point, and the scheme's
-    rule from point to point."""
+    """Require M a + C + G = B (tau - tau_r) + tau_p + J^T F at each point, and the
+    scheme's rule from point to point."""
     T, q, v, a, tau, force, _ = nlp.segments[i]
     residual = nlp.model.residual.map(q.shape[1])
     nlp.program.require(residual(q, v, a, tau, force, nlp.design), TORQUE_SCALE)
@@ -347,7 +350,7 @@ def _require_dynamics(nlp: Transcription, i: int) -> None:
 
 
 def _require_standing_feet_to_stand(nlp: Transcription, i: int) -> None:
-    """d2 phi / dt2 = 0 of the standing feet at each point."""
+    """Require d2 phi / dt2 = 0 of the standing feet at each point."""
     stride, (_, q, v, a, *_) = nlp.problem.stride, nlp.segments[i]
     if standing := contact_rows(stride.legs, stride.standing[i]):
         acceleration = nlp.model.contact_acceleration.map(q.shape[1])
@@ -357,8 +360,8 @@ def _require_standing_feet_to_stand(nlp: Transcription, i: int) -> None:
 
 
 def _join_to_segment_before(nlp: Transcription, i: int) -> None:
-    """q and tau do not jump; v does not either, or M (v+ - v-) = J^T Lambda with z = 0
-    and J v+ = 0 of landing feet.
+    """Require that q, tau and v do not jump between segments; where feet land, M (v+ -
+    v-) = J^T Lambda, z = 0 and J v+ = 0.
 
     Before the first segment is the last one, with the legs of `Stride.then` and a
     stride's length behind.
@@ -395,8 +398,8 @@ def _join_to_segment_before(nlp: Transcription, i: int) -> None:
 
 
 def _limit_form(nlp: Transcription) -> None:
-    """The cycle's period, what landings bear, and in each stance its duration and how
-    its feet share the load."""
+    """Limit the cycle's period, the impulse of landings, and in each stance its
+    duration and how its feet share the load."""
     stride, form, program = nlp.problem.stride, nlp.problem.form, nlp.program
     duration = ca.sum1(ca.vertcat(*(segment.T for segment in nlp.segments)))
     period = duration / stride.cycles
@@ -429,7 +432,7 @@ def _limit_form(nlp: Transcription) -> None:
 
 
 def _limit_release(nlp: Transcription, i: int) -> None:
-    """Springs extend no faster than the form allows as their feet lift off."""
+    """Limit the speed at which springs extend as their feet lift off."""
     stride, fastest, v = (
         nlp.problem.stride,
         nlp.problem.form.fastest_release,
@@ -442,7 +445,7 @@ def _limit_release(nlp: Transcription, i: int) -> None:
 
 
 def _limit_friction(nlp: Transcription, i: int) -> None:
-    """|F_x| <= mu F_z of standing feet, and of the impulses of landing ones."""
+    """Require |F_x| <= mu F_z of standing feet, and of the impulses of landing ones."""
     stride, mu, (*_, force, impulse) = (
         nlp.problem.stride,
         nlp.problem.hardware.friction,
@@ -460,8 +463,8 @@ def _limit_friction(nlp: Transcription, i: int) -> None:
 
 
 def _limit_swing(nlp: Transcription, i: int) -> None:
-    """Swinging soles above a bump of height `clearance`, and below the form's highest
-    step."""
+    """Keep swinging soles above a bump of height `clearance`, and below the form's
+    highest step."""
     problem, stride, q = nlp.problem, nlp.problem.stride, nlp.segments[i].q
     height = nlp.model.contact.map(q.shape[1])(q, nlp.design)
     for leg in (leg for leg in stride.legs if leg not in stride.standing[i]):
@@ -480,8 +483,8 @@ def _limit_swing(nlp: Transcription, i: int) -> None:
 
 
 def _swing_share(nlp: Transcription, leg: str, i: int) -> ca.MX:
-    """How much of a leg's swing has gone by at each point of a segment in the midst of
-    it, from 0 to 1."""
+    """Return the share of a leg's swing, from 0 to 1, that has gone by at each point of
+    a segment in the midst of the swing."""
     T = [segment.T for segment in nlp.segments]
 
     def rest(at: int, step: int) -> ca.MX:
@@ -498,8 +501,8 @@ def _swing_share(nlp: Transcription, leg: str, i: int) -> ca.MX:
 
 
 def _limit_motors(nlp: Transcription, i: int) -> None:
-    """Joint speeds within the margin, torques within the motors' envelope, their power
-    within the bus's limits."""
+    """Keep joint speeds within the margin, torques within the motors' envelope, and
+    power within the bus's limits."""
     program, margin = nlp.program, nlp.problem.speed_margin
     stall, no_load = nlp.stall_torque, nlp.no_load_speed
     for speed, torque in _motor_states(nlp, i):
@@ -518,8 +521,8 @@ def _keep_below_line(
     torque: ca.MX,
     voltage: ca.MX | float = 1.0,
 ) -> None:
-    """torque <= stall (voltage - speed), and the same in the other sense of turning;
-    speed and voltage are shares."""
+    """Require torque <= stall (voltage - speed), and the same in the other sense of
+    turning; speed and voltage are shares."""
     program.at_least_zero(stall * (voltage - speed) - torque, TORQUE_SCALE, name, 0.5)
     program.at_least_zero(stall * (voltage + speed) + torque, TORQUE_SCALE, name, 0.5)
 
@@ -542,8 +545,8 @@ def _motor_states(nlp: Transcription, i: int) -> list[tuple[ca.MX, ca.MX]]:
 
 
 def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
-    """Braking torque below a line that falls to zero at the braking speed, where there
-    is one.
+    """Keep braking torque below a line that falls to zero at the braking speed, if the
+    motors have a braking speed.
 
     Beyond that speed the line asks for driving torque, so a motor whose braking ends
     before its no-load speed is limited by more than it should be.
@@ -558,8 +561,8 @@ def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
 
 
 def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
-    """Power of all motors together within the bus's limits, and driving torque within
-    what its voltage leaves.
+    """Keep the power of all motors together within the bus's limits, and driving torque
+    within what its voltage leaves.
 
     The voltage never rises: where power flows back, the envelope without sag, which
     holds anyway, is the narrower one.
@@ -582,8 +585,8 @@ def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
 
 
 def _limit_rates(nlp: Transcription, i: int) -> None:
-    """Steps of torques and of standing feet's forces from point to point within the
-    problem's rates."""
+    """Keep steps of torques and of standing feet's forces, from point to point, within
+    the problem's rates."""
     problem, (T, *_, tau, force, _) = nlp.problem, nlp.segments[i]
     dt = T / (tau.shape[1] - 1)
     nlp.program.within(

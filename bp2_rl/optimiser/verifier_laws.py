@@ -36,8 +36,8 @@ def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
 
 
 def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:
-    """Force of the air on a trunk that moves at `forward` m/s, N; half the dynamic
-    pressure's area for half a robot."""
+    """Return the air drag on a trunk that moves at `forward` m/s, N, times the model's
+    share of the robot."""
     wind = forward + hardware.losses.headwind
     pressure = 0.5 * conventions.AIR_DENSITY * wind**2
     return -np.sign(wind) * pressure * hardware.losses.drag_area * share
@@ -115,8 +115,8 @@ def _stall(
 
 
 def _motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
-    """Return the hips' and knees' share of a number of the twelve joints, for the
-    model's legs."""
+    """Return the hips' and knees' entries of a number of the twelve joints, repeated
+    for the model's legs."""
     return np.tile(np.broadcast_to(value, 12)[1:3], count // 2)
 
 

@@ -60,7 +60,7 @@ UNITS = {
     # What the motors do in the simulated stride, less what they do in the solution.
     "energy_error": "of the positive motor work",
 }
-"""The figures of `verify`, in its order, with their units."""
+"""Units of the figures that `verify` measures, in its order."""
 LIMITS = {
     # these four are what the program makes zero: the limit is what IPOPT leaves of it
     "dynamics_residual": 1e-3,
@@ -83,7 +83,8 @@ LIMITS = {
     "velocity_error": 0.05,
     "energy_error": 0.01,
 }
-"""The figures that have a limit; speed and the fastest joint's speed inform."""
+"""Limits of the figures that `verify` measures; speed and the fastest joint's speed
+have none."""
 # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
 RESIMULATED = (4.0, 13.2)
 # figures that older files lack, and what stands for them
@@ -97,7 +98,8 @@ LIGHT = 0.01  # of the weight: a force below says nothing about friction
 
 
 def verify(solution: Solution) -> dict[str, float]:
-    """Measure the figures of a solution that `UNITS` names and explains."""
+    """Measure a solution with the independent verifier, and return the figures that
+    `UNITS` names and explains."""
     model, (q, v) = PlanarModel.of(solution.problem), resimulate(solution)
     return {
         "speed": solution.problem.speed,
@@ -114,8 +116,8 @@ def verify(solution: Solution) -> dict[str, float]:
 def _work_error(
     solution: Solution, v: Float[np.ndarray, "segments points nq"]
 ) -> float:
-    """How far the motors' work at other velocities is from the solution's, over its
-    positive part."""
+    """Return the difference of the motors' work at other velocities from the
+    solution's, over the solution's positive work."""
     motion, motors = solution.motion, solution.problem.stride.motors
     weights = (motion.durations[:, None] * solution.problem.quadrature)[..., None]
     power = motion.tau * motion.v[..., motors]
@@ -156,7 +158,8 @@ def resimulate(
 ) -> tuple[
     Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]
 ]:
-    """q and v at the mesh's points as its torques and durations make them.
+    """Simulate a solution's torques and durations from its first state; return q and v
+    at the mesh's points.
 
     From the solution's own state after the first impact, standing feet held exactly,
     every landing a perfectly inelastic impact; DOP853, interval by interval, as torques
@@ -175,7 +178,8 @@ def resimulate(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StrideSummary:
-    """A stride in four numbers, whose peaks are between the mesh's points, too."""
+    """Period, duty, peak torque and peak force of a stride, whose peaks are between the
+    mesh's points, too."""
 
     period: float = metric("Period", "s", ".3f")
     duty: float = metric("Duty", form=".3f")
@@ -392,5 +396,5 @@ def _on_fine_grid(
 
 
 def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:
-    """Kinetic energy, J."""
+    """Return the kinetic energy, J."""
     return float(v @ mass @ v) / 2.0

@@ -37,7 +37,7 @@ from bp2_rl.robot.bp2 import ENDURANCE_TIME, HEATING_RATE
 
 Motors = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
 ENVELOPE_TEMPERATURE = AMBIENT
-"""T_0, C: that at which a motor has its published envelope."""
+"""T_0, C: the temperature at which a motor has its published envelope."""
 RISE = HEATING_RATE * ENDURANCE_TIME  # K, of a rear hip's winding in the paper's run
 STEP = 2.0  # s, at most, of a course
 WAYS = 0.05, 1e4  # K/W from winding to case that are looked at; the last is none
@@ -46,7 +46,8 @@ HALVINGS = 30
 
 
 class Network(struct.PyTreeNode):
-    """The way of the heat out of a motor, through winding and case."""
+    """Thermal network of a motor: heat flows from the winding through the case to the
+    air."""
 
     winding_capacity: float  # J/K
     winding_to_case: float  # K/W
@@ -59,7 +60,8 @@ class Network(struct.PyTreeNode):
 
     @classmethod
     def from_spec(cls, heat: MotorHeat, winding_to_case: float) -> "Network":
-        """Return a motor's network with a resistance, K/W, between winding and case."""
+        """Return a motor's thermal network with a resistance, K/W, between winding and
+        case."""
         return cls(
             winding_capacity=heat.winding_capacity,
             winding_to_case=winding_to_case,
@@ -73,29 +75,29 @@ class Network(struct.PyTreeNode):
 
 
 class Temperatures(struct.PyTreeNode):
-    """Temperatures of every motor, C."""
+    """Temperatures of every motor's winding and case, C."""
 
     winding: Motors
     case: Motors
 
     @classmethod
     def uniform(cls, temperature: float, shape: tuple[int, ...]) -> "Temperatures":
-        """All as warm."""
+        """Return windings and cases all at one temperature, C."""
         return cls(np.full(shape, temperature), np.full(shape, temperature))
 
 
 def resistance_ratio(network: Network, temperatures: Temperatures) -> Motors:
-    """The windings' resistance over that at T_0."""
+    """Return the windings' electrical resistance over its value at T_0."""
     return 1.0 + network.copper_growth * (temperatures.winding - ENVELOPE_TEMPERATURE)
 
 
 def flux_ratio(network: Network, temperatures: Temperatures) -> Motors:
-    """k: torque per ampere and back EMF over those at T_0."""
+    """Return k, the torque per ampere over its value at T_0; back EMF scales alike."""
     return 1.0 - network.magnet_loss * (temperatures.case - ENVELOPE_TEMPERATURE)
 
 
 def heat_ratio(network: Network, temperatures: Temperatures) -> Motors:
-    """The windings' heat at a torque over that at T_0."""
+    """Return the windings' heat under a given torque over its value at T_0."""
     return (
         resistance_ratio(network, temperatures) / flux_ratio(network, temperatures) ** 2
     )
@@ -104,7 +106,8 @@ def heat_ratio(network: Network, temperatures: Temperatures) -> Motors:
 def heated(
     actuator: Actuator, network: Network, temperatures: Temperatures
 ) -> Actuator:
-    """Return warm motors; at T_0 the cold ones to the last bit.
+    """Return motors with the torque-speed envelope of their temperatures; at T_0 the
+    cold motors to the last bit.
 
     `winding_heat` of what is returned is P.
     """
@@ -123,7 +126,7 @@ def heated(
 def warming(
     network: Network, temperatures: Temperatures, cold_heat: Motors
 ) -> Temperatures:
-    """Return how fast temperatures rise, K/s.
+    """Return the rates at which winding and case temperatures rise, K/s.
 
     `cold_heat` is the windings' heat at T_0 under the same torque, W.
     """
@@ -172,7 +175,7 @@ def advance(
 
 
 def calibrated(heat: MotorHeat, cold_heat: float) -> MotorHeat:
-    """Return the motor whose winding heats at the paper's mean rate.
+    """Return `heat` fitted so that a rear hip's winding heats at the paper's mean rate.
 
     Its way from winding to case is found, unless that is given. Where even a winding
     that gives nothing away heats too slowly, its copper is less.
@@ -198,7 +201,8 @@ def calibrated(heat: MotorHeat, cold_heat: float) -> MotorHeat:
 
 
 def _halve(is_below: Callable[[float], bool], low: float, high: float) -> float:
-    """Find by bisection of the logarithm where a value stops being below the answer."""
+    """Return, by bisection of the logarithm, where `is_below` turns from true to
+    false."""
     low, high = np.log(low), np.log(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -215,7 +219,8 @@ def rise(network: Network, cold_heat: Motors) -> Motors:
 def course(
     network: Network, cold_heat: Motors, seconds: float
 ) -> tuple[Float[np.ndarray, " T"], list[Temperatures]]:
-    """Return times (s) and temperatures under a constant torque, from the air's on."""
+    """Return times (s) and temperatures under a constant torque, starting as warm as
+    the air."""
     steps = int(np.ceil(seconds / _course_step(network)))
     now = [Temperatures.uniform(float(network.air), cold_heat.shape)]
     for _ in range(steps):
@@ -224,7 +229,8 @@ def course(
 
 
 def _course_step(network: Network) -> float:
-    """Return half of the shortest time constant, or `STEP`, s."""
+    """Return the time step of `course`, s: half of the shortest time constant, at most
+    `STEP`."""
     n = network
     between = (1.0 / n.winding_capacity + 1.0 / n.case_capacity) / n.winding_to_case
     rate = between + 1.0 / n.case_to_air / n.case_capacity

@@ -47,14 +47,15 @@ class PublishedRobot:
 
     @property
     def motor_envelope(self) -> float | None:
-        """One motor's peak torque x no-load speed, W: the paper's "maximum motor power
-        envelope", and no power."""
+        """One motor's peak torque x no-load speed, W, which the paper calls "maximum
+        motor power envelope"; no motor gives that power."""
         if self.peak_torque is None or self.no_load_speed is None:
             return None
         return self.peak_torque * self.no_load_speed
 
     def demand(self, gravity: float = GRAVITY) -> float | None:
-        """`power_demand` at its top speed; None without motor data."""
+        """Return the robot's `power_demand` at its top speed; None without motor
+        data."""
         if self.peak_torque is None or self.no_load_speed is None:
             return None
         return power_demand(
@@ -64,7 +65,7 @@ class PublishedRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Mammal:
-    """One species of a user's table."""
+    """A species in a user's table of mammals, with mass and top speed."""
 
     species: str
     mass: Mass  # kg
@@ -73,12 +74,12 @@ class Mammal:
 
 
 def read_robots() -> tuple[PublishedRobot, ...]:
-    """The paper's Table S1, in its order."""
+    """Return the robots of the paper's Table S1, in its order."""
     return read_table(asset_path(TABLE_S1), PublishedRobot)
 
 
 def read_mammals(path: Path) -> tuple[Mammal, ...]:
-    """A user's table of mammals; raises as `read_table`."""
+    """Read a user's table of mammals; raises as `read_table`."""
     return read_table(path, Mammal)
 
 
@@ -111,8 +112,8 @@ people, too."""
 
 @dataclasses.dataclass(frozen=True)
 class Standard:
-    """One row of the paper's Table S2: what a national level of China takes over 100
-    m."""
+    """One row of the paper's Table S2: the time over 100 m for a national level of
+    China."""
 
     category: str
     level: Annotated[int, Within(1, 9)]  # 1 is the highest
@@ -122,7 +123,7 @@ class Standard:
 
 @dataclasses.dataclass(frozen=True)
 class SplitRow:
-    """One row of a user's table of splits."""
+    """One row of a user's table of races: an athlete's split time at a distance."""
 
     athlete: str
     distance: Annotated[
@@ -137,7 +138,7 @@ class SplitRow:
 
 @dataclasses.dataclass(frozen=True)
 class Athlete:
-    """Somebody's race, as far as it is published."""
+    """An athlete's race over 100 m: time, reaction and splits, as far as published."""
 
     name: str
     time: float  # s over 100 m, from the gun
@@ -147,13 +148,13 @@ class Athlete:
 
 
 def read_standards() -> tuple[Standard, ...]:
-    """The paper's Table S2, in its order."""
+    """Return the times and levels of the paper's Table S2, in its order."""
     return read_table(asset_path(TABLE_S2), Standard)
 
 
 def best_level(time: float, category: str) -> int | None:
-    """The highest level of a category that a time over 100 m (s) meets; None if it
-    meets none."""
+    """Return the highest level of a category that a time over 100 m (s) meets; None if
+    it meets none."""
     met = [
         standard.level
         for standard in read_standards()
@@ -163,7 +164,7 @@ def best_level(time: float, category: str) -> int | None:
 
 
 def read_athletes(path: Path) -> tuple[Athlete, ...]:
-    """The races in a user's table of splits, in its order.
+    """Read the races in a user's table of splits, in its order.
 
     Raises:
         UserError: as `read_table`, or where an athlete's splits are no race over 100 m.

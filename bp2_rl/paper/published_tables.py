@@ -1,5 +1,4 @@
-"""Tables of published numbers as CSV: ours that ship, and a stranger's, looked at
-before use.
+"""Tables of published numbers in CSV files, ours or a user's, checked as they are read.
 
 A row is a frozen dataclass. Its fields are the columns, under the headings that
 `ColumnHeading` gives them, unit included: a column in km/h is not taken for one in m/s.
@@ -73,7 +72,7 @@ def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
 
 
 def headings(row: type[object]) -> tuple[str, ...]:
-    """Return the headings that a table of such rows needs."""
+    """Return the column headings that a table of `row` needs."""
     return tuple(_columns(row).values())
 
 
@@ -139,4 +138,4 @@ READERS: dict[object, tuple[Callable[[str], str | float | bool], str]] = {
     float: (float, "a number"),
     str: (_text, "some text"),
 }
-"""By the type of a field: how its cells are read, and what they should be."""
+"""Reader of a cell, and words for what the cell should be, by the field's type."""

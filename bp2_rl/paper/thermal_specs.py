@@ -1,4 +1,4 @@
-"""The numbers of a motor's heat, with their sources."""
+"""Thermal parameters of a motor, with their sources."""
 
 import dataclasses
 from typing import Annotated
@@ -11,7 +11,8 @@ AMBIENT = 25.0  # C, ASSUMED: where 86 s at 1.8 K/s end at the limit of class H
 
 @dataclasses.dataclass(frozen=True)
 class MotorHeat:
-    """A motor as two lumps that heat, winding and case; all twelve alike."""
+    """Thermal model of a motor as two lumps, winding and case; all twelve motors
+    alike."""
 
     # J/K, ASSUMED: 0.25 kg of copper at 385 J/kg/K
     winding_capacity: Annotated[float, Within(10.0, 1e6)] = 96.25
@@ -33,7 +34,8 @@ class MotorHeat:
     iron_loss: Annotated[float, Within(0.0, 1e4)] = 0.0  # W, in the case
 
     def __post_init__(self) -> None:
-        """Refuse what does not heat like a motor."""
+        """Refuse parameters out of bounds, and a limit that is no warmer than the
+        air."""
         check_bounds(self, "--heat.")
         if self.limit <= self.air:
             raise UserError(

@@ -8,7 +8,7 @@ GYMNASIUM = {
     "bp2_ideal": "BP2Ideal-v0",
     "bp2_kinematic": "BP2Kinematic-v0",
 }
-"""What each named environment is called in Gymnasium, after `bp2_rl/`."""
+"""Gymnasium's names of the named environments, after `bp2_rl/`."""
 EPISODE = 1000  # control steps, 5 s
 
 

@@ -34,7 +34,7 @@ Picture = UInt8[np.ndarray, "height width 3"]
 
 
 def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
-    """(Of an observation, of an action)."""
+    """Return the spaces of observations and of actions of an environment."""
     return (
         spaces.Box(
             -LARGEST_OBSERVATION,
@@ -89,7 +89,7 @@ class Photographer:
 
 
 class BP2GymEnv(Env[np.ndarray, np.ndarray]):
-    """One robot.
+    """A single robot as a Gymnasium environment.
 
     Args:
         name: one of `env.named.CONFIGS`.
@@ -119,7 +119,8 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """A new robot; its curriculum starts at the beginning."""
+        """Start an episode with a new robot, whose curriculum is at its beginning;
+        return the observation and `info`."""
         super().reset(seed=seed)
         del options
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
@@ -128,7 +129,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One control step, 5 ms; time limits are the wrapper's."""
+        """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._state = self._step(self._state, scaled(action, self.env))
         state = self._state
         return (
@@ -146,7 +147,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         )
 
     def close(self) -> None:
-        """Free what pictures needed."""
+        """Free the renderer, if there is one."""
         if self._photographer:
             self._photographer.close()
 

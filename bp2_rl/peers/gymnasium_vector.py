@@ -36,7 +36,8 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many robots side by side, in one compiled program.
+    """Many robots side by side as a Gymnasium vector environment, in one compiled
+    program.
 
     A robot whose episode has ended begins a new one at the next step, whose action it
     does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
@@ -99,8 +100,8 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """New robots; from one seed they take this and the following ones.
-        `options["reset_mask"]` names those meant.
+        """Start episodes with new robots; with a single seed, robot i takes seed + i.
+        `options["reset_mask"]` selects robots.
 
         Raises:
             UserError: there are not as many seeds, or entries of the mask, as robots.
@@ -139,7 +140,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._seen(), rewards, terminated, truncated, self._info()
 
     def render(self) -> tuple[Picture, ...] | None:
-        """Return a picture of each robot, with `render_mode="rgb_array"`."""
+        """Return a picture for each robot, with `render_mode="rgb_array"`."""
         if not self._photographer:
             return None
         return tuple(
@@ -150,13 +151,14 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def close_extras(self, **kwargs: object) -> None:
-        """Free what pictures needed."""
+        """Free the renderer, if there is one."""
         del kwargs
         if self._photographer:
             self._photographer.close()
 
     def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
-        """New episodes for these robots; only they draw a number."""
+        """Start new episodes for the robots in `which`; only their random generators
+        draw a number."""
         keys = [
             draw_key(draws) if begins else 0
             for draws, begins in zip(self._draws, which, strict=True)
@@ -171,8 +173,8 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return np.array(self._state.obs[POLICY])
 
     def _info(self) -> dict[str, Any]:
-        """As Gymnasium's own vector environments give it: `_NAME` says of which robots
-        NAME holds."""
+        """Return `info` as Gymnasium's vector environments do: `_NAME` says for which
+        robots NAME holds."""
         state = self._state
         info = {
             CRITIC: np.array(state.obs[CRITIC]),

@@ -1,5 +1,5 @@
-"""Who may open the page, and what a browser may say: viser believes whatever comes, and
-a wrong word would end it."""
+"""Restrict who may open the page of `bp2 play`, and drop browser messages that the
+viser server cannot take."""
 
 import contextlib
 import dataclasses
@@ -16,7 +16,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 OWN_NAMES = "localhost", "127.0.0.1", "::1"
-"""What a machine calls itself."""
+"""Names and addresses of the local host."""
 KINDS = {
     kind.__name__: kind
     for kind in (CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage)
@@ -25,8 +25,8 @@ KINDS = {
 
 
 def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
-    """Return whether a message can be from the page, and moves one of its widgets to a
-    value that it can have."""
+    """Return whether a browser's message is valid: of a known kind, with a value that
+    its widget can have."""
     try:
         packed = message.encode() if isinstance(message, str) else message
         fields = msgspec.msgpack.decode(packed)
@@ -52,8 +52,8 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
 
 
 def takes(widget: Any, value: Any) -> bool:
-    """Return whether a widget of viser's can have a value: one of a list, a number of a
-    slider, or a tick."""
+    """Return whether a viser widget can have a value: an option of a list, a slider's
+    number, or a tick."""
     if hasattr(widget, "options"):
         return value in widget.options
     if hasattr(widget, "min"):
@@ -63,8 +63,8 @@ def takes(widget: Any, value: Any) -> bool:
 
 @contextlib.contextmanager
 def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[None]:
-    """Let servers of viser's that start within pass over messages that are not
-    understood; no traceback tells of them.
+    """Make viser servers started in the block ignore invalid messages and, with
+    `own_names`, other machines.
 
     With `own_names` they answer 403 where a browser asks for another machine or comes
     from one. A site may let its own name lead to this machine, or open a connection to
@@ -112,7 +112,7 @@ def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[Non
 
 
 def is_own(place: str) -> bool:
-    """Return whether a `Host` or an `Origin` is this machine."""
+    """Return whether the address in a `Host` or `Origin` header is this machine."""
     try:
         return urlsplit(place if "//" in place else f"//{place}").hostname in OWN_NAMES
     except ValueError:  # no address at all

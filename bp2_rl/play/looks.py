@@ -1,4 +1,5 @@
-"""Draw the robot as triangles for the page, and torque over speed as a chart."""
+"""Draw the robot as triangle meshes for the page, and its motors' torque over speed as
+a chart."""
 
 import dataclasses
 from typing import cast
@@ -24,7 +25,7 @@ GEOM = mujoco.mjtGeom
 
 @dataclasses.dataclass(frozen=True)
 class VisiblePart:
-    """A mesh of triangles: the geoms of a body that share a colour."""
+    """A triangle mesh of all geoms on a body that share a colour."""
 
     body: int
     mesh: trimesh.Trimesh  # m, in the body's frame
@@ -32,8 +33,7 @@ class VisiblePart:
 
 
 class Looks:
-    """The robot's looks: `model` and `data` with everything that is to be seen, for
-    kinematics alone."""
+    """The robot's visible shapes and their poses, from its full MuJoCo model."""
 
     def __init__(self, hardware: HardwareSpec):
         self.model = load_model(hardware)
@@ -42,7 +42,7 @@ class Looks:
         """Name of each body but the world."""
 
     def parts(self) -> list[VisiblePart]:
-        """Return the visible parts of the robot."""
+        """Return the coloured triangle meshes of the robot."""
         found: dict[tuple[int, tuple[int, int, int]], list[trimesh.Trimesh]] = {}
         for geom, color in visible_geoms(self.model):
             r, g, b = (255.0 * color).astype(int).tolist()
@@ -59,8 +59,8 @@ class Looks:
     def place(
         self, qpos: Float[np.ndarray, " nq"]
     ) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
-        """(Position in m, w-x-y-z quaternion) of every body but the world, the trunk
-        above the origin."""
+        """Return position (m) and quaternion (w-x-y-z) of every body but the world, the
+        trunk above the origin."""
         self.data.qpos[:] = qpos
         self.data.qpos[:2] = 0.0
         mujoco.mj_kinematics(self.model, self.data)
@@ -68,7 +68,7 @@ class Looks:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    """A geom's surface in its body's frame."""
+    """Return a geom's surface as a triangle mesh in its body's frame."""
     radius, half = (float(size) for size in model.geom_size[geom][:2])
     match int(model.geom_type[geom]):
         case GEOM.mjGEOM_SPHERE:
@@ -96,7 +96,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 
 class TorqueSpeed:
-    """Torque over speed of the twelve motors in the last moments, as a small SVG."""
+    """A small SVG chart of the twelve motors' recent torques over their speeds."""
 
     def __init__(self, motors: Actuator):
         limits = motors.no_load_speed, motors.peak_torque  # rad/s and Nm
@@ -111,8 +111,8 @@ class TorqueSpeed:
             self._outlines[" L".join(self._places(edge))] = None
 
     def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:
-        """Speeds (rad/s) and torques (Nm) of the joints, as `Session.worked` has
-        them."""
+        """Return the chart of joint speeds (rad/s) and torques (Nm), given as
+        `Session.worked` has them."""
         samples = np.moveaxis(
             worked[::-EVERY].reshape(-1, 2, 4, len(conventions.JOINTS)), (3, 1), (0, 3)
         )

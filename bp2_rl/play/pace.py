@@ -1,4 +1,5 @@
-"""Simulated time beside the wall's, and how well it keeps up."""
+"""Keep simulated time in step with wall-clock time, and measure the real-time
+factor."""
 
 import math
 import time
@@ -14,7 +15,7 @@ PATIENCE = 0.1
 
 
 class Pace:
-    """Keeps a session beside the wall's clock.
+    """Keeps a simulation in step with the wall clock.
 
     Args:
         clock: seconds.
@@ -28,13 +29,13 @@ class Pace:
     ):
         self._clock, self._sleep = clock, sleep
         self.slow = 1.0
-        """How many times slower than the world the simulation is to go."""
+        """Slow-motion factor: wall-clock seconds for each simulated second."""
         self._began = self._due = clock()
         self._shown = self._idle = 0.0
 
     def wait(self, simulated: float) -> None:
-        """Wait until the wall's clock has come as far as the simulation, which just
-        went on by so many seconds."""
+        """Sleep until the wall clock has caught up with `simulated` further seconds of
+        simulation."""
         self._due += simulated * self.slow
         self._shown += simulated * self.slow
         ahead = self._due - self._clock()
@@ -44,7 +45,8 @@ class Pace:
             self._due = self._clock()
 
     def idle(self, since: float) -> None:
-        """Let the time from `since` (of `elapsed`) to now not count: nobody looked."""
+        """Exclude the time from `since` (of `elapsed`) to now from the real-time
+        factor."""
         self._idle += self.elapsed - since
         self._due = self._clock()
 
@@ -55,8 +57,8 @@ class Pace:
 
     @property
     def factor(self) -> float:
-        """Real-time factor: seconds shown a second; in slow motion, of those that were
-        asked for."""
+        """Real-time factor: simulated over wall-clock time, scaled to 1 at full pace
+        also in slow motion."""
         return self._shown / max(self.elapsed - self._idle, 1e-9)
 
     def __str__(self) -> str:
@@ -72,7 +74,7 @@ def play_on(
     *,
     seconds: float = math.inf,
 ) -> None:
-    """Run a session in real time, and let it rest while nobody looks.
+    """Run a session in real time, and pause it while no browser shows it.
 
     On a machine that is too slow for it pictures get fewer, so that the robot gets the
     time.

@@ -1,5 +1,5 @@
-"""One robot in C MuJoCo under a policy and somebody's hands, 5 ms at a time; knows
-neither clock nor screen."""
+"""A robot in C MuJoCo that a person steers, one control step of 5 ms at a time, without
+clock or display."""
 
 import collections
 import math
@@ -41,8 +41,8 @@ Friction = Annotated[float, Within(0.05, 2.0)]
 
 
 class Wish(NamedTuple):
-    """The velocity that a person asks for; the command approaches it at rates that
-    policies can follow."""
+    """The velocity that a person asks for; the command approaches it at limited
+    rates."""
 
     speed: float = 0.0  # m/s, forward
     left: float = 0.0  # m/s, to the left
@@ -50,18 +50,18 @@ class Wish(NamedTuple):
 
 
 STEP = Wish(0.5, 0.1, 0.1)
-"""What a key adds to each part of a wish."""
+"""Change of each part of a wish by one press of a key."""
 
 
 def wish_limits(commands: CommandConfig) -> tuple[Wish, Wish]:
-    """Return the least and the most that a policy was trained to be asked for."""
+    """Return the smallest and the largest wish within a policy's training commands."""
     most = Wish(commands.max_forward, commands.max_lateral, commands.max_yaw_rate)
     return Wish(0.0 - commands.max_backward, -most.left, -most.turn), most
 
 
 class Session:
-    """The robot, from a stand. Under a straight command it keeps to the line on which
-    it was when it last turned.
+    """The simulated robot of `bp2 play`, steered by a policy under a person's wishes;
+    on straight commands it keeps its line.
 
     Args:
         policy: steers the robot, and knows the environment that it was trained in.
@@ -79,13 +79,13 @@ class Session:
         self._feet = foot_geom_ids(self._model)
         self.falls = 0
         self.best = math.inf
-        """The shortest `sprint` that ended at the finish, s."""
+        """Shortest time of a finished sprint, s."""
         self.reset()
         self.tick()  # compiles the controller, which takes seconds
         self.reset()
 
     def reset(self) -> None:
-        """Stand at the origin, without a wish."""
+        """Put the robot at rest at the origin, and clear wish, time and distance."""
         self._simulator.set_state(0, self._start)
         mujoco.mj_forward(self._model, self.data)
         self._runner = PolicyRunner(
@@ -102,23 +102,24 @@ class Session:
         self.distance = 0.0
         self._began: float | None = None
         self.sprint = 0.0
-        """The time from the first command to the finish, which is `TRACK` ahead of the
-        origin, or until now, s."""
+        """Time since the first command, s, until now or until the robot was `TRACK`
+        ahead of the origin."""
         self.finished = False
         self.down_since: float | None = None
-        """When the robot fell, s; None while it is up."""
+        """Time at which the robot fell, s; None while it is upright."""
         self._velocities: collections.deque[Float[np.ndarray, "3"]] = collections.deque(
             maxlen=round(RIPPLE / conventions.CONTROL_STEP)
         )
         self.worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
-        """Speed (rad/s) and torque (Nm) of every joint in the last milliseconds."""
+        """Speed (rad/s) and torque (Nm) of every joint in each of the last
+        milliseconds."""
 
     # --- What hands can do ------------------------------------------------------------
 
     @property
     def wish(self) -> Wish:
-        """The velocity that a person asks for, within what the policy was trained
-        for."""
+        """The velocity that a person asks for, clipped to the policy's training
+        commands."""
         return self._wish
 
     @wish.setter
@@ -126,14 +127,14 @@ class Session:
         self._wish = Wish(*np.clip(wish, *wish_limits(self.config.commands)).tolist())
 
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
-        """Change the parts of the wish by numbers of steps, each of the size in `STEP`."""
+        """Change the wish by numbers of key presses, each as large as in `STEP`."""
         steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
         self.wish = Wish(
             *(round(part + size * count, 6) for part, size, count in steps)
         )
 
     def stand(self) -> None:
-        """Wish for a stand."""
+        """Set the wish to zero velocity."""
         self.wish = Wish()
 
     def push(self, forward: float, left: float) -> None:
@@ -150,8 +151,8 @@ class Session:
         self._model.geom_friction[self._feet, 0] = value
 
     def tick(self) -> None:
-        """A control step. A robot that has fallen lies a while, then it stands at the
-        origin again, without a wish."""
+        """Advance by one control step; a fallen robot is reset to the origin after a
+        while."""
         data, simulator = self.data, self._simulator
         if (
             self.down_since is not None
@@ -192,7 +193,7 @@ class Session:
 
     @property
     def command(self) -> Float[np.ndarray, "3"]:
-        """The command that the policy is told: m/s forward, m/s to the left, rad/s.
+        """The command that the policy is told: m/s forward, m/s to the left, rad/s yaw.
 
         The operator's steering is included.
         """
@@ -200,12 +201,13 @@ class Session:
 
     @property
     def velocity(self) -> Float[np.ndarray, "3"]:
-        """The robot's velocity over the last stride: m/s forward, m/s to the left, rad/s."""
+        """Mean velocity over the last stride: m/s forward, m/s to the left, rad/s
+        yaw."""
         return np.mean(self._velocities, axis=0) if self._velocities else np.zeros(3)
 
     @property
     def qpos(self) -> Float[np.ndarray, " nq"]:
-        """The robot's state in MuJoCo's coordinates."""
+        """The robot's positions in MuJoCo's coordinates."""
         return self.data.qpos
 
     def foot_forces(self) -> Float[np.ndarray, "4 3"]:
@@ -213,8 +215,8 @@ class Session:
         return foot_forces(self.data).copy()
 
     def reference(self) -> Float[np.ndarray, " nq"]:
-        """The reference motion at this moment where the robot is: `qpos` of its
-        ghost."""
+        """Return the pose of the reference motion at the robot's place, as `qpos`, for
+        the ghost."""
         qpos = self.qpos.copy()
         if (reference := self._runner.reference) is None:
             return qpos
@@ -233,8 +235,8 @@ class Session:
     # --- Within -----------------------------------------------------------------------
 
     def _lead(self) -> None:
-        """Move what is asked toward the wish, at rates and within limits that policies
-        can follow."""
+        """Move the asked velocity toward the wish, at the rates and within the limits
+        of the training."""
         commands, control, now = self.config.commands, self.config.control, self._asked
         turning, dt = commands.turn_acceleration, conventions.CONTROL_STEP
         launches = math.isfinite(control.launching)  # then the controller's law says
@@ -250,8 +252,8 @@ class Session:
         self._asked = np.append(asked[0], np.clip(asked[1:], -most, most))
 
     def _steered(self) -> Float[np.ndarray, "3"]:
-        """Return what is asked, and on a straight run the way back to the line on which
-        the robot was when it last turned."""
+        """Return the asked velocity; on straight runs with a yaw rate that leads back
+        to the line."""
         (x, y), yaw = self.qpos[:2], float(yaw_of(self.qpos[3:7]))
         if self._asked[1:].any():
             self._line[:] = x, y, yaw
@@ -270,8 +272,8 @@ class Session:
 
 
 def readings(session: Session, pace: Pace) -> dict[str, str]:
-    """Return what the robot does and is told, how its sprint goes, and how well the
-    time is kept: names and values."""
+    """Return the texts of the display by name: velocities, commands, sprint, run and
+    real-time factor."""
     (forward, left, turn), told = session.velocity, session.command
     best = f"{session.best:.2f} s" if math.isfinite(session.best) else "none yet"
     paper = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"

@@ -1,5 +1,5 @@
-"""The session in a browser: the robot in three dimensions, sliders and buttons, a
-chart. Needs the package viser.
+"""The page of `bp2 play` in a browser: the robot in 3D, sliders, buttons and a chart.
+Needs the package viser.
 
 The robot stays where it is on the page and the ground moves under it, so that no camera
 need follow it and a hand may turn it about freely. Pages only say what they want: the
@@ -68,7 +68,7 @@ POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
 
 class Page:
-    """The page of a session; `close` ends its server.
+    """The web page of a session and its server.
 
     A page for this machine alone answers only to this machine's own names, so that no
     other site's page can steer it. What a browser sends but for moves of the page's
@@ -108,7 +108,8 @@ class Page:
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
         self._session = session
         self._wanted: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
-        """What the session is to do before the next picture."""
+        """Actions on the session that the page asked for, run before the next
+        picture."""
         self._next_readings = 0.0
         self._scene = _Scene(self.server, session)
         self._panel()
@@ -118,19 +119,19 @@ class Page:
         self.server.on_client_connect(_step_back)
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self.server.stop()
 
     def watched(self) -> bool:
-        """Return whether a browser shows the page; where none does, wait a moment for
-        one."""
+        """Return whether a browser shows the page; if none does, wait `POLLING` seconds
+        first."""
         there = bool(self.server.get_clients())
         if not there:
             time.sleep(POLLING)
         return there
 
     def show(self, pace: Pace) -> None:
-        """Do what the page asked for since the last time, and renew what it shows."""
+        """Apply the page's requests to the session, and update the page."""
         session = self._session
         # not what comes meanwhile, or a flood would never let the robot run
         for _ in range(self._wanted.qsize()):
@@ -148,8 +149,8 @@ class Page:
                 self._chart_place.content = self._chart.svg(session.worked)
 
     def _agree_on_the_wish(self) -> None:
-        """Wish what the sliders say, unless the wish has changed otherwise, as by a
-        fall: then move the sliders."""
+        """Set the wish from the sliders or, if the wish changed otherwise, the sliders
+        from the wish."""
         session = self._session
         if session.wish != self._wish:
             for name, slider in self._sliders.items():
@@ -210,7 +211,8 @@ class Page:
 
 
 class _Scene:
-    """Robot, ghost, arrows and ground."""
+    """The 3D scene of the page: robot, ghost of the reference motion, force arrows and
+    ground."""
 
     def __init__(self, server: viser.ViserServer, session: Session):
         scene, self._looks = server.scene, Looks(session.hardware)
@@ -279,7 +281,7 @@ class _Scene:
         ]
 
     def show(self, session: Session, *, ghost: bool, forces: bool) -> None:
-        """Everything as it is now."""
+        """Update the scene to the session's current state."""
         qpos = session.qpos
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
         self._track.position = (-qpos[0], -qpos[1], 0.0)
@@ -290,7 +292,8 @@ class _Scene:
             self._ghost.place(*self._looks.place(session.reference()))
 
     def _show_forces(self, forces: Float[np.ndarray, "4 3"]) -> None:
-        """Arrows from the soles; to be called with the robot in its place."""
+        """Draw the foot forces as arrows from the soles, for the robot's current
+        pose."""
         turns = self._looks.data.xmat[self._toes].reshape(-1, 3, 3)
         for arrow, turn, force in zip(self._arrows, turns, forces, strict=True):
             arrow.visible = bool(np.linalg.norm(force) > self._least_force)
@@ -302,7 +305,7 @@ class _Scene:
 
 
 class _Figure:
-    """A robot on the page: a frame for each body."""
+    """A robot in the 3D scene, with one frame for each body."""
 
     def __init__(self, scene: viser.SceneApi, root: str, looks: Looks):
         self.root = scene.add_frame(root, show_axes=False)
@@ -314,8 +317,8 @@ class _Figure:
     def place(
         self, position: Float[np.ndarray, "B 3"], quaternion: Float[np.ndarray, "B 4"]
     ) -> None:
-        """Move what has moved: a frame that is told where it is costs more than all of
-        a body's kinematics."""
+        """Set the poses of the bodies that moved; unchanged frames are not sent
+        again."""
         for attribute, now, last in zip(
             ("position", "wxyz"), (position, quaternion), self._at, strict=True
         ):

@@ -10,7 +10,8 @@ from bp2_rl.robot.hardware import HardwareSpec
 
 
 class Reference(struct.PyTreeNode):
-    """The reference at one command and phase. All leaves share the leading batch axes.
+    """State of a reference motion at one command and phase. All leaves share the
+    leading batch axes.
 
     Legs are in the order FR, FL, RR, RL, joints of a leg in the order abad, hip, knee.
     The heading frame has its x axis along the trunk's yaw and its z axis up.
@@ -38,7 +39,7 @@ class ReferenceMotion(Protocol):
 
     @property
     def hardware(self) -> HardwareSpec:
-        """The robot that moves."""
+        """The robot whose motion this is."""
         ...
 
     @property
@@ -48,17 +49,17 @@ class ReferenceMotion(Protocol):
         ...
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Cycles per second at this command."""
+        """Return the frequency of the gait at a command, cycles per second."""
         ...
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """How much of its full steps the motion takes: 0 when standing, 1 in a full
-        trot."""
+        """Return the size of the steps at a command, as a share of full steps: 0 when
+        standing, 1 in a full trot."""
         ...
 
     def __call__(
         self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
     ) -> Reference:
-        """The reference at this command and phase; phase in cycles, any real number,
-        periodic with period 1."""
+        """Return the reference at a command and a phase; the phase is in cycles, any
+        real number, periodic with period 1."""
         ...

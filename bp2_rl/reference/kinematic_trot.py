@@ -40,13 +40,13 @@ CYCLES_PER_SECOND = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class KinematicGait(KinematicConfig):
-    """The `ReferenceMotion` that the settings make of a robot."""
+    """The kinematic trot of a robot, as a `ReferenceMotion`."""
 
     hardware: HardwareSpec = IDEAL
 
     @functools.cached_property
     def law(self) -> TrotLaw:
-        """The gait as a law of numbers, with this robot's lengths."""
+        """The `TrotLaw` of the gait, with this robot's lengths."""
         anatomy = self.hardware.anatomy
         scale = anatomy.leg_length / bp2.THIGH_LENGTH  # of the legs, relative to BP2's
         lean = np.reshape(anatomy.stand, (4, 3))[:, 1:].sum(axis=1)
@@ -69,17 +69,18 @@ class KinematicGait(KinematicConfig):
         )
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Cycles per second at this command."""
+        """Return the frequency of the gait at a command, cycles per second."""
         return self.law.phase_rate(command)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """0 when standing, 1 on the move."""
+        """Return the size of the steps at a command: 0 when standing, close to 1 on the
+        move."""
         return self.law.stepping(command)
 
     def __call__(
         self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
     ) -> Reference:
-        """The reference at this command and phase (see `ReferenceMotion`)."""
+        """Return the reference at a command and a phase (see `ReferenceMotion`)."""
         law, phase = self.law, phase - jnp.floor(phase)
         q, qd, spring, spring_rate = law.joints(command, phase, jax.jvp)
         stance_time, period = law.stance_time(command), 1.0 / law.phase_rate(command)
@@ -121,7 +122,8 @@ class Standing:
         return KinematicGait(hardware=self.hardware).height
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Cycles per second."""
+        """Return the frequency of the phase clock, cycles per second, for every
+        command."""
         return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -132,7 +134,7 @@ class Standing:
     def __call__(
         self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
     ) -> Reference:
-        """The standing pose, with the velocity that is commanded."""
+        """Return the standing pose, with the horizontal velocity that is commanded."""
         pose = KinematicGait(hardware=self.hardware)(jnp.zeros_like(command), phase)
         planar = jnp.concatenate(
             [command[..., :2], jnp.zeros_like(command[..., :1])], axis=-1

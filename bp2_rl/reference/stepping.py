@@ -19,7 +19,8 @@ STANDING = 0.05
 
 
 def nominal_feet(hardware: HardwareSpec) -> np.ndarray:
-    """Where the feet are set, seen from above ("4 2"), m: below the hips."""
+    """Return where the feet are set on the ground, below the hips, seen from above ("4
+    2"), m."""
     geometry = hardware.anatomy.geometry
     return geometry.origins[:, :2] + np.stack([np.zeros(4), geometry.lateral], axis=-1)
 
@@ -43,8 +44,8 @@ def square_speed(command: Array, circle: float) -> Any:
 
 
 def ground(nominal: Array, v: Array, yaw_rate: Array, tau: Array) -> Any:
-    """Where points of the ground ("... 4 2") are, seen from the trunk, `tau` seconds
-    after they were at `nominal`.
+    """Return where points of the ground ("... 4 2") are, seen from the trunk, `tau`
+    seconds after they were at `nominal`.
 
     The trunk moves at `v` in its own frame and turns at omega = `yaw_rate`, so p' = -v
     - omega x p. The solution is R(-omega tau) nominal - V v with V the integral of

@@ -23,14 +23,14 @@ FLEXION = np.array([0.0, -0.5, 1.0])
 Differentiate = Callable[
     [Callable[..., Any], tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]
 ]
-"""From a function, its arguments and their rates to the function's values and their
-rates, as `jax.jvp`."""
+"""A function such as `jax.jvp`: from a function, its arguments and their rates to its
+values and their rates."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TrotLaw:
-    """A robot's kinematic trot; `settings.reference.KinematicConfig` explains what has
-    the name of a setting."""
+    """A robot's kinematic trot as plain numbers; `settings.reference.KinematicConfig`
+    explains the fields that are settings."""
 
     legs: LegGeometry
     nominal: Array  # (4, 2), m, where the feet are set, seen from above
@@ -52,7 +52,8 @@ class TrotLaw:
     spring_travel: float  # m
 
     def stance_time(self, command: Array) -> Any:
-        """About the lesser of `slow_stance` and the time that the sweep takes, s."""
+        """Return the duration of stance at a command, s: about the lesser of
+        `slow_stance` and the time that the sweep takes."""
         xp = command.__array_namespace__()
         return self.slow_stance / xp.sqrt(
             1.0
@@ -60,22 +61,23 @@ class TrotLaw:
         )
 
     def phase_rate(self, command: Array) -> Any:
-        """Cycles per second at this command."""
+        """Return the frequency of the gait at a command, cycles per second."""
         return 1.0 / (self.stance_time(command) + self.swing_time)
 
     def stepping(self, command: Array) -> Any:
-        """0 when standing, 1 on the move."""
+        """Return the size of the steps at a command: 0 when standing, close to 1 on the
+        move."""
         s2 = square_speed(command, self.circle)
         return s2 / (s2 + self.stepping_speed**2)
 
     def at_rest(self, command: Array) -> Any:
-        """The part of a spring's compression that does not change with time, m: all of
-        it when standing."""
+        """Return the constant part of a spring's compression at a command, m: all of
+        the compression when standing."""
         return (1.0 - self.stepping(command)) * self.sag
 
     def trunk_height(self, command: Array, tau: Array) -> Any:
-        """Trunk centre above the ground `tau` seconds after mid-stance of either pair
-        of legs, m.
+        """Return the height of the trunk's centre above the ground, m, `tau` seconds
+        after mid-stance of either pair of legs.
 
         Rise and fall are the first harmonic of the answer to the legs' force: of
         relative size 2 for short impulses and 2/3 for half sines that follow each other

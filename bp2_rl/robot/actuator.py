@@ -36,14 +36,14 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 ENDLESS = 1e9
-"""W: more than any bus; computes better than infinity."""
+"""Power limit of a bus without limits, W; computes better than infinity."""
 LEAST_VOLTAGE = 0.3
-"""Share of the nominal voltage below which it does not sag."""
+"""Lowest voltage to which a bus sags, as a share of the nominal voltage."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Bus:
-    """Powers that battery and drive can supply and take back; numbers or arrays over
+    """Power limits and voltage sag of battery and drive; numbers, or arrays over
     robots."""
 
     power_out: Number  # W
@@ -78,7 +78,8 @@ class Actuator:
         strength: Number = 1.0,
         torque_rate: Number = float("inf"),
     ) -> "Actuator":
-        """The motors behind this hardware's gear."""
+        """Return the joint motors of a robot, with limits at the joint side of the
+        gear."""
         losses = hardware.losses
         bus = Bus(
             power_out=min(losses.bus_power_out, ENDLESS),
@@ -147,15 +148,15 @@ def torque_limits(
 
 
 def stall_torque(peak: Number, corner: Number, no_load: Number) -> Any:
-    """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's
-    numbers are welcome as well."""
+    """Return tau_s, Nm, where the falling line of the torque-speed envelope meets
+    standstill; takes CasADi's numbers, too."""
     return peak / (1.0 - corner / no_load)
 
 
 def pd_torque(
     actuator: Actuator, q: Array, qd: Array, q_target: Array, qd_target: Array
 ) -> Array:
-    """Torque that the PD law asks for, Nm."""
+    """Return the torque that the joints' PD law asks for, Nm."""
     return actuator.stiffness * (q_target - q) + actuator.damping * (qd_target - qd)
 
 
@@ -194,13 +195,14 @@ def winding_heat(actuator: Actuator, torque: Number) -> Any:
 
 
 def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
-    """Return the power that all motors draw, W: mechanical power and copper loss."""
+    """Return the power that all motors together draw from the bus, W: mechanical power
+    and copper loss."""
     return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 
 def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Any:
-    """The bus's voltage over its nominal one ("... 1") while the motors give this
-    torque."""
+    """Return the bus voltage over its nominal value ("... 1") while the motors give
+    this torque."""
     if actuator.bus is None:
         return 1.0
     xp = qd.__array_namespace__()
@@ -212,10 +214,10 @@ def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Any:
 def share_bus(
     actuator: Actuator, torque: ArrayT, limits: tuple[Array, Array], qd: Array
 ) -> ArrayT:
-    """The torques, all the same share of the way from the least that the limits allow,
-    so that the bus can feed them.
+    """Return the torques (Nm), reduced by one common share so that their power stays
+    within the limits of the bus.
 
-    Those themselves where the bus gives and takes everything.
+    The torques are unchanged where the bus gives and takes everything.
     """
     if actuator.bus is None:
         return torque
@@ -249,7 +251,7 @@ def _upper_limit(actuator: Actuator, qd: Array, voltage: Number) -> Array:
 
 
 def _braking_limit(actuator: Actuator, qd: Array) -> Array:
-    """Size of the greatest torque against a positive speed, Nm."""
+    """Return the size of the greatest braking torque at a positive speed, Nm."""
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
     stall = stall_torque(peak, actuator.corner_speed, actuator.braking_speed)

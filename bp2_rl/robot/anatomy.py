@@ -28,16 +28,17 @@ _LEAST_MOMENT = 1e-12  # kg m2
 
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
-"""kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
+"""Inertia tensor, kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy,
+xz, yz."""
 Place = Annotated[Vector, Within(-10.0, 10.0)]
 Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
-"""m."""
+"""Radius of a part, m."""
 LONGEST_NAME = 80
 
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A rigid part in a frame of its own."""
+    """Mass, centre of mass and inertia of a rigid part, in the part's own frame."""
 
     mass: Annotated[float, Within(0.0, 1e4, open_below=True)]  # kg
     com: Annotated[Vector, Within(-10.0, 10.0)]  # m, its centre of mass
@@ -70,8 +71,8 @@ def possible_moments(moments: np.ndarray | Vector, margin: float = 1e-12) -> np.
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LegParts:
-    """A leg's links and where they are; each link's frame is at the joint that moves
-    the link."""
+    """A leg's links and the places of its joints; each link's frame is at the joint
+    that moves the link."""
 
     anchor: Place  # m, the abduction joint in the trunk's frame
     hip: Place  # m, the hip joint from the abduction joint
@@ -93,7 +94,7 @@ class LegParts:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Leg(LegParts):
-    """A leg's links, where they are, and how far its joints turn."""
+    """A leg's links, the places of its joints, and the ranges of their angles."""
 
     ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
 
@@ -109,7 +110,8 @@ class Leg(LegParts):
 
     @property
     def lateral(self) -> float:
-        """How far left of the abduction axis the foot moves, m."""
+        """Lateral offset of the foot from the abduction axis, m, positive to the
+        left."""
         return self.hip[1] + self.knee[1] + self.foot[1]
 
     def reach(self, compression: float = 0.0) -> tuple[float, float]:
@@ -142,8 +144,8 @@ class Leg(LegParts):
 
 @dataclasses.dataclass(frozen=True)
 class JointConvention:
-    """A joint of the robot's own model; its angle in `Anatomy` is `sign` times the
-    model's plus `offset`."""
+    """Conversion from a joint angle of the robot's own model to `Anatomy`: `sign` times
+    the angle plus `offset`."""
 
     name: str
     sign: Annotated[int, Within(-1, 1)] = 1
@@ -152,7 +154,7 @@ class JointConvention:
 
 @dataclasses.dataclass(frozen=True)
 class Anatomy:
-    """A trunk and four legs."""
+    """A quadruped's body: trunk, four legs, standing pose and outer dimensions."""
 
     name: str  # of the robot
     trunk: Link
@@ -171,8 +173,8 @@ class Anatomy:
     joints: tuple[JointConvention, ...] = tuple(map(JointConvention, MOTOR_NAMES))
 
     def __post_init__(self) -> None:
-        """Refuse a name that no terminal or title can show; in titles $ begins
-        mathematics."""
+        """Raise `UserError` for a robot's name that no terminal or title can show; in
+        titles $ begins mathematics."""
         if not (
             0 < len(self.name) <= LONGEST_NAME
             and self.name.isprintable()
@@ -190,8 +192,8 @@ class Anatomy:
         trunk_size: Vector,
         **others: Any,
     ) -> "Anatomy":
-        """Return a body as heavy as its parts and as wide as its feet are apart, its
-        motors' numbers at the joint.
+        """Return a body from its links: mass and width follow from the links, and motor
+        values are at the joint.
 
         `others` are the remaining fields by name.
         """
@@ -211,12 +213,13 @@ class Anatomy:
 
     @property
     def sprung(self) -> bool:
-        """Return whether the shanks are springs."""
+        """Return whether the legs have springs in their shanks."""
         return self.legs[0].toe is not None
 
     @property
     def nq(self) -> int:
-        """Number of MuJoCo's coordinates; there is one velocity less."""
+        """Number of MuJoCo's position coordinates (`qpos`); there is one velocity
+        less."""
         return 7 + sum(len(leg.links) for leg in self.legs)
 
     @property
@@ -236,8 +239,8 @@ class Anatomy:
 
     @property
     def beams(self) -> tuple[float, float, float]:
-        """Return radius, half length and distance from the middle, m, of the two
-        capsules that stand for the trunk."""
+        """Return radius, half length and lateral offset, m, of the two capsules that
+        model the trunk."""
         length, width, radius = self.trunk_size
         return radius, max(length - radius, 0.0), max(width - radius, 0.0)
 
@@ -272,12 +275,12 @@ class LegGeometry(NamedTuple):
     foot_radius: Array
 
     def cast(self, xp: Any, dtype: object) -> "LegGeometry":
-        """Return the lengths as arrays of the library `xp`, in a precision."""
+        """Return the lengths as arrays of the library `xp` and of this dtype."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
 
     def joint_angles(self, feet: ArrayT, compression: Number = 0.0) -> ArrayT:
-        """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m);
-        `kinematics.joint_angles`."""
+        """Return joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3",
+        m, trunk frame); see `kinematics.joint_angles`."""
         xp = feet.__array_namespace__()
         legs = self.cast(xp, feet.dtype)
         p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral

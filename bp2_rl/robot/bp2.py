@@ -1,4 +1,5 @@
-"""Every number that says what BP2 is: once, with its unit and its source.
+"""Every parameter of BP2 (masses, lengths, motors, limits), once, with its unit and
+source.
 
 Numbers come from the paper ("Breaking speed scaling in quadrupedal robots via Huygens'
 coupled-pendulum dynamics"), from arithmetic on it (DERIVED), or, where the paper is

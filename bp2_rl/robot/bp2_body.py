@@ -13,25 +13,26 @@ from bp2_rl.robot.conventions import LEGS
 
 @dataclasses.dataclass(frozen=True)
 class BP2Body:
-    """BP2's body; `BP2Body()` is the paper's. What legs gain in mass the trunk
-    loses."""
+    """BP2's body; `BP2Body()` is the paper's. Mass that is added to the legs is taken
+    from the trunk."""
 
     leg_length: Annotated[float, Within(0.0, 10.0)] = bp2.THIGH_LENGTH
-    """m, of the thigh and of the uncompressed lower leg alike"""
+    """m, length of the thigh and of the uncompressed lower leg alike"""
     # m, between fore legs' planes
     fore_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.FORE_TRACK
     # m, between the hind feet
     hind_track: Annotated[float, Within(2.0 * bp2.THIGH_LATERAL, 10.0)] = bp2.HIND_TRACK
     thigh_mass: Annotated[float, Within(0.1, 10.0)] = bp2.THIGH_MASS
-    """kg, before masses are scaled: what legs gain the trunk loses, and inertias go
-    with the masses"""
+    """kg, before `mass_scale`; mass added to legs is taken from the trunk, and inertias
+    change with masses"""
     toe_mass: Annotated[float, Within(0.05, 10.0)] = bp2.TOE_MASS  # kg, of one
     trunk_inertia: Annotated[float, Within(0.1, 1e4)] = 1.0
-    """of the trunk's inertia, times what its mass makes of it; a large one guides the
-    trunk, which then cannot pitch"""
+    """factor on the trunk's inertia, beside its mass; a large one keeps the trunk from
+    pitching"""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be built."""
+        """Raise `UserError` if a value is out of bounds or the legs leave the trunk too
+        little mass."""
         check_bounds(self, "hardware.body.")
         most = bp2.QUARTER_MASS - bp2.SHANK_MASS - bp2.LEAST_TRUNK / 4.0
         if self.thigh_mass + self.toe_mass > most:
@@ -54,8 +55,8 @@ class BP2Body:
 
     @property
     def trunk_quarter_mass(self) -> float:
-        """Return the mass that legs leave a quarter of the trunk, its abduction link
-        included, kg."""
+        """Mass of a quarter of the trunk with its abduction link, kg; heavier legs
+        leave less."""
         return (
             bp2.TRUNK_QUARTER_MASS
             + (bp2.THIGH_MASS - self.thigh_mass)
@@ -64,7 +65,7 @@ class BP2Body:
 
     @property
     def trunk_inertia_share(self) -> float:
-        """Inertia of the trunk without its abduction links, over BP2's."""
+        """Inertia of the trunk without its abduction links, over the paper's BP2."""
         return (
             self.trunk_inertia
             * (self.trunk_quarter_mass - bp2.ABAD_MASS)
@@ -81,8 +82,8 @@ class BP2Body:
 
     @property
     def hip_laterals(self) -> tuple[float, float, float, float]:
-        """How far left of the trunk's mid-plane each leg's abduction axis is, m, in the
-        order of `LEGS`."""
+        """Lateral offsets of the legs' abduction axes from the trunk's mid-plane, m,
+        positive to the left, in the order of `LEGS`."""
         fore, hind = (
             round(track / 2 - bp2.THIGH_LATERAL, 12)
             for track in (self.fore_track, self.hind_track)
@@ -91,7 +92,7 @@ class BP2Body:
 
     @functools.cached_property
     def anatomy(self) -> Anatomy:
-        """Return the body as plain numbers."""
+        """Return BP2's body as an `Anatomy`."""
         share = self.trunk_inertia_share
         roll, pitch, yaw = (
             bp2.TRUNK_ROLL_INERTIA,
@@ -159,7 +160,7 @@ class BP2Body:
 _ABAD_LINKS = 4.0 * (
     bp2.ABAD_INERTIA + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2
 )
-"""kg m2, of the abduction links about the trunk's centre."""
+"""Pitch inertia of the four abduction links about the trunk's centre, kg m2."""
 
 
 def _down(distance: float) -> Vector:

@@ -1,4 +1,4 @@
-"""From an `Anatomy` to an editable MuJoCo model: BP2's scene with another robot in
+"""Build an editable MuJoCo model from an `Anatomy`: BP2's scene with another robot in
 BP2's place.
 
 Ground, solver, contact settings and materials are those of `assets/bp2_mjcf`, and every
@@ -18,11 +18,11 @@ from bp2_rl.robot.anatomy import Anatomy, Link, possible_moments
 from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES
 
 LENGTH = bp2.THIGH_LENGTH + bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH + bp2.TOE_LENGTH
-"""m, of BP2's straight leg, for which the cameras and the looks are drawn."""
+"""Length of BP2's straight leg, m, for which the cameras and the looks are drawn."""
 TUBES = bp2.SHANK_REACH / bp2.THIGH_LENGTH
 RODS = bp2.RODS_BELOW_KNEE / bp2.THIGH_LENGTH
-"""Where a sprung leg's shank ends and its toe begins, over the length of the lower leg:
-as BP2's."""
+"""Ends of a sprung leg's shank (`TUBES`) and toe, as shares of the lower leg's length:
+BP2's shares."""
 
 
 def build_spec(
@@ -60,8 +60,8 @@ def build_spec(
 def standing(
     anatomy: Anatomy, spring_stiffness: float = bp2.SPRING_STIFFNESS
 ) -> np.ndarray:
-    """Return `qpos` with the trunk level, in the standing pose, the lowest sole on the
-    ground and the springs loaded.
+    """Return `qpos` of the standing pose: trunk level, lowest sole on the ground,
+    springs loaded.
 
     A spring carries its share of what is above it, along the lower leg.
     """
@@ -90,8 +90,8 @@ def standing(
 
 
 def _principal_inertia(link: Link) -> str:
-    """Return a link's inertia along principal axes as attributes of MJCF; a uniform
-    scale of the mass keeps the axes."""
+    """Return a link's principal moments of inertia, and their axes where needed, as
+    attributes of MJCF."""
     if not any(link.inertia[3:]):
         return f'diaginertia="{_row(possible_moments(link.inertia[:3]))}"'
     principal, axes = np.linalg.eigh(link.inertia_matrix)

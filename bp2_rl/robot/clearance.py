@@ -1,5 +1,4 @@
-"""How much room there is between the legs, and between the legs and the trunk, in
-closed form.
+"""Distances between the legs, and between the legs and the trunk, in closed form.
 
 A leg is a thigh (hip to knee), a lower leg (knee to the foot's centre) and a foot, the
 trunk two beams: all of them points at most a radius away from a segment. They are the
@@ -25,7 +24,8 @@ _SMALLEST = 1e-12
 
 
 class Clearance(NamedTuple):
-    """Least distances between surfaces, m; negative ones are overlaps."""
+    """Least distances between the surfaces of legs and of leg and trunk, m; negative
+    ones are overlaps."""
 
     legs: Float[Any, "..."]  # of different legs
     # of a leg and the trunk; mostly at the hip, where a thigh is always close
@@ -33,7 +33,7 @@ class Clearance(NamedTuple):
 
     @property
     def least(self) -> Float[Any, "..."]:
-        """The lesser of both."""
+        """The lesser of the two distances, m."""
         xp = self.legs.__array_namespace__()
         return xp.minimum(self.legs, self.trunk)
 
@@ -43,7 +43,8 @@ def clearance(
     compression: Float[Array, "... 4"],
     hardware: HardwareSpec = IDEAL,
 ) -> Clearance:
-    """How close the closest two parts are, solid or not.
+    """Return the least distances between legs, and between legs and trunk, in a pose,
+    whether legs are solid or not.
 
     Args:
         joints: rad, legs FR FL RR RL x (abad, hip, knee).
@@ -84,8 +85,8 @@ def segment_distance(
     q: Float[Array, "3 ..."],
     q_end: Float[Array, "3 ..."],
 ) -> Float[Any, "..."]:
-    """Least distance between the points of two segments, either of which may be a
-    point, m; coordinates in front.
+    """Return the least distance between two segments, m, either of which may be a
+    point; coordinates are the first axis.
 
     Take the point of the first line that is nearest to the second line, then the point
     of the second that is nearest to it, then again of the first, each kept within its
@@ -108,8 +109,8 @@ def _segments(
     compression: Float[Array, "... 4"],
     hardware: HardwareSpec,
 ) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
-    """Return where thigh, lower leg and foot begin and end, in the trunk frame, m;
-    coordinates in front."""
+    """Return start and end of thigh, lower leg and foot in the trunk frame, m;
+    coordinates are the first axis."""
     geometry = hardware.anatomy.geometry.cast(xp, joints.dtype)
     abad, outwards, drop = joints[..., 0], geometry.lateral, geometry.drop
     cos, sin = xp.cos(abad), xp.sin(abad)

@@ -1,5 +1,5 @@
-"""From an MJCF or URDF file to a MuJoCo model without its meshes, compiled in a process
-of its own.
+"""Compile an MJCF or URDF file to a MuJoCo model without its meshes, in a process of
+its own.
 
 Meshes need not be there: masses come from `<inertial>`. A file of a few lines can ask
 for all time and memory there is.
@@ -21,25 +21,25 @@ from bp2_rl.robot.anatomy import Link, possible_moments, six
 from bp2_rl.robot.conventions import MOTOR_NAMES
 
 LONGEST = 12
-"""s that a robot may take to compile: ours take .05."""
+"""Time limit for compiling a robot, s: ours take .05."""
 MOST = 2 << 30
-"""Bytes of memory that it may take."""
+"""Memory limit for compiling a robot, bytes."""
 LARGEST = 4 << 20
-"""Bytes of the largest compiled model: BP2's has 118,348."""
+"""Size limit of a compiled model, bytes: BP2's has 118,348."""
 ROUNDING = 1e-6
-"""rad, by which a keyframe may leave a range; N, Nm, or a share, from which on a
-difference is told."""
+"""Tolerance: rad by which a keyframe may leave a joint's range; N, Nm, or a share above
+which a difference is noted."""
 NO_MEMORY = "unknown exception", "allocate memory"
-"""How MuJoCo says that there is none left."""
+"""Parts of MuJoCo's error messages when memory runs out."""
 
 
 class ReadingError(UserError):
-    """An MJCF that cannot be read, or a robot that is no quadruped with legs of abad,
-    hip and knee."""
+    """Raised for an MJCF that cannot be read, or a robot that is no quadruped with legs
+    of abad, hip and knee."""
 
 
 def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
-    """Compile an MJCF or URDF file without its meshes.
+    """Return an MJCF or URDF file as a compiled model without its meshes.
 
     A fixed base becomes free. Where `joints` are named, the robot's others are welded.
 
@@ -52,14 +52,14 @@ def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
 
 
 Compiling = Callable[..., tuple[mujoco.MjModel, list[str]]]
-"""A module's function that makes a model, and notes on it."""
+"""A module-level function that returns a model and a list of notes on it."""
 
 
 def compiled_apart(
     compiling: Compiling, *arguments: object
 ) -> tuple[mujoco.MjModel, list[str]]:
-    """Return the model and the notes that a function makes in a process with little
-    time and memory.
+    """Call a function that compiles a model in a process with limited time and memory;
+    return the model and notes.
 
     Raises:
         ReadingError: the function's own, or the model takes too much time or memory, or
@@ -84,7 +84,8 @@ def compiled_apart(
 def _compile_packed(
     compiling: Compiling, *arguments: object
 ) -> tuple[bytes, list[str]]:
-    """Return the model as the bytes of an MJB file, and the notes."""
+    """Call a function that compiles a model; return the model as bytes of an MJB file,
+    and the notes."""
     try:
         model, notes = compiling(*arguments)
     except ReadingError as error:
@@ -110,8 +111,8 @@ def _compile_packed(
 
 
 def _limit() -> None:
-    """Let this process have only `MOST` bytes beside its packages, where the system
-    knows how."""
+    """Limit this process's memory to `MOST` bytes beyond its present use; only on
+    Linux."""
     if sys.platform == "linux":
         import resource
 
@@ -126,8 +127,8 @@ def _limit() -> None:
 
 
 def compile_file(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, list[str]]:
-    """Compile an MJCF or URDF file without its meshes; return the model, and what was
-    mended."""
+    """Compile an MJCF or URDF file without its meshes; return the model, and notes on
+    what was repaired."""
     notes: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -146,8 +147,8 @@ def compile_file(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, lis
 
 
 def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
-    """Give the one body that carries joints a free joint, if none has one: a URDF
-    cannot, and MuJoCo fixes its base."""
+    """Give the body that carries the joints a free joint if no body has one, as in a
+    URDF, whose base MuJoCo fixes."""
     tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
     if (
         len(tops) != 1
@@ -166,8 +167,8 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
 
 
 def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
-    """Replace inertias that no body can have, as URDFs have them, by the nearest
-    possible ones."""
+    """Replace physically impossible inertias, which URDFs have, by the nearest possible
+    ones."""
     mended: list[str] = []
     full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
     for body in full if not spec.compiler.balanceinertia else ():
@@ -187,7 +188,7 @@ def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
 
 
 def _require_inertias(spec: mujoco.MjSpec) -> None:
-    """Refuse a moving part whose mass comes from a mesh."""
+    """Raise `ReadingError` if the mass of a moving part comes from a mesh."""
     inferred = (
         mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
         == spec.compiler.inertiafromgeom
@@ -207,7 +208,8 @@ def _require_inertias(spec: mujoco.MjSpec) -> None:
 
 
 def _from_mesh(geom: mujoco.MjsGeom) -> bool:
-    """Return whether a geom is a mesh, or a box or the like that MuJoCo fits to one."""
+    """Return whether a geom is a mesh, a signed distance field, or a shape that MuJoCo
+    fits to a mesh."""
     return bool(geom.meshname) or geom.type in (
         mujoco.mjtGeom.mjGEOM_MESH,
         mujoco.mjtGeom.mjGEOM_SDF,
@@ -215,7 +217,8 @@ def _from_mesh(geom: mujoco.MjsGeom) -> bool:
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
-    """Delete meshes, and what refers to them or to looks."""
+    """Delete meshes, height fields and looks from a spec, and the elements that refer
+    to them."""
     for geom in list(spec.geoms):
         if _from_mesh(geom) or geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             spec.delete(geom)
@@ -241,7 +244,8 @@ def _strip(spec: mujoco.MjSpec) -> None:
 
 
 def _weld_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """Delete the joints of the robot that are not named, with what moves them."""
+    """Weld the robot's joints that `joints` does not name, by deleting them and their
+    actuators."""
     if not joints:
         return
     known = {

@@ -12,11 +12,11 @@ JOINTS = ("abad", "hip", "knee")
 MOTOR_NAMES = tuple(f"{leg}_{joint}" for leg in LEGS for joint in JOINTS)
 NUM_MOTORS = len(MOTOR_NAMES)
 MIRRORED = (1, 0, 3, 2)
-"""Each leg's image, where left and right change places."""
+"""Index of each leg's mirror image, with left and right exchanged."""
 
 
 class Provenance(NamedTuple):
-    """Where a number comes from."""
+    """A number with its symbol, unit and source."""
 
     symbol: str
     value: float

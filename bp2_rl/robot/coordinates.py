@@ -1,4 +1,5 @@
-"""MuJoCo's coordinates of a quadruped, taken apart and put together.
+"""Split MuJoCo's `qpos` and `qvel` of a quadruped into trunk, joints and springs, and
+join them again.
 
 `qpos` is the trunk's position (3) and quaternion (4), then per leg the angles of abad,
 hip and knee and, where shanks are springs, the compression of the spring. `qvel` is the
@@ -14,12 +15,12 @@ POSE, TWIST = 7, 6  # numbers of the trunk in qpos and in qvel
 
 
 def joint_positions(qpos: ArrayT) -> ArrayT:
-    """Angles of the twelve joints ("... 12"), rad."""
+    """Return the angles of the twelve joints ("... 12"), rad, from `qpos`."""
     return _joints(qpos, POSE)
 
 
 def joint_velocities(qvel: ArrayT) -> ArrayT:
-    """Speeds of the twelve joints ("... 12"), rad/s."""
+    """Return the speeds of the twelve joints ("... 12"), rad/s, from `qvel`."""
     return _joints(qvel, TWIST)
 
 
@@ -46,7 +47,7 @@ def with_legs(x: ArrayT, joints: Array, springs: Array) -> ArrayT:
 
 
 def motor_indices(nv: int) -> np.ndarray:
-    """Where the joints are in `qvel` and in forces on the coordinates."""
+    """Return the indices of the twelve joints in `qvel` and in generalised forces."""
     return np.arange(TWIST, nv).reshape(4, -1)[:, :3].ravel()
 
 

@@ -1,5 +1,5 @@
-"""Measure the effects of a compiled model's joints and actuators, whichever attributes
-say so.
+"""Measure armature, stiffness, damping and peak torque of a compiled model's joints,
+whichever attributes declare them.
 
 Armature and damping may stand at joints, actuators behind their gears, or tendons; a
 loop's gains at several actuators.
@@ -13,23 +13,24 @@ import numpy as np
 from jaxtyping import Float
 
 STEP, SLOW = 2.0**-10, 2.0**-40
-"""rad or rad/s, and rad/s at which nothing but linear damping counts; powers of two, so
-that quotients are exact."""
+"""Steps of finite differences: rad or rad/s; and rad/s at which only linear damping
+counts. Powers of two make quotients exact."""
 FAST = 10.0
-"""rad/s, at which damping that is not linear shows."""
+"""Joint speed, rad/s, at which nonlinear damping shows."""
 TOLD = 1e9
-"""A command beyond every limit."""
+"""An actuator's command beyond every limit."""
 ENDLESS = 1e6
-"""Nm, from which on a torque has no limit."""
+"""Torque, Nm, above which an actuator counts as unlimited."""
 
 ONE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-"""Joints of one coordinate."""
+"""MuJoCo's types of joints with one coordinate."""
 Dofs = Float[np.ndarray, " nv"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Effects:
-    """Effects of joints and actuators on a model's velocity coordinates."""
+    """Armature, stiffness, damping and torque limits on the velocity coordinates of a
+    model."""
 
     armature: Float[np.ndarray, "nv nv"]  # kg m2, of the mass matrix without bodies
     spring: Dofs  # Nm/rad, passive
@@ -46,7 +47,8 @@ class Effects:
 
 
 def effects_of(model: mujoco.MjModel) -> Effects:
-    """Measure what joints and actuators do."""
+    """Measure armature, stiffness, damping and peak torque of a model's joints and
+    actuators."""
     free, weightless = copy.copy(model), copy.copy(model)
     weightless.body_mass[:] = weightless.body_inertia[:] = 0.0
     for limited in (
@@ -85,7 +87,8 @@ def effects_of(model: mujoco.MjModel) -> Effects:
 def mass_matrix(
     model: mujoco.MjModel, data: mujoco.MjData
 ) -> Float[np.ndarray, "nv nv"]:
-    """Return the mass matrix in a state, with all that MuJoCo adds to the bodies'."""
+    """Return the mass matrix in a state, with armature and all else that MuJoCo adds to
+    the bodies' inertia."""
     matrix = np.zeros((model.nv, model.nv))
     for stage in (
         mujoco.mj_kinematics,
@@ -106,8 +109,8 @@ def _after(
     position: float = 0.0,
     command: float = 0.0,
 ) -> mujoco.MjData:
-    """Return all forces with every joint but the free ones moved from where it is
-    drawn, and every actuator so told."""
+    """Return the state with all forces, with every hinge and slide moved from its drawn
+    pose and every actuator commanded."""
     data, one = mujoco.MjData(model), np.isin(model.jnt_type, ONE)
     data.qpos[model.jnt_qposadr[one]] += position
     data.qvel[model.jnt_dofadr[one]] = speed
@@ -118,8 +121,8 @@ def _after(
 
 
 def _peak_torque(model: mujoco.MjModel) -> Dofs:
-    """Return the least torque either way that an actuator at its limit, or its joint,
-    lets through."""
+    """Return the peak torque on each velocity coordinate, Nm, that the actuators' and
+    joints' limits allow either way."""
     servo = (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE) | (
         model.actuator_gaintype == mujoco.mjtGain.mjGAIN_PID
     )

@@ -1,5 +1,5 @@
-"""One leg of a model in the frames of `Anatomy`, in which a leg hangs straight down at
-zero angles.
+"""Express a leg of a model in the frames of `Anatomy`, in which a leg hangs straight
+down at zero angles.
 
 Every part that moves is merged with what is welded to it.
 """
@@ -19,12 +19,13 @@ from bp2_rl.robot.effects import Effects
 from bp2_rl.robot.limbs import Foot, Limb
 
 PARALLEL = 1e-3
-"""rad, by which a joint's axis may be off."""
+"""Largest angle between a joint's axis and its nominal direction, rad."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointReading(JointConvention):
-    """Numbers that a model gives of a motor's joint."""
+    """Armature, damping, friction, gains and limits of a motor's joint, as a model
+    gives them."""
 
     armature: float  # kg m2
     damping: float  # Nm s/rad
@@ -36,7 +37,7 @@ class JointReading(JointConvention):
 
 
 class LegReading(NamedTuple):
-    """A leg and its joints as a model has them."""
+    """A leg and its joints as read from a model."""
 
     leg: Leg
     joints: list[JointReading]
@@ -51,8 +52,8 @@ def read_leg(
     foot: Foot,
     notes: list[str],
 ) -> LegReading:
-    """Return a leg in the frames of `Anatomy`, with its joints; notes say what was
-    assumed."""
+    """Return a leg in the frames of `Anatomy`, with its joints; append what was assumed
+    to `notes`."""
     anchors = [np.array(data.xanchor[j]) for j in chain.joints]
     axes = [np.array(data.xaxis[j]) for j in chain.joints]
     name = [model.joint(j).name for j in chain.joints]
@@ -118,7 +119,8 @@ def read_leg(
 def _require_axis(
     joint: str, role: str, axis: np.ndarray, share: float, wanted: str
 ) -> None:
-    """Refuse an axis of which `share`, its cosine with the wanted one, is not all."""
+    """Raise `ReadingError` unless a joint's axis is parallel to the wanted direction;
+    `share` is their cosine."""
     if share < math.cos(PARALLEL):
         shown = ", ".join(f"{x:.3f}" for x in axis)
         raise ReadingError(
@@ -128,7 +130,8 @@ def _require_axis(
 
 
 def _turn(axis: int, angle: float) -> np.ndarray:
-    """Rotation about x (0) or y (1)."""
+    """Return the matrix of a rotation about x (`axis` 0) or y (1), by an angle in
+    rad."""
     c, s = math.cos(angle), math.sin(angle)
     if axis == 0:
         return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
@@ -136,7 +139,7 @@ def _turn(axis: int, angle: float) -> np.ndarray:
 
 
 def _to_hang(lever: np.ndarray, what: str, above: str) -> float:
-    """Return the angle about y that turns a lever straight down."""
+    """Return the angle about y, rad, that turns a lever straight down."""
     if math.hypot(lever[0], lever[2]) < 1e-3:
         raise ReadingError(
             f"'{what}' is on the axis of joint '{above}': a leg's segments need a length"
@@ -151,7 +154,8 @@ def merged_link(
     origin: np.ndarray,
     turned: np.ndarray,
 ) -> Link:
-    """Return a moving body with all that is welded to it, about `origin` and turned."""
+    """Return a moving body merged with all bodies welded to it, about `origin` and in
+    axes turned by `turned`."""
     bodies = [body for body in range(1, model.nbody) if model.body_weldid[body] == part]
     mass = sum(float(model.body_mass[body]) for body in bodies)
     com = (
@@ -169,7 +173,8 @@ def merged_link(
 
 
 def as_vector(xyz: np.ndarray, flat: bool = False) -> Vector:
-    """Return three floats; `flat` sets x, which rounding alone keeps from 0, to 0."""
+    """Return a vector as three floats; `flat` sets x to 0 where only rounding keeps it
+    from 0."""
     x, y, z = (float(value) + 0.0 for value in xyz)
     return (0.0 if flat else x), y, z
 
@@ -182,7 +187,8 @@ def _read_joint(
     zero: float,
     notes: list[str],
 ) -> JointReading:
-    """Read a joint whose angle in `Anatomy` is `zero` as the model is drawn."""
+    """Read a joint of a model; `zero` is its angle in `Anatomy`, rad, in the pose in
+    which the model is drawn."""
     name, dof = model.joint(j).name, int(model.jnt_dofadr[j])
     offset = zero - sign * float(model.qpos0[model.jnt_qposadr[j]])
     # of the angles that are one, that whose range is about zero

@@ -1,5 +1,5 @@
-"""A robot as training and simulation take it: its body, motors, springs, contacts and
-losses; and BP2's two robots."""
+"""Parameters of a robot in training and simulation: body, motors, springs, contacts,
+losses; BP2's ideal and built robot."""
 
 import dataclasses
 import math
@@ -16,14 +16,14 @@ from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.conventions import LEGS
 
 ByJoint = float | tuple[float, float, float]
-"""One number for all joints, or one each for abad, hip and knee."""
+"""A number for all joints, or a number each for abad, hip and knee."""
 AtJoints = float | np.ndarray
-"""One number for all joints, or one for each of the twelve."""
+"""A number for all joints, or an array with a number for each of the twelve."""
 
 
 class Size(NamedTuple):
-    """Length and mass over BP2's, and by dynamic similarity (equal Froude numbers)
-    everything else.
+    """A robot's length and mass over BP2's, and scale factors for all else by dynamic
+    similarity (equal Froude numbers).
 
     Settings and rewards are written for BP2. A robot of another size takes them times
     these factors.
@@ -34,27 +34,28 @@ class Size(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Return the factor on durations; accelerations are the same at every size."""
+        """Return the scale factor of durations, over BP2's; accelerations are the same
+        at every size."""
         return math.sqrt(self.length)
 
     @property
     def speed(self) -> float:
-        """Return the factor on speeds."""
+        """Return the scale factor of speeds, over BP2's."""
         return math.sqrt(self.length)
 
     @property
     def rate(self) -> float:
-        """Return the factor on angular speeds."""
+        """Return the scale factor of angular speeds, over BP2's."""
         return 1.0 / self.time
 
     @property
     def torque(self) -> float:
-        """Return the factor on torques."""
+        """Return the scale factor of torques, over BP2's."""
         return self.mass * self.length
 
     @property
     def power(self) -> float:
-        """Return the factor on powers."""
+        """Return the scale factor of powers, over BP2's."""
         return self.mass * self.speed
 
 
@@ -96,7 +97,8 @@ LOSSES = tuple(field.name for field in dataclasses.fields(Losses))
 
 @dataclasses.dataclass(frozen=True)
 class HardwareSpec:
-    """A robot's body and what moves it; `HardwareSpec()` is the ideal BP2.
+    """A robot's body, motors, springs, contacts and losses; `HardwareSpec()` is the
+    ideal BP2.
 
     The motors stay what they are under another gear: a gear ratio g gives g/g0 times
     the joint torque at g0/g times the speed, with the body's own gear ratio g0. What
@@ -149,7 +151,8 @@ class HardwareSpec:
     losses: Losses = Losses()
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be built."""
+        """Raise `UserError` if a value is out of bounds, or a corner speed or leg
+        length contradicts another value."""
         check_bounds(self, "hardware.")
         for name in ("no_load_speed", "braking_speed"):
             if np.any(np.greater_equal(self.corner_speed, getattr(self, name))):
@@ -165,12 +168,12 @@ class HardwareSpec:
 
     @property
     def anatomy(self) -> Anatomy:
-        """Return the body as plain numbers, before masses are scaled."""
+        """Return the body as an `Anatomy`, before masses are scaled."""
         return self.body if isinstance(self.body, Anatomy) else self.body.anatomy
 
     @property
     def is_bp2(self) -> bool:
-        """Return whether the robot is a BP2, however it is changed."""
+        """Return whether the robot is a BP2, whatever its parameters."""
         return isinstance(self.body, BP2Body)
 
     def parameter(self, name: str) -> Any:
@@ -180,7 +183,8 @@ class HardwareSpec:
         return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other parameters: its own, its losses' or BP2's body's."""
+        """Return the robot with some parameters replaced, by name: its own, its losses'
+        or BP2's body's."""
         lost = {name: value for name, value in parameters.items() if name in LOSSES}
         own = {
             name: value
@@ -198,8 +202,7 @@ class HardwareSpec:
 
     @property
     def bp2(self) -> BP2Body:
-        """Return BP2's body, for what is about BP2 alone; raise `UserError` where the
-        robot is another."""
+        """Return the body of a BP2; raise `UserError` if the robot is another."""
         if isinstance(self.body, Anatomy):
             raise UserError(
                 "this is about BP2 alone, and the robot is another: use --robot built or ideal"
@@ -208,8 +211,8 @@ class HardwareSpec:
 
     @property
     def size(self) -> "Size":
-        """Return how large the robot is beside BP2; BP2 is of size 1, however it is
-        changed."""
+        """Return the robot's length and mass over BP2's; they are 1 for a BP2, whatever
+        its parameters."""
         if isinstance(self.body, BP2Body):
             return Size(1.0, 1.0)
         return Size(
@@ -219,13 +222,13 @@ class HardwareSpec:
 
     @property
     def mass(self) -> float:
-        """Mass of the robot as published, kg."""
+        """Mass of the robot as published, times `mass_scale`, kg."""
         return self.mass_scale * self.anatomy.weighed_mass
 
     @property
     def reflected_inertia(self) -> Any:
-        """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve
-        where joints differ."""
+        """Rotor inertia at the joint, kg m2: a number, or an array of twelve where
+        joints differ."""
         return at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
@@ -254,8 +257,8 @@ class HardwareSpec:
 
 
 def times(factor: float, value: ByJoint) -> ByJoint:
-    """Return a multiple of a number of all joints, or of abad's, hip's and knee's
-    numbers."""
+    """Return a parameter of the joints, or its values for abad, hip and knee, times a
+    factor."""
     if not isinstance(value, tuple):
         return factor * value
     abad, hip, knee = value
@@ -263,7 +266,8 @@ def times(factor: float, value: ByJoint) -> ByJoint:
 
 
 def at_joints(value: ByJoint, factor: float = 1.0) -> AtJoints:
-    """Return a multiple of a number for all joints, or an array of twelve."""
+    """Return a parameter of the joints times a factor: a number for all joints, or an
+    array of twelve."""
     return (
         np.tile(factor * np.array(value), len(LEGS))
         if isinstance(value, tuple)
@@ -272,8 +276,8 @@ def at_joints(value: ByJoint, factor: float = 1.0) -> AtJoints:
 
 
 IDEAL = HardwareSpec()
-"""BP2 without losses, on legs that pass through each other: what the paper's numbers
-alone make of it."""
+"""BP2 with the paper's numbers alone: without losses, on legs that pass through each
+other."""
 
 BUILT = HardwareSpec(
     # the widest at which fore and hind legs hardly ever meet
@@ -299,8 +303,8 @@ BUILT = HardwareSpec(
         bus_sag=0.0125,  # a tenth at full load
     ),
 )
-"""BP2 as a machine that one could build: all of it ASSUMED, with published values in
-docs/notes/reality.md."""
+"""BP2 as a machine that could be built, with ASSUMED losses; docs/notes/reality.md has
+published values."""
 
 
 RobotName = Literal["ideal", "built"]
@@ -332,12 +336,13 @@ PARTS = {
     "joint stops": ("joint_stop_time",),
     "solid legs, tracks": ("solid_legs", *BP2_TRACKS),
 }
-"""The parts in which a built robot differs from the ideal one, by their parameters."""
+"""Groups of parameters in which a built robot differs from an ideal one, by the group's
+name."""
 
 
 def ideal_of(robot: HardwareSpec) -> HardwareSpec:
-    """Return the robot that loses nothing: BP2's ideal one, or any other robot on its
-    own ground and stops."""
+    """Return a robot without losses: BP2's ideal one, or any other robot with its own
+    ground and joint stops."""
     if robot.is_bp2:
         return IDEAL
     return dataclasses.replace(
@@ -352,12 +357,12 @@ def ideal_of(robot: HardwareSpec) -> HardwareSpec:
 def with_parts(
     robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]
 ) -> HardwareSpec:
-    """Return the robot with some `PARTS` of another one."""
+    """Return a robot with the parameters of some `PARTS` of another robot."""
     names = [name for part in parts for name in PARTS[part]]
     known = [name for name in names if robot.is_bp2 or name not in BP2_TRACKS]
     return robot.changed(**{name: other.parameter(name) for name in known})
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:
-    """Return the names of the parts in which two robots differ."""
+    """Return the names of the `PARTS` in which two robots differ."""
     return tuple(part for part in PARTS if with_parts(robot, other, [part]) != robot)

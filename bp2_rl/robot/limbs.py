@@ -1,5 +1,5 @@
-"""Which part of a compiled model is which: the trunk, the four legs and their feet, by
-structure, unless names tell."""
+"""Find the trunk, the four legs and their feet in a compiled model, by structure,
+unless names tell."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from bp2_rl.robot.conventions import LEGS
 
 LEVEL = 0.1
 """Share of a foot's radius by which spheres may be nearer to the knee than the farthest
-that touch as it does."""
+sphere and still belong to the foot."""
 FREE, HINGE, SLIDE = (
     int(mujoco.mjtJoint.mjJNT_FREE),
     int(mujoco.mjtJoint.mjJNT_HINGE),
@@ -34,7 +34,7 @@ class Limb(NamedTuple):
 
 
 def find_trunk(model: mujoco.MjModel) -> int:
-    """Return the one free body that carries limbs."""
+    """Return the id of the one free body that carries limbs."""
     free = [
         int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == FREE
     ]
@@ -50,8 +50,8 @@ def find_trunk(model: mujoco.MjModel) -> int:
 
 
 def _moved_by(model: mujoco.MjModel, part: int) -> list[int]:
-    """Return the moving bodies whose joint is on a moving body, or on what is welded to
-    that."""
+    """Return the moving bodies that a joint ties to a moving body, or to a body welded
+    to it."""
     return [
         body
         for body in range(1, model.nbody)
@@ -62,7 +62,8 @@ def _moved_by(model: mujoco.MjModel, part: int) -> list[int]:
 
 
 def require_no_couplings(model: mujoco.MjModel) -> None:
-    """Refuse constraints and tendons that couple joints or close loops."""
+    """Raise `ReadingError` for constraints or tendons that couple joints or close
+    loops."""
     for i in range(model.neq):
         if model.eq_active0[i]:
             kind, name = int(model.eq_type[i]), model.equality(i).name or f"number {i}"
@@ -140,7 +141,8 @@ def _limb(model: mujoco.MjModel, body: int) -> Limb:
 
 
 def _require_leg(model: mujoco.MjModel, chain: Limb) -> None:
-    """Refuse a limb that is not three hinges and, below them, at most one slide."""
+    """Raise `ReadingError` unless a limb has three hinges and, below them, at most one
+    slide."""
     types = [int(model.jnt_type[j]) for j in chain.joints]
     names = [model.joint(j).name for j in chain.joints]
     if types[:3] != [HINGE] * 3 or types[3:] not in ([], [SLIDE]):
@@ -161,7 +163,8 @@ def _require_leg(model: mujoco.MjModel, chain: Limb) -> None:
 
 
 def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return the state as the model is drawn, springs at rest, in the trunk's frame."""
+    """Return the model's data in the pose in which it is drawn, springs at rest, trunk
+    at the origin."""
     data, slides = mujoco.MjData(model), model.jnt_qposadr[model.jnt_type == SLIDE]
     data.qpos[slides] = model.qpos_spring[slides]
     for at in model.jnt_qposadr[model.jnt_type == FREE]:
@@ -171,7 +174,7 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def geoms_of(model: mujoco.MjModel, parts: Sequence[int]) -> list[int]:
-    """Return the geoms on some moving bodies and on what is welded to them."""
+    """Return the geoms on these moving bodies and on bodies welded to them."""
     of = model.body_weldid[model.geom_bodyid]
     return np.flatnonzero(np.isin(of, parts)).tolist()
 
@@ -185,7 +188,7 @@ def collides(model: mujoco.MjModel, geom: int) -> bool:
 
 
 class Foot(NamedTuple):
-    """The sphere with which a leg stands."""
+    """The sphere on which a leg stands."""
 
     name: str
     center: np.ndarray  # (3), m, in the trunk's frame
@@ -268,8 +271,8 @@ def _named_foot(
 def _farthest(
     model: mujoco.MjModel, data: mujoco.MjData, chain: Limb, radius: float | None
 ) -> Foot:
-    """Return the foot of a leg: its farthest sphere that collides, or capsule that
-    does, or one that does not.
+    """Return the foot of a leg: its farthest sphere or end of a capsule; geoms that
+    collide come first, then spheres.
 
     Raises:
         ReadingError: there is none, or a part of another shape that collides is farther
@@ -313,8 +316,8 @@ def _lowest(
     geoms: Sequence[int],
     radius: float | None,
 ) -> Foot:
-    """Return the sphere that is farthest from the knee's axis; the middle of all that
-    are equally far.
+    """Return the sphere, or end of a capsule, that is farthest from the knee's axis;
+    the middle of all that are equally far.
 
     So of a capsule across a toe it is the middle, on either side of the robot, and of
     one along a shank the end.

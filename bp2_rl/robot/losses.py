@@ -1,5 +1,5 @@
-"""Forces against the robot: air, friction in joints and gears, friction in the springs'
-slides.
+"""Forces that resist motion: air drag, friction in joints and gears, friction in the
+springs' slides.
 
 Pure and batched; NumPy and JAX arrays alike, so that every engine applies the same
 forces. They act for a physics step as they are at its beginning. Friction opposes
@@ -33,16 +33,17 @@ from bp2_rl.robot.coordinates import (
 from bp2_rl.robot.hardware import HardwareSpec, at_joints
 
 SHARE_OF_SHANK = 0.25
-"""of a shank's inertia about the knee, which gives way at its other end"""
+"""share of a shank's inertia about the knee that a joint turns at the least, as the
+shank gives way at its other end"""
 LEAST_TOE = 0.2
-"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too;
+"""kg: least effective mass of a spring's coordinate, as the knee's end gives way too;
 0.22 over the joints' ranges. A lighter toe's is less, at least in proportion; of a
-heavier one the knee's end gives way the more."""
+heavier toe the knee's end gives way the more."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Resistance:
-    """How strongly everything resists; numbers, or arrays over robots."""
+    """Coefficients of drag, friction and gear loss; numbers, or arrays over robots."""
 
     drag: Number  # N s2/m2, 1/2 rho CdA
     headwind: Number  # m/s, of air that blows towards -x
@@ -56,7 +57,7 @@ class Resistance:
 
     @classmethod
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
-        """Return the resistance of this robot, or None where nothing resists."""
+        """Return the resistance of a robot, or None if nothing resists its motion."""
         losses = hardware.losses
         toe = hardware.anatomy.legs[0].toe
         least_toe = LEAST_TOE * min(toe.mass / bp2.TOE_MASS, 1.0) if toe else 0.0
@@ -79,8 +80,8 @@ class Resistance:
 
 
 def _least_inertia(hardware: HardwareSpec) -> float:
-    """Return what a joint turns at the least, kg m2: its rotor, or a share of the shank
-    where rotors are lighter."""
+    """Return the least inertia that a joint turns, kg m2: its rotor's, or a share of
+    the shank's where rotors are lighter."""
     shanks = [leg.shank for leg in hardware.anatomy.legs]
     shank = min(
         link.inertia[1] + link.mass * (link.com[0] ** 2 + link.com[2] ** 2)
@@ -94,7 +95,7 @@ def _least_inertia(hardware: HardwareSpec) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Loss:
-    """The resisting forces by their cause."""
+    """Resisting forces by their cause: air, gear, joint, slide and rebound stop."""
 
     air: Array  # "... 3", N, world frame
     gear: Array  # "... 12", Nm
@@ -104,8 +105,8 @@ class Loss:
 
 
 def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Loss:
-    """The forces that resist in a state in MuJoCo's coordinates under the motors'
-    torque ("... 12", Nm)."""
+    """Return the forces that resist motion in a state (`qpos`, `qvel`) under the
+    motors' torque ("... 12", Nm)."""
     r, xp = resistance, qvel.__array_namespace__()
     qd, rate, compression = (
         joint_velocities(qvel),
@@ -130,7 +131,8 @@ def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Los
 
 
 def generalized(loss: Loss, qvel: Array) -> Any:
-    """The forces on the coordinates of `qvel`, N and Nm: MuJoCo's `qfrc_applied`."""
+    """Return the resisting forces on the coordinates of `qvel`, N and Nm: MuJoCo's
+    `qfrc_applied`."""
     xp = loss.air.__array_namespace__()
     trunk = xp.concat([loss.air, 0.0 * qvel[..., 3:]], axis=-1)
     return with_legs(trunk, loss.gear + loss.joint, loss.slide + loss.rebound)

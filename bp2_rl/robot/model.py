@@ -1,5 +1,5 @@
-"""From numbers to a MuJoCo model: a robot's MJCF, BP2's written by hand, with a
-`HardwareSpec` applied to it.
+"""Compile a robot's MuJoCo model: its MJCF, written by hand for BP2, with a
+`HardwareSpec` applied.
 
 `robot.coordinates` says what is in `qpos` and `qvel`. `ctrl` is the 12 joint torques in
 the order of `MOTOR_NAMES`.
@@ -35,11 +35,11 @@ VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in la
 
 
 FAR = 1e3
-"""m, where no spring's end ever is."""
+"""Length beyond any spring's end, m."""
 
 
 class ModelError(UserError):
-    """A model that MuJoCo cannot compile."""
+    """Raised for a model that MuJoCo cannot compile."""
 
 
 def load_model(
@@ -51,7 +51,7 @@ def load_model(
     weighed: bool = False,
     scene: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
-    """A robot on flat ground as a compiled model.
+    """Return a compiled model of a robot on flat ground.
 
     Args:
         hardware: the robot's parameters.
@@ -97,7 +97,8 @@ def model_xml(hardware: HardwareSpec = IDEAL) -> str:
 def _on_the_ground(
     hardware: HardwareSpec, timestep: float, feet_only: bool
 ) -> mujoco.MjSpec:
-    """Return the scene with a time step (s) and, where these collide, solid legs."""
+    """Return the robot's scene with a time step (s) and, if the hardware has solid
+    legs, with their collisions."""
     spec = load_spec(hardware)
     spec.option.timestep = timestep
     if hardware.solid_legs and not feet_only:
@@ -112,8 +113,8 @@ def let_converge(
     line_search: int = 50,
     tolerance: float | None = None,
 ) -> None:
-    """Let C MuJoCo's solver run until it has converged, and a state gone bad stay
-    visible instead of being reset.
+    """Let C MuJoCo's solver run until it has converged, and switch off its reset of
+    diverged states.
 
     Args:
         model: to be changed.
@@ -129,7 +130,7 @@ def let_converge(
 
 
 def load_spec(hardware: HardwareSpec = IDEAL) -> mujoco.MjSpec:
-    """The scene as an editable MjSpec with `hardware` applied."""
+    """Return the robot's scene as an editable MjSpec with `hardware` applied."""
     body = hardware.body
     if isinstance(body, BP2Body):
         spec = _packaged().copy()
@@ -176,8 +177,8 @@ def mesh_of(
 
 
 def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
-    """The ground's force on each foot of a `weighed` model at the state last passed to
-    `mj_step` or `mj_forward`, N.
+    """Return the ground's force on each foot, N, at the last `mj_step` or `mj_forward`
+    of a `weighed` model.
 
     In the world frame; the ground is all that is fixed to the world. It is a view,
     which the next step overwrites.
@@ -186,8 +187,8 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
 
 
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
-    """Give the links their masses, and move hips, knees and toes; links keep their mass
-    at their upper ends."""
+    """Set the links' masses and the places of hips, knees and toes in a spec; links
+    keep their mass at their upper ends."""
     trunk = spec.body("trunk")
     trunk.mass += len(LEGS) * (design.trunk_quarter_mass - bp2.TRUNK_QUARTER_MASS)
     trunk.inertia = np.asarray(trunk.inertia) * design.trunk_inertia_share
@@ -256,8 +257,8 @@ def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 
 def _make_legs_solid(spec: mujoco.MjSpec) -> None:
-    """Let every leg collide with the others and with the trunk; of a leg, the foot
-    alone still meets the floor."""
+    """Let legs collide with each other and with the trunk in a spec; only the feet
+    still meet the floor."""
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
     for leg, bit in bits.items():
@@ -309,7 +310,8 @@ def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
 
 @functools.cache
 def _packaged() -> mujoco.MjSpec:
-    """BP2 as it comes: to read it takes a hundred times as long as to copy it."""
+    """Return BP2's scene as it ships, read once: to read it takes a hundred times as
+    long as to copy it."""
     return mujoco.MjSpec.from_file(str(asset_path("bp2_mjcf/scene_flat.xml")))
 
 

@@ -24,7 +24,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def find_robot(name: str) -> HardwareSpec:
-    """Return the robot of this name, or of the robot file at this path.
+    """Return the hardware of the robot of this name, or of the robot file at this path.
 
     Raises:
         UserError: there is no such robot, or its file is broken.
@@ -36,8 +36,8 @@ def find_robot(name: str) -> HardwareSpec:
 
 
 def find_robot_file(name: str) -> "RobotFile":
-    """Return what stands in the robot file of this name, or at this path; of BP2's two
-    robots, their hardware.
+    """Return the content of the robot file of this name, or at this path; of BP2's two
+    robots, their hardware alone.
 
     Raises:
         UserError: as `find_robot`.

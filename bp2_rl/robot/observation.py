@@ -31,7 +31,7 @@ class Mirror(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence["Mirror"]) -> "Mirror":
-        """Return the mirror of a vector whose parts have these mirrors."""
+        """Return the mirror of a vector that joins parts with these mirrors."""
         order, sign = [], []
         for part in parts:
             order += [len(sign) + i for i in part.order]
@@ -39,8 +39,8 @@ class Mirror(NamedTuple):
         return cls(tuple(order), tuple(sign))
 
     def parities(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return orthonormal bases ("size even", "size odd") of what the reflection
-        keeps, and of what it turns into its opposite."""
+        """Return orthonormal bases of the vectors that the reflection keeps ("size
+        even") and of those that it negates ("size odd")."""
         even, odd = [], []
         unit = np.eye(len(self.order))
         for i, (j, sign) in enumerate(zip(self.order, self.sign, strict=True)):
@@ -58,7 +58,7 @@ def _signs(*sign: int) -> Mirror:
 
 
 def _by_leg(*sign: int) -> Mirror:
-    """Return the mirror of an array that has `len(sign)` numbers a leg."""
+    """Return the mirror of an array with `len(sign)` numbers for each leg."""
     width = len(sign)
     return Mirror(
         tuple(width * leg + i for leg in MIRRORED for i in range(width)),
@@ -83,16 +83,16 @@ class Entry(Generic[Source]):
     name: str
     mirror: Mirror
     read: Callable[[Source], Array]
-    """the part's numbers, from what the observation is made of"""
+    """reads the part's numbers from the source of the observation"""
 
     @property
     def size(self) -> int:
-        """Return how many numbers the part has."""
+        """Return the number of numbers in the part."""
         return len(self.mirror.sign)
 
 
 class Moment(NamedTuple):
-    """All that a policy's observation is made of at one control step."""
+    """Inputs of a policy's observation at one control step."""
 
     command: Array  # (3) m/s, m/s, rad/s: what the policy is told
     clock: Array  # (2) the hand of the phase's clock: sine and cosine

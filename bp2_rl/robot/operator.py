@@ -1,4 +1,4 @@
-"""The way of a velocity command: asked by an operator, told to a policy.
+"""Limits and steering of a velocity command, from an operator to a policy.
 
 What is *asked* comes from a person, a schedule or a draw of training; what a policy is
 *told* it reads in its observation; what the robot does is *measured*. Training, the
@@ -22,10 +22,10 @@ from bp2_rl.robot.conventions import CONTROL_STEP
 
 COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 EASE = 0.5
-"""m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to
-rest."""
+"""m/s: in `stopping_time` a forward command falls by its size plus this speed, so that
+it comes to rest."""
 Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
-"""A limit; infinity means that there is none."""
+"""A positive limit; infinity means no limit."""
 
 
 def approach(
@@ -39,7 +39,7 @@ def approach(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LaunchLaw:
-    """The fastest rise of a forward command v: dv/dt = launching (1 - v /
+    """Limit on how fast a forward command v rises: dv/dt = launching (1 - v /
     launching_speed)."""
 
     launching: Limit = math.inf
@@ -50,13 +50,14 @@ class LaunchLaw:
     `launching`"""
 
     def launch_rate(self, speed: ArrayT) -> ArrayT:
-        """Return how fast the command rises at most where it is `speed` (m/s), m/s2."""
+        """Return the fastest rise of the forward command, m/s2, where the command is
+        `speed`, m/s."""
         xp = speed.__array_namespace__()
         return self.launching * xp.clip(1.0 - speed / self.launching_speed, 0.0, 1.0)
 
     def rise_time(self, speed: float, acceleration: float) -> float:
-        """Return when a command from rest that is asked to rise at `acceleration`
-        (m/s2) is at `speed`, s."""
+        """Return the time, s, in which a command that should rise at `acceleration`
+        (m/s2) gets from rest to `speed` (m/s)."""
         rate, knee = self._knee(acceleration)
         if speed <= knee:
             return speed / rate
@@ -64,8 +65,8 @@ class LaunchLaw:
         return knee / rate - math.log(left) * (self.launching_speed / self.launching)
 
     def share_risen(self, time: float, speed: float, acceleration: float) -> float:
-        """Return the share of `speed` (m/s) that such a command has at a time before
-        `rise_time`."""
+        """Return the share of `speed` (m/s) that a command rising from rest has reached
+        at a time before `rise_time`."""
         rate, knee = self._knee(acceleration)
         since = time - knee / rate
         if since <= 0.0:
@@ -75,8 +76,8 @@ class LaunchLaw:
         return (self.launching_speed - left) / speed
 
     def _knee(self, acceleration: float) -> tuple[float, float]:
-        """Return the rate at first (m/s2), and the speed (m/s) from which the law is
-        slower: an exponential."""
+        """Return the first rate of rise (m/s2), and the speed (m/s) from which the
+        launch law makes the rise slower."""
         rate = min(acceleration, self.launching)
         if math.inf in (self.launching, self.launching_speed):
             return rate, math.inf
@@ -85,8 +86,8 @@ class LaunchLaw:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommandLaw(LaunchLaw):
-    """A controller's limits on the forward command that its policy is told, whatever is
-    asked for."""
+    """Limits on how fast the forward command that a policy observes rises and falls,
+    whatever is asked for."""
 
     braking: Limit = math.inf
     """m/s2, fastest fall of the forward command that the policy sees, whatever is asked
@@ -96,7 +97,8 @@ class CommandLaw(LaunchLaw):
     that stands while its trunk still moves falls over"""
 
     def tell(self, told: ArrayT, asked: ArrayT) -> ArrayT:
-        """Return the command (3) that the policy is told a control step after `told`.
+        """Return the command (3) that the policy observes a control step after the
+        command `told`, within the limits.
 
         It is `asked`, but that a robot on its way forward gathers and loses speed no
         faster than the limits.
@@ -115,7 +117,7 @@ class CommandLaw(LaunchLaw):
 
 
 COMMAND_LIMITS = tuple(field.name for field in dataclasses.fields(CommandLaw))
-"""The names of the limits in settings and on a robot's computer."""
+"""Names of the fields of `CommandLaw`, in settings and on a robot's computer."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,16 +131,16 @@ class HeadingHold(Bounded, path="--operator."):
     """
 
     heading_gain: Annotated[float, Within(-1000.0, 1000.0)] = 4.0
-    """yaw rate that a radian of wrong heading is answered with, 1/s"""
+    """yaw rate commanded for each radian of wrong heading, 1/s"""
     lane_gain: Annotated[float, Within(-1000.0, 1000.0)] = 0.4
-    """yaw rate for each metre beside the line, 1/(m s); heading_gain^2 / (4 v) is
-    critical damping at a speed v"""
+    """yaw rate commanded for each metre beside the line, 1/(m s); heading_gain^2 / (4
+    v) is critical damping at a speed v"""
     limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
     """largest yaw rate commanded, rad/s; 0: nobody steers"""
 
     def steer(self, command: ArrayT, y: Number, yaw: Number) -> ArrayT:
-        """Add the operator's yaw rate to a command ("... 3") at a place and heading
-        ("...")."""
+        """Add a correcting yaw rate to a straight command ("... 3"), from the distance
+        `y` (m) left of the line and the yaw (rad)."""
         xp = command.__array_namespace__()
         rate = xp.clip(
             -self.heading_gain * yaw - self.lane_gain * y, -self.limit, self.limit

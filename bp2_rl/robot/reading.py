@@ -1,4 +1,4 @@
-"""From the MJCF or URDF of any quadruped to its `Anatomy`: structure alone tells which
+"""Read the `Anatomy` of any quadruped from its MJCF or URDF; structure tells which
 joint is which, unless names do.
 
 `compiling` makes the model, `limbs` finds its legs and feet, `frames` expresses each leg
@@ -47,12 +47,13 @@ from bp2_rl.robot.limbs import (
 )
 
 STRAIGHT = 0.82
-"""ASSUMED: share of the straight leg's length at which a robot stands whose model has
-no keyframe."""
+"""ASSUMED: length of a standing leg as a share of the straight leg's, for a model
+without a keyframe."""
 SLENDER = 0.07
-"""ASSUMED: a leg's radius over its thigh's length, where no capsule tells."""
+"""ASSUMED: radius of a leg as a share of its thigh's length, for a model without
+capsules."""
 LONGEST = 0.1
-"""m, ASSUMED: travel of a spring without a stop."""
+"""ASSUMED: travel of a spring without a stop, m."""
 
 BY_JOINT = {
     "armature": "armature, kg m2,",
@@ -63,13 +64,14 @@ BY_JOINT = {
     "stiffness": "stiffness, Nm/rad,",
     "actuator_damping": "actuator's damping, Nm s/rad,",
 }
-"""What a robot file gives for abad, hip and knee, whatever the leg."""
+"""Numbers that a robot file gives for abad, hip and knee alike on all legs, with their
+names in notes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SpringReading:
-    """Numbers that a model gives of the springs in its shanks, in the mean over the
-    legs."""
+    """Stiffness, damping and travel of the springs in a model's shanks, in the mean
+    over the legs."""
 
     stiffness: Annotated[float, Within(100.0, 1e7)]  # N/m
     damping: Annotated[float, Within(0.0, 1e5)]  # N s/m
@@ -78,7 +80,7 @@ class SpringReading:
 
 @dataclasses.dataclass(frozen=True)
 class RobotReading:
-    """A robot as its model has it."""
+    """A robot as read from its model: anatomy, joints, springs, feet and notes."""
 
     anatomy: Anatomy
     joints: tuple[JointReading, ...]  # in the order of `MOTOR_NAMES`
@@ -90,8 +92,8 @@ class RobotReading:
     def by_joint(
         self, name: str, otherwise: float | None = None, factor: float = 1.0
     ) -> tuple[float, float, float]:
-        """Return a number of abad, hip and knee joints times a factor, each in the mean
-        over the legs.
+        """Return a number of the joints abad, hip and knee, each in the mean over the
+        legs, times a factor.
 
         Where the model says nothing, zero or no limit, it is `otherwise` if that is
         given.
@@ -110,7 +112,7 @@ def read_mjcf(
     feet: Sequence[str] = (),
     foot_radius: float | None = None,
 ) -> RobotReading:
-    """Read the robot in an MJCF or URDF file.
+    """Read a robot from an MJCF or URDF file.
 
     Args:
         path: of the file; its meshes need not be there.
@@ -233,7 +235,7 @@ def _read_model(
 def _note_left_out(
     effects: Effects, names: Sequence[str], dofs: Sequence[int], notes: list[str]
 ) -> None:
-    """Say what acts on joints and is no number of a robot file."""
+    """Note forces on joints for which a robot file has no number."""
     # a DC motor's, or a loop's of speed
     unheld = np.where(effects.stiffness == 0.0, effects.actuator_damping, 0.0)
     for values, unit, what in (
@@ -274,8 +276,8 @@ def _keyframe_stand(
     found: list[LegReading],
     notes: list[str],
 ) -> tuple[float, ...]:
-    """Return the twelve angles of the keyframe in which the robot stands; zeros where
-    there is none."""
+    """Return the twelve joint angles, rad, of the keyframe in which the robot stands;
+    zeros if there is none."""
     keys = {model.key(i).name: i for i in range(model.nkey)}
     key = next((keys[name] for name in ("stand", "home", *keys) if name in keys), None)
     if key is None:
@@ -304,8 +306,8 @@ def _keyframe_stand(
 
 
 def _bend(leg: str, one: LegReading, stand: float, notes: list[str]) -> Literal[-1, 1]:
-    """Return the sign of the knee's angle: as it stands, in most of its range, or as it
-    is drawn."""
+    """Return the sign of the knee's angle: in the standing pose, else in most of its
+    range, else as it is drawn."""
     low, high = one.leg.ranges[2]
     one_sided = 0.5 * (low + high) if abs(low + high) > 0.5 * (high - low) else 0.0
     for angle in (stand, one_sided, one.drawn_knee):
@@ -316,8 +318,8 @@ def _bend(leg: str, one: LegReading, stand: float, notes: list[str]) -> Literal[
 
 
 def _assumed_stand(legs: Sequence[Leg]) -> tuple[float, ...]:
-    """Return angles at which each foot is below its hip, at a share of the leg's
-    length."""
+    """Return twelve joint angles, rad, that put each foot below its hip, at a share of
+    the leg's length."""
     angles: list[float] = []
     for leg in legs:
         thigh, lower = leg.thigh_length, leg.lower_length
@@ -334,7 +336,7 @@ def _assumed_stand(legs: Sequence[Leg]) -> tuple[float, ...]:
 
 
 def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
-    """Say where legs differ in what a robot file gives for abad, hip and knee alone."""
+    """Note where legs differ in a number that a robot file gives once for all legs."""
     for name, what in BY_JOINT.items():
         for i, kind in enumerate(JOINTS):
             values = [getattr(joint, name) for joint in joints[i::3]]
@@ -352,8 +354,8 @@ def _note_mass_matrix(
     joints: Sequence[JointReading],
     notes: list[str],
 ) -> None:
-    """Compare the model's mass matrix in a random pose with the mass matrix of the
-    robot as read."""
+    """Note a difference between the model's mass matrix, in a random pose, and the mass
+    matrix of the robot as read."""
     built, theirs = build_spec(anatomy).compile(), at_zero(model)
     ours, motors = mujoco.MjData(built), motor_indices(built.nv)
     ranges = [ends for leg in anatomy.legs for ends in leg.ranges]
@@ -389,8 +391,8 @@ def _note_mass_matrix(
 def _trunk_size(
     model: mujoco.MjModel, data: mujoco.MjData, trunk: int, legs: Sequence[Leg]
 ) -> Vector:
-    """Return half extents of the box about the trunk's origin that holds its geoms,
-    those that collide if any do."""
+    """Return half extents, m, of the box about the trunk's origin that holds its
+    colliding geoms, or all its geoms if none collides."""
     geoms = geoms_of(model, [trunk])
     colliding = [g for g in geoms if collides(model, g)]
     extents = [
@@ -409,7 +411,8 @@ def _trunk_size(
 def _capsule_radius(
     model: mujoco.MjModel, parts: Sequence[int], otherwise: float
 ) -> float:
-    """Return the radius of the longest capsule or cylinder on some links."""
+    """Return the radius of the longest capsule or cylinder on some links, m, or
+    `otherwise` if there is none."""
     geoms = [
         (float(model.geom_size[g, 1]), float(model.geom_size[g, 0]))
         for g in geoms_of(model, parts)

@@ -1,5 +1,5 @@
-"""A robot as a file of TOML: an MJCF or the numbers themselves, and what no MJCF says
-of motors, losses and contacts.
+"""A robot as a TOML file: an MJCF or the numbers themselves, and motors, losses and
+contacts, which no MJCF has.
 
 A number for each of abad, hip and knee may be one number for all three. Lengths, masses
 and inertias of a leg are those of the left one, in the frames of `Anatomy`; the right
@@ -39,28 +39,30 @@ from bp2_rl.robot.reading import SLENDER, RobotReading, SpringReading, read_mjcf
 LARGEST = 1 << 18
 """Bytes of the largest robot file that is read."""
 MOST_DOTS = 200
-"""In a line: a key of 50,000 levels keeps Python's reader of TOML busy for minutes."""
+"""Most dots in a line of a robot file: Python's reader of TOML is busy for minutes with
+a key of 50,000 levels."""
 Angle = Annotated[float, Within(-10.0, 10.0)]
 ForeHind = Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
-"""rad, of all left legs, or of the fore and the hind one."""
+"""An angle, rad: a number for all left legs, or a number each for the fore and the hind
+leg."""
 TurnRange = Annotated[Range, Within(-10.0, 10.0)]
 
 
 class RobotFileError(UserError):
-    """A robot file that is missing, damaged, or describes no robot; one line that names
-    the key at fault."""
+    """Raised for a robot file that is missing, damaged, or describes no robot; the line
+    names the key at fault."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TrunkNumbers(Link):
-    """The trunk, with the half extents, m, of the box that it fills."""
+    """The trunk in a robot file, with the half extents, m, of the box that it fills."""
 
     size: Annotated[Vector, Within(0.0, 10.0, open_below=True)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LegNumbers(LegParts):
-    """A left leg, its joints' ranges one by one."""
+    """A left leg in a robot file: its links, places of joints, and ranges of joints."""
 
     abad_range: TurnRange
     hip_range: TurnRange
@@ -68,7 +70,7 @@ class LegNumbers(LegParts):
 
     @property
     def leg(self) -> Leg:
-        """Return the leg as `Anatomy` has it."""
+        """Return the leg as a `Leg` of an `Anatomy`."""
         parts = {part.name: getattr(self, part.name) for part in fields(LegParts)}
         return Leg(**parts, ranges=(self.abad_range, self.hip_range, self.knee_range))
 
@@ -96,7 +98,8 @@ class StandNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class MotorNumbers:
-    """The motors at the joint, behind their gears; None is what the MJCF says."""
+    """Limits and inertia of the motors at the joint, behind their gears; None takes the
+    MJCF's value."""
 
     # rad/s, up to which the peak torque is there
     corner_speed: Annotated[ByJoint, Within(0.0, 1e4)]
@@ -115,7 +118,7 @@ class GainNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class ContactNumbers:
-    """The feet on the ground."""
+    """Friction and softness of the feet's contact with the ground."""
 
     friction: Annotated[float, Within(0.01, 10.0)] = 0.8
     # s, in which the ground takes up a foot's depth
@@ -124,7 +127,8 @@ class ContactNumbers:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileNotes:
-    """Statements of a robot file beside the robot itself."""
+    """Statements of a robot file beside the robot: gains, published speed, sources and
+    assumptions."""
 
     gains: GainNumbers | None = None
     top_speed: Positive | None = None  # m/s, as published
@@ -158,7 +162,7 @@ class WrittenRobot(FileNotes):
 
 @dataclasses.dataclass(frozen=True)
 class RobotFile(FileNotes):
-    """A robot, and what its file says besides."""
+    """A robot, and what its file says beside it."""
 
     hardware: HardwareSpec
     reading: RobotReading | None = None  # of its MJCF; None: the file has the numbers
@@ -175,7 +179,7 @@ class RobotFile(FileNotes):
 
 
 def load_robot(path: Path) -> RobotFile:
-    """Read a robot file.
+    """Read a robot file, and return the robot and what the file says beside it.
 
     Raises:
         UserError: one line that names the file, the key at fault, and how to mend it.
@@ -203,8 +207,8 @@ def load_robot(path: Path) -> RobotFile:
 
 
 def _require_tables(given: dict[str, object]) -> None:
-    """Refuse a file without the tables that every robot needs, and name them all; a
-    misspelt key is told first."""
+    """Raise `UserError` that names all missing tables that every robot needs; a
+    misspelt key is left to be reported first."""
     body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
     lacking = [name for name in ("motors", *body) if name not in given]
     if lacking and given.keys() <= {field.name for field in fields(WrittenRobot)}:
@@ -217,7 +221,7 @@ def _require_tables(given: dict[str, object]) -> None:
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:
-    """Return the robot that a file describes, by itself or by its MJCF."""
+    """Return the robot that a file describes, by its numbers or by its MJCF."""
     if written.mjcf is not None and (written.trunk or written.fore or written.hind):
         raise UserError(
             "give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]"
@@ -257,7 +261,7 @@ def _robot(written: WrittenRobot, path: Path) -> RobotFile:
 def _of_motors(
     name: str, given: ByJoint | None, reading: RobotReading | None
 ) -> ByJoint:
-    """Return a number of the motors: the file's, or else the model's."""
+    """Return a number of the motors by name: the file's value, or else the model's."""
     if given is not None:
         return given
     numbers = reading.by_joint(name) if reading else None
@@ -272,7 +276,8 @@ def _of_motors(
 def _spring(
     written: WrittenRobot, reading: RobotReading | None, anatomy: Anatomy
 ) -> SpringReading | None:
-    """Return the springs in the shanks: the file's, or else the model's."""
+    """Return the springs in the shanks, from the file or else from the model; None
+    where the shanks are rigid."""
     if written.spring is not None and not anatomy.sprung:
         raise UserError(
             "spring: the legs have no toe below a spring; give [fore.toe] and [hind.toe], or leave it out"
@@ -289,8 +294,8 @@ def _spring(
 
 
 def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
-    """Return the body: the numbers in the file, or the model's with what the file says
-    of it."""
+    """Return the body: the numbers in the file, or the model's with the file's
+    changes."""
     anatomy = _numbered_body(written) if reading is None else reading.anatomy
     stand, legs = anatomy.stand, anatomy.legs
     if written.stand is not None:
@@ -317,7 +322,7 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
 
 
 def _numbered_body(written: WrittenRobot) -> Anatomy:
-    """Return the body whose numbers stand in the file."""
+    """Return the body from the numbers in the file."""
     # `_require_tables` has seen all three
     trunk = cast(TrunkNumbers, written.trunk)
     fore, hind = (
@@ -338,7 +343,7 @@ def _numbered_body(written: WrittenRobot) -> Anatomy:
 
 
 def mirrored(leg: Leg) -> Leg:
-    """Return the leg on the other side of the trunk."""
+    """Return a leg mirrored to the other side of the trunk."""
 
     def vector(v: Vector) -> Vector:
         return v[0], 0.0 - v[1], v[2]
@@ -364,7 +369,7 @@ def mirrored(leg: Leg) -> Leg:
 
 
 def _require_possible_body(anatomy: Anatomy) -> None:
-    """Refuse a body that cannot be, naming the key at fault."""
+    """Raise `UserError`, naming the key at fault, for a body that cannot be."""
     if len(anatomy.joints) != len(MOTOR_NAMES):
         raise UserError(
             f"conventions: {len(anatomy.joints)} are given; give the 12 joints', or leave them out"
@@ -457,5 +462,5 @@ def robot_text(
 
 
 def row(values: Iterable[float]) -> str:
-    """Return numbers as TOML has them."""
+    """Return numbers as an array in TOML."""
     return f"[{', '.join(f'{0.0 if abs(value) < 1e-12 else value:.7g}' for value in values)}]"

@@ -1,5 +1,5 @@
-"""A robot on one sheet: sizes, joints, motors against the load of standing, and a
-stand."""
+"""Summary of a robot as text and picture: sizes, joints, motors, and a standing
+trial."""
 
 import dataclasses
 import math
@@ -23,30 +23,31 @@ from bp2_rl.robot.reading import RobotReading
 from bp2_rl.robot.robot_file import RobotFile, mirrored, row
 
 STAND_TIME = 5.0
-"""s, for which a robot must stand."""
+"""Duration of the standing trial, s."""
 FALLEN = 0.7
-"""Share of the standing height below which it has fallen; and cosine of the trunk's
-tilt."""
+"""A robot has fallen below this share of its standing height, or below this cosine of
+the trunk's tilt."""
 LIKE = 0.1
-"""Relative difference up to which two loops count as one."""
+"""Relative difference up to which the gains of two position loops count as equal."""
 DRAG = 0.2
-"""Share of the peak torque above which a joint's resistance at the motor's no-load
-speed is doubted."""
+"""A joint's resistance at the motor's no-load speed above this share of the peak torque
+is warned about."""
 STRETCH = 0.75
-"""Share of the straight leg's length below which the greatest reach is doubted."""
+"""A greatest reach of a leg below this share of the straight leg's length is warned
+about."""
 STROKE = 0.1
-"""Share of the straight leg's length below which the difference of greatest and least
-reach is doubted."""
+"""A difference of greatest and least reach below this share of the straight leg's
+length is warned about."""
 SAME = 1e-3
-"""Relative difference up to which left and right legs are mirror images."""
+"""Relative difference up to which left and right legs count as mirror images."""
 
 MARKS = {"abad": "s", "hip": "o", "knee": "D"}
-"""Marks of the joints in the picture."""
+"""Matplotlib's markers of the joints in the picture."""
 
 
 @dataclasses.dataclass(frozen=True)
 class StandingTrial:
-    """How a robot stands on its position loop in C MuJoCo."""
+    """Result of a robot's standing trial on its position loop in C MuJoCo."""
 
     fallen_after: float | None  # s; None: it stands after `STAND_TIME`
     height: float  # m, of the trunk at the end
@@ -56,7 +57,8 @@ class StandingTrial:
 
 
 def stand(robot: RobotFile) -> StandingTrial:
-    """Let a robot stand at its standing pose under its gains."""
+    """Simulate a robot that holds its standing pose under its gains, and return how it
+    stood."""
     hardware = robot.hardware
     model = load_model(hardware)
     data = mujoco.MjData(model)
@@ -95,7 +97,7 @@ def stand(robot: RobotFile) -> StandingTrial:
 
 
 def trained_gains(robot: RobotFile) -> tuple[float, float]:
-    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the position loop in
+    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the joints' position loop in
     training."""
     size = robot.hardware.size
     stiffness, damping = bp2.LOOP_STIFFNESS, bp2.LOOP_DAMPING
@@ -103,16 +105,16 @@ def trained_gains(robot: RobotFile) -> tuple[float, float]:
 
 
 def gains(robot: RobotFile) -> tuple[AtJoints, AtJoints]:
-    """Return stiffness and damping of the position loop, the file's or else
-    training's."""
+    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the joints' position loop:
+    the file's, or else training's."""
     if robot.gains is None:
         return trained_gains(robot)
     return at_joints(robot.gains.stiffness), at_joints(robot.gains.damping)
 
 
 def sheet(robot: RobotFile, stood: StandingTrial) -> str:
-    """Return the sheet as text; lines that begin with "!" are what its user must look
-    at."""
+    """Return the summary of a robot as text; lines that begin with "!" are warnings to
+    its user."""
     notes = robot.reading.notes if robot.reading else ()
     lines = [
         *_body_lines(robot),
@@ -130,8 +132,8 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
 
 
 def _body_lines(robot: RobotFile) -> list[str]:
-    """Say masses, lengths and springs; doubt knees whose range keeps a leg bent, or of
-    one length."""
+    """Return lines on masses, lengths and springs, with warnings about knees that allow
+    little reach."""
     anatomy, top_speed = robot.anatomy, robot.top_speed
     published = "" if top_speed is None else f", published top speed {top_speed:g} m/s"
     sizes = [
@@ -155,7 +157,7 @@ def _body_lines(robot: RobotFile) -> list[str]:
 
 
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
-    """One line a joint: what it is called in the model, and its range and stand."""
+    """Return a table of the joints: name in the model, range and standing angle."""
     lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6}"]
     for i, name in enumerate(MOTOR_NAMES):
         theirs = ""
@@ -170,8 +172,8 @@ def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
 
 
 def _motor_lines(robot: RobotFile) -> list[str]:
-    """One line a number of the motors, with ASSUMED beside what the file lists as
-    assumed, and a doubt."""
+    """Return a table of the motors' numbers, with ASSUMED where the file says so, and a
+    warning if a rotor has no inertia."""
     hardware: HardwareSpec = robot.hardware
     lines = [f"{'at the joint':22} {'abad':>8} {'hip':>8} {'knee':>8}"]
     for key, what, by_joint in (
@@ -197,8 +199,8 @@ def _motor_lines(robot: RobotFile) -> list[str]:
 
 
 def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
-    """Say how the robot stands, on which position loop, and how near the motors are to
-    their limits."""
+    """Return lines on the standing trial: the position loop, and the motors' loads and
+    limits."""
     hardware, losses = robot.hardware, robot.hardware.losses
     peak = np.broadcast_to(hardware.joint_peak_torque, 12)
     share = np.abs(stood.torque) / peak
@@ -248,8 +250,8 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
 
 
 def _push(robot: RobotFile) -> float:
-    """Return two legs' vertical force in the standing pose at the knee's or hip's peak
-    torque, over the weight."""
+    """Return the greatest vertical force of two legs in the standing pose, over the
+    robot's weight."""
     anatomy, peak = robot.anatomy, np.broadcast_to(robot.hardware.joint_peak_torque, 12)
     forces: list[float] = []
     for i, leg in enumerate(anatomy.legs):
@@ -262,7 +264,8 @@ def _push(robot: RobotFile) -> float:
 
 
 def _symmetry_lines(robot: RobotFile) -> list[str]:
-    """Name the numbers by which right legs differ from mirrored left ones."""
+    """Return a line on the numbers by which right legs differ from mirrored left
+    ones."""
     different: list[str] = []
     for right, left, which in zip(
         robot.anatomy.legs[::2], robot.anatomy.legs[1::2], ("fore", "hind"), strict=True
@@ -294,7 +297,8 @@ def _numbers(value: object) -> list[float]:
 
 @styled
 def draw_robot(hardware: HardwareSpec) -> Figure:
-    """Draw the robot as it stands; axes in metres."""
+    """Draw the robot in its standing pose from the right and from behind; axes in
+    metres."""
     anatomy = hardware.anatomy
     model = load_model(hardware)
     data = mujoco.MjData(model)

@@ -22,9 +22,9 @@ BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
 Schedule = Literal["text", "literal", "off"]
-"""Readings of the table's speed-dependent weights: `env.rewards.speed_schedule`."""
+"""Readings of Table S4's speed-dependent weights: `env.rewards.speed_schedule`."""
 Impl = Literal["jax", "kernel", "warp"]
-"""Implementations of the physics."""
+"""Physics engines: `env.physics.interface` describes them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +99,7 @@ class CurriculumConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ResetConfig:
-    """Where episodes start."""
+    """Where episodes start: at rest or on the running reference, with noise."""
 
     # start at rest with the command ramping up; the others on the running reference
     standing_fraction: Share = 0.3
@@ -146,7 +146,7 @@ class RandomizationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class TerminationConfig:
-    """When a robot has fallen."""
+    """Limits beyond which a robot has fallen."""
 
     # Together they end an episode before the trunk can touch the ground, whose contact
     # training leaves out.
@@ -183,8 +183,8 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the
-    terms.
+    """Coefficients of the reward: Table S4's rows and three rows more; `env.rewards`
+    has the terms.
 
     `RewardConfig()` is the table's imitation column; presets set others
     (`settings.presets`).

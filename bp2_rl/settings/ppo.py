@@ -14,13 +14,14 @@ Decay = Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)]
 Weight = Annotated[float, Within(0.0, 1e6)]
 Layers = tuple[Annotated[int, Within(1, 2**16)], ...]
 MAX_BLOCKS = 64
-"""Robots are shuffled within this many blocks; the number of devices must divide it."""
+"""Most blocks within which robots are shuffled; the number of devices must divide the
+number of blocks."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PPOConfig:
-    """Hyperparameters. One train step collects num_envs x unroll_length control steps
-    and takes num_epochs x num_minibatches gradient steps on them."""
+    """Hyperparameters of PPO. One train step collects num_envs x unroll_length control
+    steps and takes num_epochs x num_minibatches gradient steps on them."""
 
     num_envs: Annotated[int, Within(1, 2**24)] = 8192
     unroll_length: Annotated[int, Within(1, 2**16)] = 24
@@ -80,10 +81,10 @@ class PPOConfig:
 
     @property
     def steps_per_train_step(self) -> int:
-        """Control steps, all robots together."""
+        """Control steps in a train step, all robots together."""
         return self.num_envs * self.unroll_length
 
     @property
     def shuffle_blocks(self) -> int:
-        """Blocks of robots that are shuffled by themselves."""
+        """Number of blocks of robots within which an epoch's robots are shuffled."""
         return math.gcd(self.num_envs // self.num_minibatches, MAX_BLOCKS)

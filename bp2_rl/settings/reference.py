@@ -60,7 +60,7 @@ class CollocationConfig(Bounded, path="library."):
 
     @property
     def file(self) -> Path:
-        """Where the library is."""
+        """Path of the library's file."""
         return (
             asset_path(f"reference_motions/{self.path}.npz")
             if self.path in LIBRARIES

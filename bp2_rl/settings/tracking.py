@@ -16,7 +16,7 @@ own name."""
 
 @dataclasses.dataclass(frozen=True)
 class Tracked:
-    """Names under which a resumed run goes on in its tracker."""
+    """A run's identity in its tracker, under which the run goes on when resumed."""
 
     tracker: Tracker
     run_id: str
@@ -36,8 +36,8 @@ def tracked(run_dir: Path) -> Tracked | None:
 def choose_tracker(
     named: Tracker | None, run_dir: Path | None = None
 ) -> Tracker | None:
-    """Return the tracker that is named, or else the one that a resumed run has; looks
-    whether it is installed.
+    """Return the named tracker, or a resumed run's own; raise `UserError` if its
+    package is not installed.
 
     Raises:
         UserError: it is not, or the run's tracker.json is damaged.

@@ -22,12 +22,12 @@ Weights = Literal["ours", "paper"]
 RobotChoice = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
 """A robot by its name or by the path of its robot file: `robot.named`."""
 RobotWish = Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")]
-"""A `RobotChoice`, or None for what holds where no robot is named."""
+"""A `RobotChoice`, or None for a command's own default."""
 Steps = Annotated[int, Within(1, 10**15)]
 CONFIG = "config.json"
-"""In a run's folder: its settings."""
+"""Name of the file in a run's folder that holds its settings."""
 LARGEST_SEED = 2**32 - 1
-"""JAX takes the 32 lower bits of a seed."""
+"""Largest seed of a run: JAX takes the 32 lower bits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +86,8 @@ class TrainConfig(Bounded):
 
 
 def load_run_config(run_dir: Path | str) -> TrainConfig:
-    """Return the config of a run; raises `UserError` where there is none."""
+    """Return the settings of the run in a folder; raise `UserError` if there is no
+    run."""
     require_name(run_dir)
     if not Path(run_dir).exists():
         raise UserError(f"no training run at {run_dir}: there is no such folder")
@@ -102,14 +103,14 @@ class ClusterConfig:
     coordinator: str | None = None
     """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""
     processes: Annotated[int, Within(1, 2**16)] | None = None
-    """how many there are; not with auto"""
+    """number of processes; not with auto"""
     process: Annotated[int, Within(0)] | None = None
-    """which of them this is, counted from 0; not with auto"""
+    """number of this process, counted from 0; not with auto"""
     patience: Annotated[float, Within(0.0, 1e6, open_below=True)] = 300.0
-    """seconds to wait for the others at the start"""
+    """seconds to wait for the other processes at the start"""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot meet."""
+        """Raise `UserError` for settings with which processes cannot meet."""
         check_bounds(self, "--cluster.")
         numbers = (self.processes, self.process)
         if self.coordinator in (None, "auto"):

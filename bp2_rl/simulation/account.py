@@ -1,5 +1,5 @@
-"""Where a run's energy goes, and what happens under its feet: C MuJoCo looks at every
-recorded sample again.
+"""Account for the energy and the ground contact of a run: every recorded sample is put
+through C MuJoCo again.
 
 For a run on flat ground in steps of 1 ms. Powers are means over a millisecond: a force
 times the mean of the velocities at its ends, which for MuJoCo's Euler integrator is the
@@ -51,7 +51,7 @@ CAUSES = (
 
 
 class Ledger(NamedTuple):
-    """Powers in every millisecond, W."""
+    """The terms of a run's power balance in every millisecond, W."""
 
     bus: Float[np.ndarray, " N"]
     lost: dict[str, Float[np.ndarray, " N"]]
@@ -66,25 +66,26 @@ class Ledger(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
-        """The error of the balance of powers, W."""
+        """Bus power that losses and stored energy do not explain, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
 
 class SoleAccount(NamedTuple):
-    """The feet's lowest points."""
+    """Height and velocity of every foot's lowest point, at every sample."""
 
     height: Float[np.ndarray, "N 4"]  # m, below 0 in the ground
     velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
 
 
 def account(run: Trajectory) -> Account:
-    """Compute the account of a run, or of a part of a run."""
+    """Compute the power and ground metrics of a run, or of a part of a run."""
     ledger, soles = replay(run)
     return Account(_power(run, ledger), _ground(run, soles))
 
 
 def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
-    """Take every sample but the last through MuJoCo's forward dynamics."""
+    """Put every sample but the last through MuJoCo's forward dynamics; return the run's
+    powers and the motion of its soles."""
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -172,7 +173,8 @@ def split_constraints(
     legs: Float[np.ndarray, " nv"],
     stops: Float[np.ndarray, " nv"],
 ) -> None:
-    """Split the constraints' forces on the coordinates by ground, legs and stops."""
+    """Split the generalised constraint force by cause, ground, legs and joint stops,
+    into the three arrays."""
     if data.nefc == 0:
         return
     limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
@@ -295,7 +297,8 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
 
 
 def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the last sample before each stance in which the foot was in the air."""
+    """Return the index of the last airborne sample of a foot before each of its
+    stances."""
     return np.array(
         [start - int(np.argmax(~touching[start::-1])) for start in starts], int
     )

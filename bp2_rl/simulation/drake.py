@@ -43,11 +43,11 @@ except ModuleNotFoundError as missing:
 logging.getLogger("drake").setLevel(logging.ERROR)
 
 SHARE = 0.075
-"""of the robot's mass that its stiffness and `contact_time` let swing: with BP2 300
-kN/m at 3 ms"""
+"""Share of the robot's mass from which, with its `contact_time`, the ground's stiffness
+follows: 300 kN/m for BP2 at 3 ms"""
 LOAD = 3.0
-"""body weights on a foot under which hydroelastic and point contact give way by equal
-depths"""
+"""Load on a foot, in body weights, at which hydroelastic and point contact are equally
+deep."""
 _Geom, _Joint = mujoco.mjtGeom, mujoco.mjtJoint
 _SOLVERS = {
     name[1:].lower(): solver
@@ -60,7 +60,8 @@ _MODELS = {
 
 
 class DrakeSimulator(Simulator):
-    """N robots whose states Drake advances; whatever else of `Simulator` holds.
+    """N robots whose dynamics and contact Drake computes; all else is as in
+    `Simulator`.
 
     The states stay in MuJoCo's `data`, where controllers, pushes and watches look for
     them.
@@ -101,8 +102,8 @@ class DrakeSimulator(Simulator):
 
 
 class DrakeRobot:
-    """A compiled MuJoCo model as a plant of Drake, which advances MuJoCo's data by a
-    physics step.
+    """A compiled MuJoCo model rebuilt as a Drake plant, which advances the state in
+    MuJoCo's data by one physics step.
 
     Drake's coordinates are MuJoCo's in another order, with the trunk's angular velocity
     in the world's frame.
@@ -166,8 +167,8 @@ class DrakeRobot:
         return self._turn.T @ matrix @ self._turn
 
     def bias(self) -> Float[np.ndarray, " nv"]:
-        """Return MuJoCo's `qfrc_bias` of the state last set: what gyroscopic forces and
-        gravity ask for, N and Nm."""
+        """Return MuJoCo's `qfrc_bias` (Coriolis, gyroscopic and gravity forces) of the
+        state last set, N and Nm."""
         plant, context = self._plant, self._context
         forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(
             context
@@ -177,15 +178,16 @@ class DrakeRobot:
     def set_state(
         self, qpos: Float[np.ndarray, " nq"], qvel: Float[np.ndarray, " nv"]
     ) -> None:
-        """Take over a state in MuJoCo's coordinates."""
+        """Set the plant's state from positions and velocities in MuJoCo's
+        coordinates."""
         self._turn[3:TWIST, 3:TWIST] = _rotation(qpos[3:POSE])
         q, v = np.empty_like(qpos), np.empty_like(qvel)
         q[self._q], v[self._v] = qpos, self._turn @ qvel
         self._plant.SetPositionsAndVelocities(self._context, np.concatenate([q, v]))
 
     def step(self, data: mujoco.MjData) -> None:
-        """Take a physics step under `ctrl` and `qfrc_applied`; the forces on the feet
-        are put into `sensordata`."""
+        """Advance `data` by one physics step under its `ctrl` and `qfrc_applied`, and
+        write the foot forces to `sensordata`."""
         self.set_state(data.qpos, data.qvel)
         mujoco.mj_tendon(self._model, data)
         mujoco.mj_passive(self._model, data)  # springs, and the stops of their tendons
@@ -241,7 +243,8 @@ class DrakeRobot:
 def _add_bodies(
     plant: multibody.MultibodyPlant, model: mujoco.MjModel
 ) -> list[tree.RigidBody]:
-    """Add the links; return the plant's body for each of MuJoCo's."""
+    """Add the model's links to the plant; return the plant's body for each MuJoCo
+    body."""
     bodies = [plant.world_body()]
     for i in range(1, model.nbody):
         axes = _rotation(model.body_iquat[i])
@@ -261,8 +264,8 @@ def _add_joints(
     model: mujoco.MjModel,
     bodies: Sequence[tree.RigidBody],
 ) -> list[tree.Joint]:
-    """Add joints with their dampers, limits and rotors, in MuJoCo's order, of which the
-    first is the free one."""
+    """Add the model's joints with dampers, limits and rotor inertias; return them in
+    MuJoCo's order, the free joint first."""
     joints = []
     for i in range(model.njnt):
         body, name, dof = (
@@ -312,7 +315,8 @@ def _add_contacts(
     bodies: Sequence[tree.RigidBody],
     contact: DrakeContact,
 ) -> dict[int, geometry.GeometryId]:
-    """Add the colliding geoms to the plant and return their ids there."""
+    """Add the colliding geoms to the plant; return Drake's geometry id for each MuJoCo
+    geom."""
     assert contact.stiffness is not None
     feet, ids = foot_geom_ids(model), {}
     load = LOAD * conventions.GRAVITY * float(np.sum(model.body_mass))
@@ -350,7 +354,8 @@ def _let_collide_what_does(
     model: mujoco.MjModel,
     ids: dict[int, geometry.GeometryId],
 ) -> None:
-    """Exclude the pairs of geoms that pass through each other in MuJoCo."""
+    """Exclude from Drake's contact the pairs of geoms that pass through each other in
+    MuJoCo."""
     body, parent = model.geom_bodyid, model.body_parentid
     for one, other in itertools.combinations(ids, 2):
         meant = model.geom_contype[[one, other]] & model.geom_conaffinity[[other, one]]

@@ -44,8 +44,8 @@ Draw = Callable[..., Figure]
 
 @styled
 def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """Draw forward speed and command over time, and how well the robot kept its
-    lane."""
+    """Draw a run's forward speed and command over time, and the drift of its lateral
+    offset and heading."""
     figure = Figure(figsize=(width, 4.8), layout="constrained")
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     forward = run.ground_velocity[:, 0]
@@ -246,8 +246,8 @@ FIGURES: dict[str, tuple[Draw, str]] = {
         "their travel.",
     ),
 }
-"""What a report shows of a run, in order, by the name of the file, each with its
-caption."""
+"""The figures of a run in a report: file name, drawing function and caption, in the
+order shown."""
 
 
 def _last_strides(run: Trajectory) -> Trajectory:

@@ -1,4 +1,4 @@
-"""The film of a run, for machines with a GL library, and its poster.
+"""Render a film of a run and its poster image, on machines with a GL library.
 
 MuJoCo binds its GL library when it is first imported and a wrong choice can end the
 process, so the film is made by a process of its own: `make_video` starts it once for
@@ -52,8 +52,8 @@ class Shot:
 
 
 class NoVideo(Exception):
-    """This machine cannot make one; the message says why, and how to mend it, in one
-    line."""
+    """No film can be made on this machine; the message says why and how to mend it, in
+    one line."""
 
 
 def make_video(
@@ -88,8 +88,8 @@ def make_video(
 
 
 def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str | None:
-    """Run this module with one GL library: None when the film is there, else the last
-    line of the complaint."""
+    """Film in a process with one GL library; return None on success, else the last line
+    of its error."""
     environment = os.environ | {
         "MUJOCO_GL": library,
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
@@ -111,7 +111,8 @@ def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str 
 
 
 def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
-    """Render some seconds from the tracking camera, in real time.
+    """Render some seconds of a run from the tracking camera, in real time, and a
+    poster.
 
     The scene repeats itself every metre, so the robot is shown by whole metres nearer
     to its middle than it ran.
@@ -136,7 +137,7 @@ def _draw(
     output: Path,
     shot: Shot,
 ) -> bytes:
-    """Draw the frames and write them as they come; the middle one, as a JPEG."""
+    """Render the frames into a film at `output`; return the middle frame as a JPEG."""
     import imageio_ffmpeg  # an evaluation goes without a film where it is missing
 
     samples, poster = frame_samples(run, shot), io.BytesIO()
@@ -181,7 +182,8 @@ def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData, shot: Shot) -> 
 
 
 def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
-    """Return the samples to show: all of a run that is shorter than the shot."""
+    """Return the samples to show as frames: the shot's part of the run, or all of a
+    shorter run."""
     end = len(run) * run.dt
     best = None if shot.to_the_end else best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else end if shot.to_the_end else 0.0

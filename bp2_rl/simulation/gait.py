@@ -20,7 +20,7 @@ CHUNK = 512
 
 
 def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """Return which feet stand, from their normal forces.
+    """Return for each sample which feet are in stance, from their normal forces.
 
     There is hysteresis, and bounces and scuffs do not count.
     """
@@ -45,7 +45,8 @@ def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
 def _without_short_spells(
     states: Bool[np.ndarray, " N"], value: bool, samples: int
 ) -> Bool[np.ndarray, " N"]:
-    """Flip every inner spell of `value` that is shorter than `samples`."""
+    """Return the states with every inner spell of `value` that is shorter than
+    `samples` flipped."""
     bounds = np.flatnonzero(np.diff(states)) + 1
     states = states.copy()
     for start, stop in itertools.pairwise(bounds):
@@ -55,17 +56,19 @@ def _without_short_spells(
 
 
 def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Return the first samples of the spells of True that begin within the run."""
+    """Return the first sample of every spell of True, such as a stance, that begins
+    within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
 def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """Return when each spring presses on its stop at full travel."""
+    """Return for each sample which springs press on their stops at full travel."""
     return run.spring_compression > run.hardware.spring_travel
 
 
 def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
-    """Return the clearances of the legs at each of the samples, m, solid or not."""
+    """Return the clearances between legs and between legs and trunk at each sample, m,
+    also for legs that pass through each other."""
     joints, compression = (
         run.joint_position[samples].reshape(-1, 4, 3),
         run.spring_compression[samples],
@@ -78,7 +81,8 @@ def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
 
 
 def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
-    """Compute each leg's gait over the steady window's whole strides, and its extremes."""
+    """Compute each leg's gait over whole strides of the steady window, and its extremes
+    over the run."""
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
     compression = np.max(run.spring_compression, axis=0)
@@ -117,7 +121,7 @@ def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
 def evenness(
     steady: Trajectory, legs: Sequence[LegMetrics]
 ) -> tuple[float | None, float | None]:
-    """Compute how even the gait is between left and right.
+    """Compute the left-right asymmetry of a gait in phase and in vertical impulse.
 
     Returns how far front and rear legs are from half a cycle between left and right
     (cycles, the greater of both), and which share of the vertical impulse one side has

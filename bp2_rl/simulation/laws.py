@@ -1,5 +1,5 @@
-"""The laws of motors and losses compiled for many robots at once, in float64, whatever
-each of them is.
+"""The equations of motors and losses compiled for many different robots at once, in
+float64.
 
 Every robot is a row of numbers. One that lacks a part has it at no strength, so that
 one program serves all.
@@ -28,8 +28,8 @@ from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 
 SIZES = 4, 24
-"""Programs are compiled for these numbers of robots; fewer robots are filled up with
-copies of the last one."""
+"""Batch sizes for which programs are compiled; a smaller batch is filled with copies of
+its last robot."""
 RobotNumbers = Float[np.ndarray, " _"]
 JOINT = [
     "stiffness",
@@ -42,9 +42,10 @@ JOINT = [
     "current_lag",
     "torque_rate",
 ]
-"""Of the motors: a number for each joint, as warm ones have."""
+"""Motor parameters that have one number for each joint, as motors of different
+temperatures need."""
 JOINT_LOSSES = ["joint_friction", "joint_viscosity"]
-"""Of what resists: a number for each joint."""
+"""Loss parameters that have one number for each joint."""
 NO_BUS = Bus(ENDLESS, ENDLESS, 0.0)
 NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 
@@ -52,7 +53,8 @@ NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 def numbers_of(
     motors: Actuator, resistance: Resistance | None, seconds: float
 ) -> RobotNumbers:
-    """Return a robot as a row of numbers; `seconds` pass between torque updates."""
+    """Return a robot's motors and losses as one row of numbers; `seconds` pass between
+    torque updates."""
     resisting = dict(vars(resistance or NO_RESISTANCE))
     values = [
         *(getattr(motors, name) for name in JOINT),
@@ -80,8 +82,8 @@ def forces(
 def correct(
     rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]
 ) -> Float[np.ndarray, "N _"]:
-    """Return the torques (12) and forces (nv) to try next, and the largest torque
-    beyond the envelope at the end (1).
+    """Return torques (12) and forces (nv) for a step's next trial, and the largest
+    torque beyond the envelope (1), Nm.
 
     Args:
         rows: the robots' numbers, from `stacked`.
@@ -91,15 +93,15 @@ def correct(
 
 
 def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
-    """Return the rows of N robots, filled up, on the CPU, where the laws are
-    computed."""
+    """Stack the parameter rows of N robots, filled up to a compiled batch size, on the
+    CPU."""
     with jax.enable_x64(True):
         return jax.device_put(np.stack(rows)[filled(len(rows))], jax.devices("cpu")[0])
 
 
 @functools.cache
 def filled(robots: int) -> Int[np.ndarray, " P"]:
-    """Return the robot that each place of a compiled program computes."""
+    """Return the index of the robot at each place of a compiled batch."""
     places = next((size for size in SIZES if robots <= size), robots)
     return np.minimum(np.arange(places), robots - 1)
 
@@ -119,7 +121,8 @@ def _call(
 def _compiled(
     law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]
 ) -> Callable[..., Array]:
-    """Compile a law from two arrays to one: half of a call's time goes into its arrays."""
+    """Compile a law for a batch of robots, with two packed input arrays and one output
+    array for speed."""
     at = np.cumsum(sizes)[:-1].tolist()
 
     def packed(row: Array, values: Array) -> Array:
@@ -167,7 +170,8 @@ def _correct(
     qvel_after: Array,
     mobility: Array,
 ) -> tuple[Array, ...]:
-    """Take back what lies outside the limits at the step's end.
+    """Reduce torques that lie outside the limits at the step's end; return torques,
+    loss forces and the largest excess.
 
     Less torque changes the speed at the end, too, and the limit with it: this is
     Newton's step, joint by joint.

@@ -1,4 +1,5 @@
-"""The figures of merit of a run, computed from its samples, and its use of a lane."""
+"""Compute the figures of merit of a run from its samples, and how much of a lane the
+robot used."""
 
 import dataclasses
 from typing import NamedTuple
@@ -113,20 +114,21 @@ def run_metrics(run: Trajectory) -> RunMetrics:
 
 
 def froude_number(speed: float, height: float = bp2.STANDING_HEIGHT) -> float:
-    """Return v^2 / (g h) with the height (m) of the trunk's centre in a stand: of BP2 21.4 at
-    the paper's 10.74 m/s."""
+    """Return the Froude number v^2 / (g h), h (m) the trunk's height in a stand: 21.4
+    for BP2 at the paper's 10.74 m/s."""
     return speed**2 / (conventions.GRAVITY * height)
 
 
 def standing_height(hardware: HardwareSpec) -> float:
-    """Return the height of the trunk's centre in a stand, m: BP2's is published."""
+    """Return the height of the trunk's centre in a stand, m: BP2's published one, else
+    computed."""
     if not hardware.is_bp2:
         return float(standing(hardware.anatomy, hardware.spring_stiffness)[2])
     return bp2.STANDING_HEIGHT
 
 
 def motor_demand(run: Trajectory, speed: float) -> float:
-    """Return the `power_demand` of the robot that ran."""
+    """Return the `power_demand` of the run's robot at a speed (m/s)."""
     hardware = run.hardware
     power = float(np.mean(hardware.joint_peak_torque * hardware.joint_no_load_speed))
     return power_demand(run.mass, conventions.GRAVITY, speed, power, 1.0)
@@ -136,7 +138,8 @@ def motor_demand(run: Trajectory, speed: float) -> float:
 
 
 class EnvelopeUse(NamedTuple):
-    """Where the torques lie relative to the limits at their speeds."""
+    """Flags for each sample and motor: torque near a limit of the envelope, or
+    outside."""
 
     near: Bool[np.ndarray, "N 12"]  # within NEAR_ENVELOPE of a limit, or outside
     outside: Bool[np.ndarray, "N 12"]  # beyond a limit by more than ROUNDING
@@ -145,7 +148,8 @@ class EnvelopeUse(NamedTuple):
 def envelope_use(
     run: Trajectory, motors: actuator.Actuator | None = None
 ) -> EnvelopeUse:
-    """Compare every applied torque with the torque-speed envelope of its instant.
+    """Tell for every sample and motor whether the torque is near the torque-speed
+    envelope or outside.
 
     `motors` are those of each sample where they changed with time.
     """
@@ -205,8 +209,8 @@ def power_demand(
 
 @dataclasses.dataclass(frozen=True)
 class Lane:
-    """How much of the track's width was used, from the line through the start along the
-    first heading."""
+    """The part of a lane's width that a run used; its centre line goes through the
+    start along the first heading."""
 
     trunk_offset: float = metric(
         "Trunk off the line", "m", meaning="greatest, of its centre"
@@ -230,7 +234,8 @@ class Lane:
 def track_position(
     run: Trajectory,
 ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """Return the trunk's centre along the line of its start and to the left, m.
+    """Return how far the trunk's centre is along the lane's centre line, and to its
+    left, m.
 
     The line goes through the start along the first heading.
     """
@@ -252,7 +257,8 @@ def time_at(run: Trajectory, distance: float) -> float | None:
 
 
 def measure_lane(run: Trajectory) -> Lane:
-    """Measure how far trunk and feet came from the line."""
+    """Measure how far trunk and feet came from the lane's centre line, and the share of
+    the lane used."""
     trunk, feet = (
         float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run))
     )
@@ -262,7 +268,8 @@ def measure_lane(run: Trajectory) -> Lane:
 
 
 def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Return the trunk's rightmost and leftmost corners, m to the left of the line."""
+    """Return the trunk's rightmost and leftmost corners, m to the left of the lane's
+    centre line."""
     turned = run.heading - run.heading[0]
     half_length, half_width = run.hardware.anatomy.footprint
     half = half_width * np.abs(np.cos(turned)) + half_length * np.abs(np.sin(turned))
@@ -270,7 +277,8 @@ def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
 
 
 def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Return the rightmost and leftmost edges of the feet, m to the left of the line."""
+    """Return the rightmost and leftmost edges of the feet, m to the left of the lane's
+    centre line."""
     left = _on_track(run, foot_centres(run)[:, :, :2])[1]
     radius = run.hardware.anatomy.geometry.foot_radius
     return np.stack(
@@ -297,7 +305,8 @@ def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
 def _on_track(
     run: Trajectory, points: Float[np.ndarray, "N n 2"]
 ) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
-    """Return the points' coordinates along the line of the start and to its left, m."""
+    """Return the coordinates of points along the lane's centre line and to its left,
+    m."""
     x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
     cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
     return cos * x + sin * y, cos * y - sin * x

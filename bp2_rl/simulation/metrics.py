@@ -29,7 +29,7 @@ class MotorMetrics:
 
 
 def _is_sprung(measured: "LegMetrics | RunMetrics") -> bool:
-    """Return whether there are springs: a run compresses each spring."""
+    """Return whether the robot has springs, which every run compresses."""
     return measured.peak_spring_travel > 0.0
 
 
@@ -52,7 +52,8 @@ class LegMetrics:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PowerMetrics:
-    """The powers of the bus over a run, and where its energy went; W."""
+    """The power drawn from the bus over a run, and the losses that consumed the energy,
+    W."""
 
     # at either end of a millisecond; 0: never
     beyond: float = metric(
@@ -103,7 +104,8 @@ class PowerMetrics:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GroundMetrics:
-    """The contacts of the feet, and of springs and joints with their stops."""
+    """The measurements of contact: of feet with the ground, of springs and joints with
+    their stops."""
 
     plate_force: float = metric(
         "Force plate",
@@ -187,7 +189,7 @@ class GroundMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class Account:
-    """The account of power and ground over the steady window."""
+    """The power balance and the ground contact of a run over its steady window."""
 
     power: PowerMetrics
     ground: GroundMetrics
@@ -195,7 +197,7 @@ class Account:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunMetrics:
-    """Everything the table shows and metrics.json holds.
+    """All figures of merit of a run, as the table and metrics.json show them.
 
     The steady window is the schedule's hold phase; for a run that saw less than a
     second of it, the best second (the whole run, if that is shorter still).
@@ -388,5 +390,6 @@ class RunMetrics:
     legs: tuple[LegMetrics, ...]
 
     def motor_with_most(self, quality: str) -> str:
-        """Return the name of the motor whose `quality`, a field, is the greatest."""
+        """Return the name of the motor with the greatest `quality`, a field of
+        `MotorMetrics`."""
         return max(self.motors, key=lambda motor: getattr(motor, quality)).name

@@ -1,4 +1,5 @@
-"""The simulator with MJX's physics, as training has it, in the place of C MuJoCo's."""
+"""The simulator with MJX's physics, the reference engine of training, in place of C
+MuJoCo's."""
 
 import functools
 from collections.abc import Callable, Sequence

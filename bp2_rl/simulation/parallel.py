@@ -1,4 +1,4 @@
-"""Runs of a policy, shared out over all processors, and a fleet of drawn robots."""
+"""Run a policy many times on all processors, and run a fleet of randomised robots."""
 
 import concurrent.futures
 import contextlib
@@ -34,8 +34,8 @@ _kept: list[concurrent.futures.ProcessPoolExecutor] = []
 
 @contextlib.contextmanager
 def keep_workers() -> Generator[None]:
-    """Within it the workers stay, with all that they have compiled, for one benchmark
-    after the other."""
+    """Keep the worker processes and their compiled programs alive over all benchmarks
+    in the block."""
     with _workers(processors()) as pool:
         _kept.append(pool)
         try:
@@ -47,7 +47,7 @@ def keep_workers() -> Generator[None]:
 def in_parallel(
     run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
 ) -> list[Result]:
-    """Return `run(policy, task)` for each task, dealt out to the workers in turn.
+    """Return `run(policy, task)` for each task, computed in worker processes.
 
     `run` and all else must be picklable.
     """
@@ -62,8 +62,8 @@ def simulate_all(
     requests: Sequence[One],
     backend: Backend = "mujoco",
 ) -> list[Result]:
-    """Return `measure(request, its run)` of every request, run side by side on all
-    processors.
+    """Simulate every request on all processors; return `measure(request, trajectory)`
+    for each.
 
     `measure` and all else must be picklable.
     """
@@ -72,7 +72,8 @@ def simulate_all(
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
-    """Share requests out among workers, with equal work and few robots for each.
+    """Share out run requests among workers, with equal work for each; return the
+    requests' indices by worker.
 
     The longest first, as those side by side last as long as the longest of them.
     """
@@ -110,7 +111,8 @@ def _share_out(
     tasks: Sequence[Task],
     shares: Sequence[Sequence[int]],
 ) -> list[Result]:
-    """Return the results of all tasks, in order."""
+    """Run the tasks in worker processes by `shares`; return the results in the order of
+    the tasks."""
     done: dict[int, Result] = {}
     if not tasks:
         return []
@@ -153,8 +155,8 @@ def _run_all(
 
 
 def compute_here() -> None:
-    """Have JAX compute on the processor, in the thread that asks; call it before JAX
-    computes anything.
+    """Have JAX compute on the CPU in the calling thread; call it before JAX computes
+    anything.
 
     C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to
     another thread takes longer than to answer it, and many times longer where other
@@ -165,7 +167,8 @@ def compute_here() -> None:
 
 
 def _begin(cache: str | None) -> None:
-    """Set up a worker as the command set up itself."""
+    """Set up JAX in a worker process: the CPU, and the compilation cache of the
+    parent."""
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)
 
@@ -175,7 +178,8 @@ def _begin(cache: str | None) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class FleetRun:
-    """The motion of N robots at the start of T control steps; 0 after a fall."""
+    """The motion of N robots at the start of T control steps; speed and offset are 0
+    after a fall."""
 
     time: Float[np.ndarray, " T"]  # s
     command: Float[np.ndarray, " T"]  # m/s, scheduled forward speed
@@ -197,7 +201,8 @@ def run_fleet(
     seed: int = 0,
     backend: Backend = "mujoco",
 ) -> FleetRun:
-    """Run many robots from a standing start, each with its own draw.
+    """Run a policy on many randomised robots from a standing start; return their
+    motion.
 
     Args:
         policy: what all run by; `ranges` take the place of what it was trained with.
@@ -257,7 +262,8 @@ def run_fleet(
 def _robot_run(
     _: RunRequest, run: Trajectory
 ) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"], float, float, float]:
-    """Return a robot's speeds, offsets, time of fall, least leg room and mass."""
+    """Return a robot's speeds, lane offsets, time of fall, least leg clearance and
+    mass."""
     return (
         run.ground_velocity[EACH, 0],
         run.qpos[EACH, 1],

@@ -1,4 +1,4 @@
-"""The policy runner: from the states of robots in C MuJoCo to their joint targets, 200
+"""The policy runner: computes joint targets from the states of simulated robots, 200
 times a second."""
 
 import functools
@@ -31,7 +31,7 @@ JointTargets = tuple[Float[np.ndarray, "N 12"], Float[np.ndarray, "N 12"]]  # ra
 
 class PolicyRunner:
     """The controllers of N robots under one policy, in float32 on the CPU as on the
-    robot.
+    real robot.
 
     Joint targets act after each robot's latency; until the first does, the robot
     stands.
@@ -95,7 +95,7 @@ class PolicyRunner:
 
     @property
     def state(self) -> ControllerState:
-        """Return the controllers' memory, a row for each robot."""
+        """Return the internal states of the controllers, a row for each robot."""
         with jax.default_device(self._device):
             return jax.tree.map(lambda x: x[: len(self._each)], self._state)
 
@@ -106,7 +106,7 @@ class PolicyRunner:
 
     @property
     def phase(self) -> Float[np.ndarray, " N"]:
-        """The phases of the controllers' clocks, cycles."""
+        """The gait phases of the controllers, cycles."""
         return np.asarray(self._state.phase, np.float64)[self._each]
 
     def tick(
@@ -116,8 +116,8 @@ class PolicyRunner:
         scheduled: Float[np.ndarray, "N 3"],
         *drawn: np.ndarray,
     ) -> list[JointTargets]:
-        """Return what the joints follow in each millisecond of a control step that
-        begins in this state.
+        """Run one control step of all robots; return the joint targets in force in each
+        of its milliseconds.
 
         Args:
             qpos: the positions as the robots and their operators know them.
@@ -157,8 +157,8 @@ class PolicyRunner:
 
 
 def control_steps_behind(latency: float) -> list[int]:
-    """Return how many control steps ago the target was issued that acts in each ms of a
-    control step."""
+    """Return for each ms of a control step how many control steps ago its active joint
+    target was issued."""
     longest = math.ceil(latency / conventions.CONTROL_STEP - 1e-6) + 1
     return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
 
@@ -166,7 +166,7 @@ def control_steps_behind(latency: float) -> list[int]:
 def control_step(
     config: EnvConfig, noise: RandomizationConfig | None = None
 ) -> Callable[..., StepResult]:
-    """Return a robot's control step as a function of a policy and arrays, to compile.
+    """Return one robot's control step as a function that JAX can compile.
 
     (policy, controller state, command, qpos, qvel, command asked for) -> (state,
     targets, reference, next command)
@@ -207,8 +207,8 @@ def control_step(
 def _apart(
     policy: ActionFunction,
 ) -> tuple[Callable[..., Array], tuple[object, ...]]:
-    """Return a function and the weights that come before its observation; other
-    functions have none."""
+    """Split a policy into a network function and its weights; a plain function has no
+    weights."""
     return (
         (NETWORKS[policy.card.activation], policy.weights)
         if isinstance(policy, Policy)

@@ -1,5 +1,5 @@
-"""Runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s side by
-side.
+"""Simulate runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s
+side by side.
 
 The default simulator, C MuJoCo, is an independent implementation in float64 with a
 converged solver, so that nothing that a policy has learnt about the approximations of
@@ -45,13 +45,12 @@ from bp2_rl.simulation.trajectory import Trajectory, shapes_of
 from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
 
 MOST = SIZES[-1]
-"""Robots side by side: more are hardly cheaper each, and all that they do is kept until
-the last is done."""
+"""Largest number of robots simulated side by side: more cost as much each, and keep all
+samples in memory."""
 
 Watch = Callable[[Simulator, int, Float[np.ndarray, "12"]], bool]
-"""Is shown the simulator, the index of a robot in it, and the torque (Nm) that the
-robot applied in a millisecond; returns whether the run ends, and may change the robot's
-motors."""
+"""Called after each millisecond with the simulator, a robot's index and its torques
+(Nm); returns whether the run ends, and may change the robot's motors."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,27 +65,27 @@ class RunRequest(Bounded):
 
     schedule: Schedule
     hardware: HardwareSpec | None = None
-    """the robot that runs; the one that the controller takes it for by default"""
+    """the robot that is simulated; by default the one that the controller assumes"""
     operator: HeadingHold = HEADING_HOLD
     world: World = LEVEL
     gyro_bias: float = 0.0
-    """rad/s, of the gyro from which the operator has the heading"""
+    """rad/s, bias of the gyro from which the operator integrates the heading"""
     noise_seed: int | None = None
-    """of the sensors' noise, whose deviations are those of the policy's training; None:
+    """seed of the sensor noise, which is as strong as in the policy's training; None:
     sensors without noise"""
     finish: Annotated[float, Within(0.0, infinite=True)] = math.inf
-    """m, at which distance ahead the run ends"""
+    """m, distance ahead at which the run ends"""
     numerics: Numerics = CONVERGED
-    """how the physics is computed; samples are taken each ms, and the start is the
-    same, whatever the numerics"""
+    """settings of the physics; they change neither the rate of the samples, 1 kHz, nor
+    the start"""
     watch: Watch | None = None
     name: str = "policy"
     drawn: Draw | None = None
-    """what chance makes of the robot; None: it is as designed"""
+    """random changes of the robot; None: the robot is as designed"""
 
     def robot(self, config: EnvConfig) -> RobotSetup:
-        """Return the robot of this run, under a policy that was trained in an
-        environment."""
+        """Return the simulated robot of this run, for a policy trained in the
+        environment `config`."""
         robot = RobotSetup.of(config, self.hardware)
         return dataclasses.replace(
             robot, world=self.world, numerics=self.numerics, drawn=self.drawn
@@ -137,8 +136,8 @@ def simulate(
     *,
     backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand, many runs side by side; return the
-    trajectories in order.
+    """Run a policy from a settled stand, many runs side by side; yield the trajectories
+    in the order of the requests.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the
     policy at 200 Hz in float32 on the CPU, as on the robot. In MJX, the reference
@@ -178,8 +177,8 @@ def simulate(
 
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
-    """Return the environment in which a policy runs, once it is clear that the policy
-    reads its observations."""
+    """Return the environment settings for a policy; raise UserError if their
+    observations are not the policy's."""
     require_kind(
         "config",
         config,
@@ -215,7 +214,8 @@ def _in_parts(
     config: EnvConfig,
     engine: type[Simulator],
 ) -> Iterator[Trajectory]:
-    """Yield the trajectories in order, of at most `MOST` runs at a time."""
+    """Simulate the requests, at most `MOST` runs at a time; yield the trajectories in
+    order."""
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
         yield from _simulate(policy, config, [requests[i] for i in part], engine)
@@ -333,8 +333,8 @@ def _simulate(
 def draw_sensor_noise(
     requests: Sequence[RunRequest], ticks: int
 ) -> tuple[np.ndarray, ...]:
-    """Return what `control_step` draws the sensors' noise from: nothing where no robot
-    has noisy sensors.
+    """Return the random keys and noise shares that `control_step` takes; nothing if no
+    robot has noisy sensors.
 
     Otherwise a random key for every robot and control step (N, T, 2), and that robot's
     share of the noise (N, T): 1 or 0.
@@ -363,7 +363,8 @@ def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
 
 @dataclasses.dataclass(frozen=True)
 class Recording:
-    """The samples of runs as they come in: arrays over runs and milliseconds."""
+    """The samples of several runs while they are simulated: arrays over runs and
+    milliseconds."""
 
     qpos: np.ndarray
     qvel: np.ndarray
@@ -374,7 +375,7 @@ class Recording:
 
     @classmethod
     def empty(cls, hardware: HardwareSpec, *shape: int) -> "Recording":
-        """Make room for the samples of many runs of such robots."""
+        """Allocate the sample arrays for many runs of robots with this hardware."""
         sizes = {name: size for name, size in shapes_of(hardware).items() if size}
         return cls(**{name: np.zeros((*shape, *size)) for name, size in sizes.items()})
 
@@ -392,7 +393,8 @@ class Recording:
         fell: bool,
         mass: float,
     ) -> Trajectory:
-        """Return the first `length` milliseconds of a run.
+        """Return the trajectory of a run: its first `length` milliseconds, with the
+        facts of the run.
 
         Args:
             request: the run.

@@ -36,8 +36,8 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Ramp(LaunchLaw):
-    """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at
-    `acceleration` (m/s2); `hold` (s).
+    """A command that rises from rest to `to` (m/s, or forward, left and yaw rate) at
+    `acceleration` (m/s2), then stays for `hold` (s).
 
     Where a controller tells its policy less, by the `LaunchLaw` of its settings, the
     speed rises by that law.
@@ -48,7 +48,7 @@ class Ramp(LaunchLaw):
     hold: Positive = 20.0  # s
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
+        """Raise UserError for a target that is malformed or can never be reached."""
         if isinstance(self.to, np.ndarray):
             object.__setattr__(self, "to", tuple(map(float, self.to)))
         check_bounds(self, "ramp.")
@@ -63,14 +63,15 @@ class Ramp(LaunchLaw):
             )
 
     def under(self, control: CommandLaw) -> "Ramp":
-        """Return this ramp as the controller's policy is told it."""
+        """Return this ramp with the launch limits of a controller, as its policy is
+        told the ramp."""
         return dataclasses.replace(
             self, launching=control.launching, launching_speed=control.launching_speed
         )
 
     @property
     def target(self) -> Command:
-        """The command that is held at last."""
+        """The command in the hold phase: m/s forward, m/s to the left, rad/s."""
         forward, left, turn = (
             self.to if isinstance(self.to, Sequence) else (self.to, 0.0, 0.0)
         )
@@ -78,16 +79,16 @@ class Ramp(LaunchLaw):
 
     @property
     def steady_from(self) -> float:
-        """When the target is reached, s; a pure turn has no ramp."""
+        """Time at which the command reaches the target, s; 0 for a pure turn."""
         return self.rise_time(self._speed, self.acceleration)
 
     @property
     def duration(self) -> float:
-        """Ramp and hold, s."""
+        """Length of ramp and hold together, s."""
         return self.steady_from + self.hold
 
     def command(self, time: float) -> Float[np.ndarray, "3"]:
-        """The command at a time."""
+        """The command at a time (s): m/s forward, m/s to the left, rad/s."""
         if time >= self.steady_from:
             return np.array(self.target)
         share = self.share_risen(time, self._speed, self.acceleration)
@@ -95,13 +96,13 @@ class Ramp(LaunchLaw):
 
     @property
     def _speed(self) -> float:
-        """m/s."""
+        """Magnitude of the target's velocity, m/s."""
         return math.hypot(*self.target[:2])
 
 
 @dataclasses.dataclass(frozen=True)
 class CourseLeg(Bounded, path="leg."):
-    """A part of a course: to a command, in a straight line from the one before."""
+    """A part of a course, in which the command changes linearly to `command`."""
 
     command: Command
     seconds: Positive
@@ -109,7 +110,8 @@ class CourseLeg(Bounded, path="leg."):
 
 @dataclasses.dataclass(frozen=True)
 class Course(Bounded, path="course."):
-    """From rest through one command after the other: launch, hold, brake, turn.
+    """A schedule that starts at rest and leads through several commands: launch, hold,
+    brake, turn.
 
     Examples:
         >>> Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch, run, stop: in 3 s, 4 s, 2 s
@@ -132,7 +134,7 @@ class Course(Bounded, path="course."):
 
     @property
     def duration(self) -> float:
-        """All legs, s."""
+        """Length of all legs together, s."""
         return self._times[-1]
 
     @property
@@ -144,7 +146,7 @@ class Course(Bounded, path="course."):
         return self._times[last]
 
     def command(self, time: float) -> Float[np.ndarray, "3"]:
-        """The command at a time."""
+        """The command at a time (s): m/s forward, m/s to the left, rad/s."""
         return np.array(
             [
                 np.interp(time, self._times, part)

@@ -40,7 +40,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """The numerics of C MuJoCo's millisecond, by default as in all benchmarks."""
+    """The numerical settings of C MuJoCo's physics, by default as in all benchmarks."""
 
     # physics steps, at least; Drake takes more where its contact needs them
     steps: int = 1
@@ -53,7 +53,7 @@ class Numerics:
 
     @property
     def updates(self) -> int:
-        """How often torques are computed."""
+        """Number of torque updates in each millisecond."""
         return self.steps if self.motors_each_step else 1
 
     @property
@@ -62,7 +62,7 @@ class Numerics:
         return DT / self.updates
 
     def apply(self, model: mujoco.MjModel) -> None:
-        """Set the model's options; the physics alone changes, not the robot."""
+        """Set the time step and the solver options of a MuJoCo model."""
         model.opt.timestep = DT / self.steps
         let_converge(
             model,
@@ -87,8 +87,8 @@ class RobotSetup:
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
-        """Return the robot under a policy's environment, with other hardware where it
-        is not that environment's."""
+        """Return the setup of a policy's robot in its environment, with other hardware
+        if given."""
         return cls(dataclasses.replace(config, hardware=hardware or config.hardware))
 
     def model(self) -> mujoco.MjModel:
@@ -103,12 +103,13 @@ class RobotSetup:
         return model
 
     def motors(self) -> Actuator:
-        """Return the robot's motors."""
+        """Return the robot's motor model, randomised if the robot is."""
         motors = motors_of(self.config)
         return self.drawn.motors(motors, self.config.hardware) if self.drawn else motors
 
     def resistance(self) -> Resistance | None:
-        """Return what resists the robot's motion; None where nothing does."""
+        """Return the model of the robot's losses, such as friction and air; None
+        without losses."""
         resistance = Resistance.from_hardware(self.config.hardware)
         return (
             self.drawn.resistance(resistance, self.config.hardware)
@@ -118,7 +119,7 @@ class RobotSetup:
 
     @property
     def latency(self) -> float:
-        """From an observation to the joint target it leads to, s."""
+        """Delay between an observation and the joint target computed from it, s."""
         hardware = self.config.hardware
         return (
             float(self.drawn.values(hardware).latency)
@@ -128,7 +129,7 @@ class RobotSetup:
 
 
 class Simulator:
-    """N robots and their states, each of which stands at its keyframe `stand` at first.
+    """N robots in C MuJoCo and their states; each starts at its keyframe `stand`.
 
     A robot's torque keeps to the motors' envelope at the start of each step. Where the
     hardware says so (`envelope`), it keeps to the envelope at the step's end as well,
@@ -202,7 +203,8 @@ class Simulator:
         return float(np.sum(self.models[robot].body_mass))
 
     def read(self, robot: int) -> None:
-        """Read a robot's state from `data` after a change from outside."""
+        """Update a robot's state in the simulator after a change of its `data` from
+        outside."""
         self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[
             robot
         ]
@@ -210,13 +212,13 @@ class Simulator:
         self.torque[robot] = self.data[robot].ctrl
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
-        """Return all that decides a robot's future, as MuJoCo orders it."""
+        """Return the full integration state of a robot, in MuJoCo's order."""
         state = np.empty(self._start.shape[1])
         mujoco.mj_getState(self.models[robot], self.data[robot], state, STATE)
         return state
 
     def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
-        """Put a robot into a state that `state` has returned."""
+        """Set a robot to a state returned by `state`."""
         mujoco.mj_setState(self.models[robot], self.data[robot], state, STATE)
         self.data[robot].sensordata[:] = 0.0  # no step has been taken from here
         self.read(robot)
@@ -226,8 +228,8 @@ class Simulator:
         self.motors[robot], self._rows = motors, None
 
     def settle(self) -> None:
-        """Let all robots stand at the keyframe `stand` under the joint PD loop until
-        still, then call that the origin.
+        """Let all robots stand under the joint PD loop until they are at rest, then
+        move them to the origin.
 
         The robots' sway is damped meanwhile.
         """
@@ -272,8 +274,8 @@ class Simulator:
         velocity: Float[np.ndarray, "N 12"],
         robots: Int[np.ndarray, " M"],
     ) -> None:
-        """Compute the motors' torques once, and take the physics steps for which they
-        are held."""
+        """Compute the motor torques once, and advance the physics until the next torque
+        update."""
         if not len(robots):
             return
         if self._rows is None:
@@ -332,12 +334,13 @@ class Simulator:
             )
 
     def _advance(self, robot: int) -> None:
-        """Take the physics steps of an update, and leave state and foot forces in `data`."""
+        """Take the physics steps of a torque update; `data` then holds the new state
+        and foot forces."""
         mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
 
     def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
-        """Return each joint's acceleration per torque on it, rad/s2/Nm, in the state
-        that the last step began with."""
+        """Return each joint's acceleration per unit torque at the start of the last
+        step, rad/s2/Nm."""
         unit = _unit(self.models[robot].nv)
         answer = np.empty_like(unit)
         mujoco.mj_solveM(self.models[robot], self.data[robot], answer, unit)
@@ -375,5 +378,5 @@ _stands: dict[tuple[RobotSetup, float], np.ndarray] = {}
 
 @functools.cache
 def _unit(nv: int) -> Float[np.ndarray, "12 _"]:
-    """Return a unit torque on each motor, a row for each."""
+    """Return a unit generalised force on each motor's joint, a row for each motor."""
     return np.eye(nv)[motor_indices(nv)]

@@ -1,5 +1,5 @@
-"""The trajectory of a run: its samples, one a physics step, its file, and the windows
-that are measured."""
+"""The trajectory of a run: its samples at each physics step, its file, and the time
+windows that are measured."""
 
 import dataclasses
 import functools
@@ -28,11 +28,12 @@ FORMAT = "bp2_rl.trajectory/1"
 
 
 class TrajectoryError(UserError):
-    """A file that should hold a trajectory does not."""
+    """A file is missing, or holds no valid trajectory."""
 
 
 def shapes_of(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of a sample's arrays, by name, for a robot."""
+    """Return the shapes of a trajectory's arrays at a single sample, by name, for a
+    robot."""
     nq = hardware.anatomy.nq
     return {
         "time": (),
@@ -47,7 +48,7 @@ def shapes_of(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunFacts:
-    """The facts of a run that its measures need beside the samples."""
+    """The facts of a run, beside its samples, that its figures of merit need."""
 
     dt: float  # s
     # s, when the schedule holds its last command; may lie after the end of a run that
@@ -82,7 +83,8 @@ class Trajectory(RunFacts):
     foot_force: Float[np.ndarray, "N 4 3"]  # N, world, from the ground on the robot
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together."""
+        """Raise ValueError for arrays of wrong shapes or with fewer than two
+        samples."""
         for field, shape in shapes_of(self.hardware).items():
             expected = (len(self.time), *shape)
             if getattr(self, field).shape != expected:
@@ -123,15 +125,15 @@ class Trajectory(RunFacts):
 
     @property
     def ground_velocity(self) -> Float[np.ndarray, "N 2"]:
-        """Trunk velocity forward and to the left of its heading, m/s: what the command
-        commands."""
+        """Trunk velocity forward and to the left in the frame of its heading, m/s, as
+        commands are given."""
         cos, sin = np.cos(self.heading), np.sin(self.heading)
         vx, vy = self.qvel[:, 0], self.qvel[:, 1]
         return np.stack((cos * vx + sin * vy, cos * vy - sin * vx), axis=-1)
 
     def between(self, start: float, stop: float) -> "Trajectory":
-        """Return the samples with start <= time < stop (s); `fell_at` is kept only if
-        it lies inside."""
+        """Return the part of the run with start <= time < stop (s); `fell_at` is kept
+        if it lies inside."""
         inside = slice(
             *np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt))
         )
@@ -146,7 +148,7 @@ class Trajectory(RunFacts):
         return dataclasses.replace(self, fell_at=fell, **samples)
 
     def __repr__(self) -> str:
-        """Say what ran, for how long, and to which end: the arrays are for programs."""
+        """Describe the run by its name, length and end, without the arrays."""
         end = "upright" if self.fell_at is None else f"fell at {self.fell_at:.2f} s"
         return f"Trajectory({self.name}, {self.time[-1]:.2f} s, {end})"
 
@@ -158,7 +160,8 @@ class Trajectory(RunFacts):
         return run_metrics(self)
 
     def save(self, path: Path | str) -> None:
-        """Write one .npz (never a pickle), whole or not at all."""
+        """Write the trajectory to one .npz file without pickles; a failed write leaves
+        no partial file."""
         facts = RunFacts(
             **{
                 field.name: getattr(self, field.name)
@@ -177,7 +180,8 @@ class Trajectory(RunFacts):
 
     @classmethod
     def load(cls, path: Path | str) -> "Trajectory":
-        """Read what `save` wrote; raises TrajectoryError for anything else."""
+        """Read a trajectory that `save` wrote; raise TrajectoryError for any other
+        file."""
         if not Path(path).exists():
             raise TrajectoryError(f"no trajectory at {path}")
         try:
@@ -211,7 +215,7 @@ class Trajectory(RunFacts):
 
 
 class BestWindow(NamedTuple):
-    """The fastest stretch of a run."""
+    """The window of a run with the highest mean speed."""
 
     start: float  # s
     speed: float  # m/s, its mean
@@ -220,7 +224,8 @@ class BestWindow(NamedTuple):
 def window_means(
     values: Float[np.ndarray, " N"], samples: int
 ) -> Float[np.ndarray, " M"]:
-    """Return the means over every window of `samples` values, by its first sample."""
+    """Return the mean of every window of `samples` values, indexed by the window's
+    first sample."""
     sums = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
     return (sums[samples:] - sums[:-samples]) / samples
 
@@ -237,8 +242,8 @@ def best_window(run: Trajectory, length: float) -> BestWindow | None:
 
 
 def hold_phase(run: Trajectory) -> Trajectory | None:
-    """Return the part under the schedule's last command, if it lasted for at least a
-    second."""
+    """Return the part of a run under the schedule's last command; None if shorter than
+    a second."""
     held = len(run) * run.dt - run.steady_from
     return (
         run.between(run.steady_from, math.inf) if held >= 1.0 - 0.5 * run.dt else None
@@ -246,8 +251,8 @@ def hold_phase(run: Trajectory) -> Trajectory | None:
 
 
 def steady_window(run: Trajectory) -> Trajectory:
-    """Return the part that stands for steady running: the hold phase, or else the best
-    second, or else all."""
+    """Return the part of a run that represents steady running: the hold phase, else the
+    fastest second, else the whole run."""
     hold, best = hold_phase(run), best_window(run, 1.0)
     if hold is not None:
         return hold

@@ -1,5 +1,5 @@
-"""The world of a run and its robot: slopes, rough ground and pushes, the sensors' view
-of them, and robots drawn as in training around the one designed."""
+"""The world of a run: slopes, rough ground, pushes, sensors on a slope, and robots with
+random properties."""
 
 import dataclasses
 import functools
@@ -30,8 +30,8 @@ EVEN = 1.0  # m, around the start: there it is even
 
 @dataclasses.dataclass(frozen=True)
 class Push(Bounded, path="push."):
-    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in
-    the frame of its heading, and its yaw rate by `turn` (rad/s)."""
+    """A sudden change of the robot's velocity at `time` (s): forward and left in its
+    heading's frame (m/s), and yaw rate (rad/s)."""
 
     time: Annotated[float, Within(0.0, 3600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
@@ -41,8 +41,7 @@ class Push(Bounded, path="push."):
 
 @dataclasses.dataclass(frozen=True)
 class World(Bounded, path="world."):
-    """Ground and disturbances; the default is a level, even floor where nothing
-    happens.
+    """Ground and pushes of a run; by default a level, even floor without pushes.
 
     `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the
     lowest point to the highest.
@@ -63,18 +62,19 @@ class World(Bounded, path="world."):
     pushes: tuple[Push, ...] = ()
 
     def scene(self) -> Callable[[mujoco.MjSpec], None] | None:
-        """Return the change of the scene before it is compiled, if there is one."""
+        """Return the function that adds rough ground to a MuJoCo scene; None for an
+        even floor."""
         return self._lay_rough_ground if self.roughness > 0.0 else None
 
     def tilt(self, model: mujoco.MjModel) -> None:
-        """Let gravity pull as on the slope."""
+        """Tilt the model's gravity, which stands for the slope."""
         if self.slope != 0.0:
             model.opt.gravity[:] = conventions.GRAVITY * np.array(
                 [-np.sin(self.slope), 0.0, -np.cos(self.slope)]
             )
 
     def push(self, data: mujoco.MjData, step: int) -> None:
-        """Shove the robot if it is to be shoved at the beginning of this ms."""
+        """Apply the pushes that are due at the physics step `step`."""
         for push in self.pushes:
             if round(push.time / conventions.PHYSICS_STEP) == step:
                 shove(data, push.forward, push.left, push.turn)
@@ -93,7 +93,7 @@ class World(Bounded, path="world."):
         return self.roughness * share
 
     def _lay_rough_ground(self, spec: mujoco.MjSpec) -> None:
-        """In place of the floor."""
+        """Replace the floor by a height field."""
         heights, floor = self.heights(), spec.geom("floor")
         lowest = -self.roughness / 2
         spec.add_hfield(
@@ -111,7 +111,8 @@ LEVEL = World()
 
 
 def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:
-    """Let the robot's velocity jump, in the frame of its heading, and its yaw rate."""
+    """Change the robot's velocity in the frame of its heading (m/s), and its yaw rate
+    (rad/s), at once."""
     yaw = yaw_of(data.qpos[3:7])
     cos, sin = np.cos(yaw), np.sin(yaw)
     data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
@@ -125,8 +126,8 @@ def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -
 def sensed_pose(
     qpos: Float[np.ndarray, " nq"], world: World, gyro_bias: float, time: float
 ) -> Float[np.ndarray, " nq"]:
-    """The state as the robot and its operator know it: upright is against gravity, and
-    a heading strays.
+    """Return the robot's positions as its sensors see them: true vertical on a slope,
+    heading with gyro drift.
 
     Args:
         qpos: the true one, in the frame of the ground.
@@ -153,7 +154,7 @@ def sensed_pose(
 
 @dataclasses.dataclass(frozen=True)
 class Draw:
-    """One robot of a fleet, and all that chance decides about its run."""
+    """The random properties of a robot in a fleet, and of its run."""
 
     ranges: RandomizationConfig
     seed: int  # of the fleet
@@ -169,8 +170,8 @@ class Draw:
         return _drawn(self, hardware, bodies)
 
     def change_model(self, model: mujoco.MjModel, hardware: HardwareSpec) -> None:
-        """Give the model its masses, inertias, trunk's centre of mass, and friction of
-        feet and ground."""
+        """Set the drawn masses, inertias, trunk's centre of mass and friction in a
+        MuJoCo model."""
         drawn = self.values(hardware, model.nbody)
         model.body_mass *= drawn.mass
         model.body_inertia *= drawn.mass[:, None]
@@ -185,7 +186,7 @@ class Draw:
         return randomization.randomize_actuator(motors, self.values(hardware))
 
     def resistance(self, resistance: Resistance, hardware: HardwareSpec) -> Resistance:
-        """Return the losses with their factors."""
+        """Return the losses scaled by the drawn factors."""
         changed = vars(
             randomization.randomize_resistance(resistance, self.values(hardware))
         )
@@ -217,7 +218,7 @@ class Draw:
 
     @property
     def noise_seed(self) -> int | None:
-        """Seed of the sensors' noise; None where nothing is drawn."""
+        """Seed of the sensor noise; None without randomisation."""
         if not self.ranges.enabled:
             return None
         return int(

@@ -1,4 +1,5 @@
-"""Time the parts of training, its start and a peer, and report it for `bp2 bench`.
+"""Time the parts of a training, its start, and a peer's training; write the report of
+`bp2 bench`.
 
 Every number is in bench.json, which grows with every size that is measured; a table
 and remarks go to the terminal.
@@ -48,7 +49,8 @@ NUMBERS = "bench.json"
 
 @dataclasses.dataclass(frozen=True)
 class BenchRequest:
-    """A request to measure a training, with the folder of the report."""
+    """The settings of a bench: which training, parts and sizes are timed, and the
+    report's folder."""
 
     config: TrainConfig  # the training
     sizes: tuple[tuple[int, int], ...]  # (robots, devices)
@@ -62,7 +64,8 @@ class BenchRequest:
 
 @dataclasses.dataclass(frozen=True)
 class Startup:
-    """When a fresh process got how far, in seconds since it was started."""
+    """Times from the start of a fresh process to the stages of its training, up to the
+    first policy, s."""
 
     imported: float
     traced: float  # the programs are traced and lowered, or read from the disk
@@ -93,7 +96,7 @@ class Bench:
 
 
 def run_bench(request: BenchRequest) -> None:
-    """Measure what is requested, print it, and leave the report.
+    """Run all measurements of a request, print them as a table, and write bench.json.
 
     Raises:
         UserError: nothing could be measured, or the folder holds other files.
@@ -128,7 +131,8 @@ def run_bench(request: BenchRequest) -> None:
 
 
 def empty_report(request: BenchRequest) -> Bench:
-    """Return a report with nothing measured yet."""
+    """Return a report with the versions and devices of this machine, and no
+    measurements yet."""
     device = jax.devices()[0]
     return Bench(
         created=utc_now(),
@@ -147,8 +151,8 @@ def empty_report(request: BenchRequest) -> Bench:
 
 
 def measure_sizes(request: BenchRequest, console: Console) -> Iterator[Case]:
-    """Measure one size after the other; none larger than the first that ran out of
-    memory on as many devices."""
+    """Yield the timings for every size; skip sizes above one that ran out of memory on
+    as many devices."""
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in request.sizes:
         if robots >= full.get(devices, robots + 1):
@@ -185,8 +189,8 @@ def _measure(
 def _measure_peer(
     request: BenchRequest, cases: Sequence[Case], console: Console
 ) -> Case:
-    """Measure ours on one device, and stock Brax's; a training measured before is not
-    measured again."""
+    """Time, on one device, what is compared with the peer; reuse a training's timing if
+    there is one."""
     alone = (request.sizes[0][0], 1)
     if request.peer == "brax":
         return _measure(request, alone, ("acting", "brax"), console)
@@ -207,8 +211,8 @@ def make_env(config: TrainConfig, robots: int) -> BP2Env:
 
 
 def time_starts(command: Sequence[str], console: Console) -> tuple[Startup, Startup]:
-    """Time two fresh processes up to their first train step: the first compiles, the
-    second finds that on disk.
+    """Time two fresh processes up to their first train step: without and with a
+    compilation cache.
 
     Raises:
         UserError: one of them failed.
@@ -237,8 +241,8 @@ def time_starts(command: Sequence[str], console: Console) -> tuple[Startup, Star
 
 
 def start_training(config: TrainConfig, imported: float) -> None:
-    """Take a training's first step and make its policy; print when what was done, in
-    seconds since 1970."""
+    """Take a training's first step and make its policy; print when every stage ended, s
+    since 1970."""
     moments = {"imported": imported}
     learner = make_learner(config, keep_compiled())
     moments["traced"] = time.time()
@@ -258,7 +262,7 @@ def start_training(config: TrainConfig, imported: float) -> None:
 
 
 def in_a_line(m: PartTiming) -> str:
-    """Return a timing in a line."""
+    """Describe a timing in one line."""
     devices = f" on {m.devices} devices" if m.devices > 1 else ""
     return (
         f"{m.part}, {m.robots} robots{devices}: {count(m.control_steps_per_second)} control steps/s, "
@@ -267,7 +271,7 @@ def in_a_line(m: PartTiming) -> str:
 
 
 def print_table(bench: Bench, console: Console) -> None:
-    """Print a row for each timing, and what they say together."""
+    """Print a bench's table of timings, then the remarks on them."""
     title = f"{bench.device_kind}, {bench.config.impl}"
     table = Table(
         title=title,
@@ -317,7 +321,8 @@ def _cells(m: PartTiming) -> tuple[str, ...]:
 
 
 def remarks(bench: Bench) -> list[str]:
-    """Return what the table does not show, a line each."""
+    """Return one line for each fact of a bench that its table does not show, such as
+    errors and time shares."""
     lines = []
     for case in _cases(bench):
         if case.error:
@@ -354,8 +359,8 @@ def remarks(bench: Bench) -> list[str]:
 
 
 def peer_ratio(bench: Bench) -> float | None:
-    """Return how many times as fast as stock Brax we act, or as Playground we train;
-    None where that was not measured."""
+    """Return our speed over the peer's: acting for Brax, training for Playground; None
+    if not measured."""
     if bench.peer is None:
         return None
     if bench.playground is None:
@@ -377,7 +382,7 @@ def _cases(bench: Bench) -> tuple[Case, ...]:
 
 
 def describe_size(case: Case) -> str:
-    """Return how many robots a case has on how many devices."""
+    """Describe the numbers of robots and devices of a case."""
     return f"{case.robots} robots on {case.devices} device{'s' if case.devices > 1 else ''}"
 
 

@@ -1,5 +1,4 @@
-"""How fast MuJoCo Playground trains its Go1, with its own settings and Brax's learner:
-a peer of our training."""
+"""Measure the training speed of MuJoCo Playground's Go1, as a peer of our training."""
 
 import contextlib
 import dataclasses
@@ -25,7 +24,7 @@ TRAIN_STEPS = 5  # between two looks at the clock
 
 @dataclasses.dataclass(frozen=True)
 class PlaygroundRate:
-    """The rate of Playground's training on one device."""
+    """The training speed of MuJoCo Playground on one device."""
 
     # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
     impl: str
@@ -36,12 +35,12 @@ class PlaygroundRate:
 
 
 class _TimedEnoughError(Exception):
-    """Ends Brax's training, which wants to know its length before its speed is
-    known."""
+    """Ends Brax's training after enough timed steps: Brax wants the number of steps
+    beforehand."""
 
 
 def playground_settings(robots: int | None = None) -> dict[str, Any]:
-    """Return Playground's settings of Brax's PPO for a number of robots.
+    """Return Playground's settings of Brax's PPO for its Go1, for a number of robots.
 
     Args:
         robots: how many, a multiple of Playground's 32 minibatches; by default
@@ -66,7 +65,7 @@ def playground_settings(robots: int | None = None) -> dict[str, Any]:
 
 
 def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRate:
-    """Train Playground's Go1 for some seconds, and return its rate.
+    """Train Playground's Go1 for some seconds; return the training speed.
 
     It trains in at least two spans of `TRAIN_STEPS`. What Playground resets between
     evaluations is left out, as are the evaluations.
@@ -112,8 +111,8 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
 
 
 def _make_env(impl: str) -> Any:
-    """Playground's environment without the meshes, which are only looked at: they would
-    have to be downloaded."""
+    """Make Playground's Go1 environment without its visual meshes, which need a
+    download."""
     from mujoco_playground._src import mjx_env
     from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
 
@@ -142,7 +141,7 @@ def without_meshes(mjcf: bytes) -> bytes:
 
 @contextlib.contextmanager
 def _removed_from_jax() -> Generator[None]:
-    """Brax calls a function that JAX has removed."""
+    """Restore in the block a JAX function that Brax still calls and JAX has removed."""
 
     def device_put_replicated(tree: object, devices: Sequence[object]) -> object:
         return jax.tree.map(

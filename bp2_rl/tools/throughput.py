@@ -1,5 +1,4 @@
-"""How fast, how large and how long in the making: the programs of training, each
-measured by itself.
+"""Time the programs of training one by one: their speed, memory and compilation.
 
 Every program advances all robots by one unroll, so that times compare: what the
 environment, the policy and the gradient steps take adds up to a train step, but for the
@@ -39,7 +38,7 @@ PartName = Literal[
     "physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"
 ]
 PARTS: tuple[PartName, ...] = get_args(PartName)
-"""What can be measured, in this order.
+"""The parts of training that can be timed, in the order of the report.
 
 physics: the physics steps, with motors that hold their targets. environment: control
 steps with zero actions, and the fresh episodes that they need. resets: those episodes
@@ -56,8 +55,8 @@ COMPILED, FROM_CACHE = (
     "/jax/core/compile/backend_compile_duration",
     "/jax/compilation_cache/cache_hits",
 )
-"""JAX's events for each program that is compiled, and for those of them that are only
-read from the disk."""
+"""Names of JAX's events for a compiled program, and for a program read from the cache
+on disk."""
 EVERYWHERE, ROBOTS, TIMES_ROBOTS = (
     PartitionSpec(),
     PartitionSpec("robots"),
@@ -70,8 +69,8 @@ MOST = 1000
 
 
 class BenchPart(NamedTuple):
-    """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again
-    and again."""
+    """A jitted program to time: `program(carry, *fixed) -> (carry, anything)`, called
+    repeatedly."""
 
     name: PartName
     program: jax.stages.Wrapped
@@ -81,8 +80,8 @@ class BenchPart(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PartTiming:
-    """One part at one size. Rates are by the median call; a call is one unroll of all
-    robots."""
+    """The timing of a part of training at a size; rates are by the median call, an
+    unroll of all robots."""
 
     part: PartName
     robots: int
@@ -102,7 +101,7 @@ class PartTiming:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """The timings of all parts with one number of robots and of devices."""
+    """The timings of all parts of training with one number of robots and devices."""
 
     robots: int
     devices: int
@@ -122,7 +121,7 @@ class Case:
 
 @contextlib.contextmanager
 def compilations() -> Generator[collections.Counter[str]]:
-    """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among
+    """Count JAX's monitoring events in the block by name, COMPILED and FROM_CACHE among
     them."""
     counts: collections.Counter[str] = collections.Counter()
 
@@ -147,7 +146,7 @@ def measure_case(
     seconds: float = 2.0,
     tell: Callable[[PartTiming], None] = lambda timing: None,
 ) -> Case:
-    """Measure the parts of training with `robots` robots on `devices`.
+    """Time the parts of training with `robots` robots on `devices`.
 
     Args:
         make_env: the environment for at most so many robots a device.
@@ -178,8 +177,8 @@ def measure_case(
 
 
 def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
-    """Return what a train step spends its time on, as shares that add up to 1; nothing
-    where a part was not measured.
+    """Return the share of a train step's time that each part takes; empty if a needed
+    part was not timed.
 
     By the best call of each, which other programs disturbed least. The parts ran by
     themselves, where XLA cannot fuse them with their neighbours: good to a few per cent
@@ -240,8 +239,8 @@ def time_part(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
 def make_parts(
     learner: PPO, state: TrainState, names: Sequence[PartName]
 ) -> Iterator[BenchPart]:
-    """Yield the named parts that the learner has, in the order of `PARTS`; `training`
-    consumes `state`."""
+    """Yield the named parts of a training as programs to time, in the order of `PARTS`;
+    `training` consumes `state`."""
     env, networks = learner.fleet.env, (state.params, state.normalizer)
     keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
     keys, zeros = jax.device_put(
@@ -284,7 +283,8 @@ def _on_each_device(
     in_specs: Specs = ROBOTS,
     out_specs: Specs = ROBOTS,
 ) -> jax.stages.Wrapped:
-    """Robots never talk to each other: each device runs its own, as in the learner."""
+    """Compile a function that runs on each device for the robots there, without
+    communication."""
     local = jax.shard_map(
         function,
         mesh=learner.mesh,
@@ -296,8 +296,8 @@ def _on_each_device(
 
 
 def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
-    """The joints hold the targets of the first control step. Every call begins anew,
-    before a robot could fall."""
+    """Return the physics steps as a program; joints hold the first targets, and every
+    call starts from the same state."""
     first: Any = state.fleet.pipeline_state
 
     def aim(robot: Any) -> Any:
@@ -349,8 +349,8 @@ def _unroll(
 
 
 def _repeat(learner: PPO, observations: Observation) -> Observation:
-    """Repeat observations over an unroll, to be passed as an argument: XLA must not see
-    that they are equal."""
+    """Repeat observations over an unroll, as an argument of a program, so that XLA
+    cannot exploit that they are equal."""
     length = learner.config.unroll_length
     repeated = jax.tree.map(
         lambda x: jnp.broadcast_to(x, (length, *x.shape)), observations
@@ -387,7 +387,8 @@ def _policy(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
 
 
 def _sgd(learner: PPO, state: TrainState, keys: jax.Array) -> BenchPart:
-    """Return the gradient steps, on what the policy does in an unroll."""
+    """Return the gradient steps of training as a program, on data of the policy's own
+    actions."""
     policy = _policy(learner, state, keys)
     _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
     observations = _repeat(learner, state.fleet.obs)
@@ -417,8 +418,8 @@ def batch(
     actions: jax.Array,
     extras: Mapping[str, object],
 ) -> Transition:
-    """The data of an unroll in which nothing happened, from arrays with axes (time,
-    robot): the learner's shapes."""
+    """Return training data with zero rewards and no episode ends, from arrays with axes
+    (time, robot)."""
 
     def build(
         observations: Observation, actions: jax.Array, extras: Mapping[str, object]
@@ -478,8 +479,8 @@ def _program_bytes(program: jax.stages.Compiled) -> int | None:
 
 
 def _explain(reason: Exception) -> str:
-    """Why a size cannot be measured, in one line; raises what is no question of
-    size."""
+    """Say in one line why a size cannot be timed; re-raise errors with other causes
+    than size or memory."""
     if isinstance(reason, UserError):
         return str(reason)
     if re.search("RESOURCE_EXHAUSTED|out of memory", str(reason), re.IGNORECASE):

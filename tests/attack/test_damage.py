@@ -1,5 +1,5 @@
-"""Damaged files of every kind, given to every command that reads them: read all the
-same, or refused in one line with status 2; and what was there is there still."""
+"""Damaged files of every kind, given to every command that reads them: a command reads
+the same, or refuses in one line with status 2 and leaves all files as they were."""
 
 import importlib
 import os
@@ -42,8 +42,8 @@ RUN_FILES = (
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A folder with a run of two train steps, a report of its policy, a library of
-    trots and a family."""
+    """Return a folder with a run of two train steps, a report of its policy, a library
+    of trots and a family."""
     folder = tmp_path_factory.mktemp("original")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -71,7 +71,7 @@ def original(tmp_path_factory):
 
 
 def keep_solved(folder: Path) -> None:
-    """A family of one speed, the library's slowest."""
+    """Write a family of one solution to the folder: the library's slowest trot."""
     slowest = load_family(folder / "library.npz")[0]
     save_solution(folder / "family/speed-00.50", slowest)
     save_config(folder / "family/family.json", FamilyConfig())
@@ -79,7 +79,7 @@ def keep_solved(folder: Path) -> None:
 
 @pytest.fixture
 def cut_off(monkeypatch):
-    """Commands end where they have read everything."""
+    """Make commands end once they have read all their files."""
     monkeypatch.setattr(
         run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo)
     )
@@ -98,7 +98,7 @@ def cut_off(monkeypatch):
 
 
 Damage = Callable[[Path], object]
-"""Puts something in the place of a file that is gone."""
+"""Function that puts something damaged in the place of a deleted file."""
 NO_FILES: dict[str, Damage] = {
     "a pipe": os.mkfifo,
     "a device": lambda path: path.symlink_to("/dev/zero"),
@@ -109,7 +109,7 @@ NO_FILES: dict[str, Damage] = {
 
 
 def damages(content: bytes) -> Iterator[tuple[str, Damage]]:
-    """What a file may have become."""
+    """Yield ways to damage a file of this content, each with a name."""
     rng = random.Random(0)
     contents = (
         *flipped_bits(content, FLIPS),
@@ -156,8 +156,8 @@ COMMANDS = {
 
 @pytest.fixture
 def answer(original, cut_off, tmp_path, monkeypatch, capsys):
-    """Give a command of `COMMANDS` in a copy of the folder: its exit status and
-    errors."""
+    """Return a function that runs a command of `COMMANDS` in a copy of the folder and
+    returns its exit status and errors."""
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
 
@@ -203,6 +203,6 @@ def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(name, file, 
 
 
 def snapshot() -> dict[str, int]:
-    """Every file but locks, with its size."""
+    """Return every file of a folder but locks, with its size."""
     found = (Path(folder, name) for folder, _, names in os.walk(".") for name in names)
     return {str(path): path.lstat().st_size for path in found if path.name != ".lock"}

@@ -1,5 +1,5 @@
-"""Every flag of every command, given what no one should give: accepted, or refused
-with status 2, in one line or in tyro's words.
+"""Every flag of every command with impossible values: the command accepts the value, or
+refuses with status 2 in one line or in tyro's words.
 
 Nothing is computed: the work that a command would begin is cut off where it begins.
 """
@@ -68,7 +68,7 @@ COMMANDS = {
     "figures --all": ("bp2_rl.paper.cli.figures", ["--all"]),
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
 }
-"""Each command's module, and the words that come before its flags."""
+"""Module of each command, and the words that come before its flags."""
 
 
 @pytest.fixture(autouse=True)
@@ -104,11 +104,11 @@ WORK = (
     "bp2_rl.paper.figures.rewards.rewards_figure",
     "bp2_rl.paper.cli.index._make",
 )
-"""Where a command has looked at all it was told, and begins to work."""
+"""Functions with which commands begin to work, after all flags were checked."""
 
 
 def flags(text: str) -> dict[str, str]:
-    """The flags in tyro's help of a command, each with what it takes."""
+    """Return the flags in tyro's help of a command, each with its metavar."""
     found = {}
     for line in text.splitlines():
         if match := re.match(
@@ -123,7 +123,7 @@ def attacks(metavar: str) -> tuple[str, ...]:
 
 
 def fewer(flag: str, metavar: str, command: str) -> tuple[str, ...]:
-    """The attacks on a flag that is not the first of its kind: those that its own
+    """Return the attacks on a flag whose kind was attacked before: those that its own
     bounds must stop."""
     if command != "train" and "hardware." in flag:  # the same settings, attacked there
         return ("nan",)
@@ -137,7 +137,7 @@ def fewer(flag: str, metavar: str, command: str) -> tuple[str, ...]:
 
 
 def run(capsys, module: str, words: list[str]) -> tuple[int, str, float]:
-    """Exit status, standard error, seconds."""
+    """Run a command; return exit status, standard error and duration, s."""
     began = time.monotonic()
     try:
         status = importlib.import_module(module).main(words)

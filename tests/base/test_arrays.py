@@ -1,4 +1,5 @@
-"""The polynomials against SciPy's, for every array library that brings the numbers."""
+"""Interpolating polynomials against SciPy's, for every array library that brings the
+numbers."""
 
 import casadi as ca
 import jax.numpy as jnp

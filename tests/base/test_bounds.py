@@ -1,5 +1,5 @@
-"""Bounds declared on fields: one line names the field, what it may be, and what it
-is."""
+"""Bounds declared on fields: an error's one line names the field, its bounds and its
+value."""
 
 import dataclasses
 import math
@@ -98,7 +98,7 @@ def test_a_number_out_of_bounds_is_named(changes, line):
 
 @st.composite
 def ranges(draw):
-    """Bounds of every kind, with room between them."""
+    """Draw bounds of every kind, with room between the least and the greatest value."""
     least = draw(st.none() | st.floats(-1e6, 1e6))
     most = draw(st.none() | st.floats(1.1e6, 1e9))
     given = {
@@ -112,7 +112,7 @@ def ranges(draw):
 
 
 def one_number(bounds: Within, value: float):
-    """A dataclass of one number within `bounds`."""
+    """Return a dataclass of one number within `bounds`."""
     made = dataclasses.make_dataclass(
         "Made", [("number", Annotated[float, bounds])], frozen=True
     )

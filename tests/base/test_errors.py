@@ -1,4 +1,4 @@
-"""Messages as a terminal shows them."""
+"""Error messages as a terminal shows them."""
 
 import pytest
 

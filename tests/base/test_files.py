@@ -1,4 +1,5 @@
-"""Files that are whole or not there, and strangers' files that end in one line."""
+"""Files are written whole or not at all, and strangers' damaged files end in a one-line
+error."""
 
 import contextlib
 import io

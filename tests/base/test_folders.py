@@ -1,5 +1,5 @@
-"""Folders that are replaced whole or not at all, and that one process holds at a
-time."""
+"""Folders are replaced whole or not at all, and one process at a time holds a
+folder."""
 
 import contextlib
 import os

@@ -1,5 +1,5 @@
-"""What a process compiles is kept where it is asked to be; workers end with the process
-that started them, however that ends."""
+"""Compiled code is kept in the folder that is asked for, and workers end with the
+process that started them."""
 
 import os
 import subprocess

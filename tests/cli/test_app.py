@@ -1,4 +1,4 @@
-"""How commands end: the exit status, and the one line on standard error."""
+"""Commands end with the right exit status, and with one line on standard error."""
 
 import dataclasses
 import subprocess

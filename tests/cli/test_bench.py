@@ -63,7 +63,8 @@ def test_it_measures_what_train_runs(preset):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """One run with nearly everything: (folder, what it printed)."""
+    """Run the bench once with nearly every option; return its folder and what it
+    printed."""
     folder = tmp_path_factory.mktemp("bench")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "make_env", lambda config, robots: Aim())

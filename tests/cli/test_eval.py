@@ -23,7 +23,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def export(make_card):
-    """Write a policy of zeros around the standing pose: it stands."""
+    """Write a policy that outputs zeros around the standing pose, so that the robot
+    stands."""
 
     def export(folder, layout=LAYOUT, **results):
         size = sum(n for _, n in layout)
@@ -40,8 +41,8 @@ def export(make_card):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty working directory, with the process's JAX and MuJoCo left as the tests
-    have them."""
+    """Set an empty working directory, with the process's JAX and MuJoCo left as the
+    tests have them."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MUJOCO_GL", "")
     return tmp_path
@@ -54,14 +55,15 @@ def policy(here, export):
 
 
 def run(capsys, *arguments):
-    """(exit status, standard output, standard error) of the command."""
+    """Run the command; return exit status, standard output and standard error."""
     status = command.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return status, out, err
 
 
 def assert_refused(capsys, arguments, *words):
-    """Exit status 2 and a message that holds the words; nothing is left behind."""
+    """Require exit status 2, a message that holds the words, and no files left
+    behind."""
     before = sorted(Path.cwd().rglob("*"))
     status, _, err = run(capsys, *arguments)
     assert status == 2

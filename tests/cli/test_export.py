@@ -20,8 +20,8 @@ SIZE = sum(size for _, size in LAYOUT)
 
 
 def standing_policy(seed: int = 0) -> Policy:
-    """A policy that keeps to the standing pose, with weights of its own that have no
-    say."""
+    """Return a policy that keeps to the standing pose, whose random hidden weights have
+    no effect."""
     kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
     card = make_card(seed=seed, results={"curriculum_level": 0.5, "top_speed": 99.0})
     zeros = np.zeros((4, 12), np.float32), np.zeros(12, np.float32)
@@ -67,8 +67,8 @@ def here(measured, tmp_path, monkeypatch):
 
 
 def refused(capsys, *arguments):
-    """The one line that refuses the arguments with exit status 2; nothing is left
-    behind."""
+    """Require that the command refuses the arguments with exit status 2, leaving
+    nothing behind; return its one line."""
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     assert command.main([str(argument) for argument in arguments]) == 2
     out, err = capsys.readouterr()

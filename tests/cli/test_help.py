@@ -1,4 +1,4 @@
-"""What `--help` prints: one screen, at once, with flags that the command has."""
+"""`--help` prints one screen, at once, with flags that the command has."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What must be settled before JAX starts its backend."""
+"""Settings of JAX that must be made before its backend starts."""
 
 import os
 import subprocess

@@ -1,5 +1,5 @@
-"""The shipped policy as a bundle, once for all tests, and the code in it as a robot's
-computer has it."""
+"""The shipped policy as a bundle, once for all tests, and the bundle's code as a
+robot's computer runs it."""
 
 import functools
 import importlib
@@ -31,7 +31,7 @@ def bundle(shipped, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def onboard(bundle):
-    """The modules in the bundle: not those of bp2_rl, whose every call is checked here
+    """Import the modules in the bundle, not bp2_rl's, whose every call is checked here
     and takes ten times as long."""
     sys.path.insert(0, str(bundle))
     names = "controller", "motion", "link", "robot", "rehearse", "contents", "seal"
@@ -45,8 +45,8 @@ def onboard(bundle):
 
 @pytest.fixture(scope="session")
 def another(tmp_path_factory):
-    """A robot's policy that nobody trained, which follows the kinematic trot and heeds
-    all that it sees; its bundle."""
+    """Return a maker of a named robot's untrained policy, which follows the kinematic
+    trot and uses all observations, and of its bundle."""
 
     @functools.cache
     def make(name):

@@ -1,4 +1,5 @@
-"""What `bp2 export --format onnx` writes, and how it refuses."""
+"""The files that `bp2 export --format onnx` writes, and the mistakes that it
+refuses."""
 
 import dataclasses
 import functools
@@ -73,7 +74,7 @@ def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
 
 
 def settings_of(folder, *places):
-    """What deploy.json has at these dotted places."""
+    """Return the values in deploy.json at these dotted places."""
     settings = json.loads((folder / "deploy.json").read_text())
     return [
         functools.reduce(lambda value, key: value[key], place.split("."), settings)

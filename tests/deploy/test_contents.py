@@ -1,5 +1,5 @@
-"""Damaged bundles: refused in one line of one class of error, or run with targets that
-are finite and in range."""
+"""Damaged bundles are refused in one line of one class of error, or run with targets
+that are finite and in range."""
 
 import collections
 import functools
@@ -17,15 +17,15 @@ DT = 0.005
 
 @pytest.fixture
 def copy(bundle, tmp_path):
-    """A bundle to be damaged, without what Python keeps of its code."""
+    """Copy the bundle to a folder where it may be damaged, without Python's caches."""
     return shutil.copytree(
         bundle, tmp_path / "bundle", ignore=shutil.ignore_patterns("__pycache__")
     )
 
 
 def outcome(onboard, folder, sealed):
-    """Load a bundle, sealed again or not, and run it from several phases at several
-    speeds."""
+    """Load a bundle, sealed again or not, run it from several phases at several speeds,
+    and return how that ended."""
     try:
         if sealed:
             onboard.contents.seal(folder)
@@ -60,8 +60,8 @@ def outcome(onboard, folder, sealed):
 
 
 def outcomes(onboard, folder, count, seed):
-    """The number of bundles that came to each outcome, by whether they were sealed
-    again."""
+    """Load and run `count` damaged bundles; return the number of bundles by outcome and
+    by whether they were sealed again."""
     found = collections.Counter()
     for what, sealed in damaged_bundles(folder, count, seed):
         try:

@@ -1,5 +1,5 @@
-"""The controller without JAX does what the one of training does, and what its watchdog
-is for."""
+"""The controller without JAX gives the targets of training's controller, and its
+watchdog stops wrong sensors."""
 
 import dataclasses
 import time
@@ -29,8 +29,8 @@ def fresh(controller):
 
 
 def standing(now: float, **changes) -> SensorReading:
-    """What is measured of a robot that stands, with a little noise, as of all sensors
-    that are alive."""
+    """Return a measurement of a robot that stands, with a little noise, as all working
+    sensors have."""
     noise = 1e-9 * (round(now / DT) % 7)
     fields = {
         "joint_position": STAND + noise,
@@ -43,8 +43,8 @@ def standing(now: float, **changes) -> SensorReading:
 
 
 def following(controller):
-    """Measure a robot that hangs in the air: in each tick its joints go a fifth of the
-    way to their targets."""
+    """Return a function that measures a robot that hangs in the air: in each tick its
+    joints go a fifth of the way to their targets."""
     position = STAND.copy()
 
     def measure(now):
@@ -56,8 +56,8 @@ def following(controller):
 
 
 def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
-    """Targets of so many seconds of ticks; `measure` makes a measurement, or none, of a
-    time."""
+    """Run the controller for `seconds`; return its targets and the time after.
+    `measure` makes a measurement, or none, of a time."""
     times = start + DT * np.arange(round(seconds / DT))
     return [controller.step(measure(now), command, now) for now in times], times[
         -1
@@ -69,8 +69,8 @@ def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
 
 @pytest.fixture(scope="module")
 def loop(onboard, bundle, controller, rehearse):
-    """What a robot's 2,000 ticks from a stand to 10.74 m/s were: (measurements,
-    commands, targets), and how it ran.
+    """Simulate a robot and its controller for 2,000 ticks from a stand to 10.74 m/s;
+    return measurements, commands, targets, and how the robot ran.
 
     Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is
     shown afterwards.
@@ -87,8 +87,8 @@ def loop(onboard, bundle, controller, rehearse):
 
 
 def as_arrays(ticks):
-    """Measurements (K 30), commands (K 3) and targets (K 2 12) of the ticks of a
-    rehearsal."""
+    """Return measurements (K 30), commands (K 3) and targets (K 2 12) of a rehearsal's
+    ticks."""
     measured, asked, targets = zip(*ticks, strict=True)
     return (
         np.stack([np.concatenate(one[:4]) for one in measured]),
@@ -142,8 +142,8 @@ def test_the_loop_of_another_robot_is_that_of_jax(onboard, another, rehearse, na
 
 
 def apart(loop, policy, double):
-    """How far the targets of a loop are from those of training's controller, which is
-    shown the same: rad, rad/s."""
+    """Return how far a loop's targets are from training's controller's, given the same
+    measurements: rad, rad/s."""
     env = policy.card.env
     trained = Trained(env)
 
@@ -180,8 +180,8 @@ def apart(loop, policy, double):
 
 @pytest.fixture
 def altered(onboard, shipped, tmp_path):
-    """The shipped policy with other settings of its controller, and the controller of
-    its bundle."""
+    """Return a maker of the shipped policy's environment with other controller
+    settings, and of its bundle's controller."""
 
     def make(**changes):
         control = dataclasses.replace(shipped.card.env.control, **changes)
@@ -257,7 +257,7 @@ def test_a_tick_takes_less_than_a_millisecond(fresh):
 
 
 def spoil(name, value, now):
-    """What is measured of a robot that stands, with one number of it replaced."""
+    """Return a measurement of a robot that stands, with one number replaced."""
     array = standing(now)._asdict()[name]
     array[1] = value
     return standing(now, **{name: array})
@@ -396,7 +396,8 @@ def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
 
 
 def moving_to(position=0.0, velocity=0.0):
-    """A reference motion with these targets beside the stand."""
+    """Return the patch of a reference motion whose targets differ from the stand by
+    these."""
     pose = SimpleNamespace(
         position=STAND + position, velocity=np.full(12, velocity), torque=np.zeros(12)
     )
@@ -459,7 +460,8 @@ def test_a_target_that_steps_too_far_does_not_leave(fresh):
 
 
 def calls(start, every, count):
-    """So many calls, each with a measurement of that moment: (now, its stamp)."""
+    """Return the times of `count` calls of the controller, each with a measurement's
+    time stamp."""
     return [(start + every * k, start + every * k) for k in range(count)]
 
 

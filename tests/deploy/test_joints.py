@@ -30,8 +30,8 @@ DT = 0.005
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    """A robot with odd signs and zeros; each knee has a range of the side that it bends
-    to."""
+    """Write the MJCF of a robot with odd signs and zeros, whose knee ranges are on the
+    side of the bend."""
     path, text = tmp_path_factory.mktemp("model") / "anymal.xml", anymal_like()
     path.write_text(text)
     reading = read_mjcf(path)
@@ -49,7 +49,7 @@ def model(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["pointing", "numbers"])
 def folder(model, request):
-    """The bundle of a policy that nobody trained, from the model by its robot file, by
+    """Write the bundle of an untrained policy for the model, by its robot file, by
     settings and card on disk."""
     file = model.with_name(f"{request.param}.toml")
     file.write_text(
@@ -95,7 +95,7 @@ def test_a_bundle_has_each_joints_name_sign_and_zero(folder, model):
 
 
 def spheres(model):
-    """The geoms of the feet, FR FL RR RL."""
+    """Return the geoms of the feet, FR FL RR RL."""
     return [
         next(
             g
@@ -108,7 +108,7 @@ def spheres(model):
 
 
 def feet_of(model, names, angles, geoms):
-    """Where the feet are in the trunk's frame, with the trunk at the origin."""
+    """Return the positions of the feet in the trunk's frame, m."""
     data = mujoco.MjData(model)
     data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     for name, angle in zip(names, angles, strict=True):

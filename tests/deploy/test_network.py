@@ -21,7 +21,7 @@ SIZE = size_of(LAYOUT)
 
 
 class Shapes(Aim):
-    """An environment of which networks need the sizes alone."""
+    """Environment that has only the sizes that networks are built from."""
 
     mirrors = mirrors_under(ControlConfig())
 

@@ -71,12 +71,12 @@ def turned_axes(rng, values, stamp, since, then):
 
 
 def noise_at(since):
-    """Normal numbers that are the same in every stream."""
+    """Return normal numbers that are the same in every stream at a time."""
     return np.random.default_rng(round(1e6 * since)).normal(size=30)
 
 
 def noisy_up(rng, values, stamp, since, then):
-    """Frozen, with an IMU's noise."""
+    """Freeze the up vector but for an IMU's noise."""
     values[UP] = (then + NOISE * noise_at(since))[UP]
     return values, stamp
 
@@ -87,7 +87,7 @@ def noise_for_gyro(rng, values, stamp, since, then):
 
 
 def one_encoder(size, rng, values, stamp, since, then):
-    """Frozen, with so many times an encoder's noise."""
+    """Freeze one joint's encoder but for `size` times an encoder's noise."""
     joint, noise = rng.choice(SWINGING), size * noise_at(since)
     values[[joint, 12 + joint]] = then[joint] + 0.01 * noise[0], 0.3 * noise[1]
     return values, stamp
@@ -226,7 +226,7 @@ SEEDS = 25
 
 @pytest.fixture(scope="module")
 def runs(onboard, bundle, controller, rehearse):
-    """What the controller was given in three runs: (measurement, command) of each
+    """Record three runs; return the controller's inputs, (measurement, command) of each
     tick."""
     recorded = []
     for seed, (robot, speed, sideways, turn) in enumerate(
@@ -255,7 +255,7 @@ def runs(onboard, bundle, controller, rehearse):
 
 
 def hear(rng, aside, kind, values):
-    """What sensors say with noise, and what the operator says with more beside."""
+    """Add noise to sensor values, and an offset to operator values."""
     return values + (NOISE * rng.normal(size=30) if kind == b"S" else aside)
 
 
@@ -275,8 +275,8 @@ def swing(robot, now):
 
 
 def play(controller, ticks, wrongs, begins, rng):
-    """Play a run that goes wrong; (targets of all ticks, the fault, the time from its
-    beginning to the fault)."""
+    """Play a run with wrong sensors; return the targets of all ticks, the controller's
+    fault, and the time from the wrong's beginning to the fault."""
     controller.reset()
     targets, found, then = [], np.inf, None
     seeds = rng.integers(2**32, size=len(wrongs))

@@ -90,7 +90,8 @@ def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
 
 
 def run(state, level, tracking, steps, seed=1, config=SETTINGS):
-    """`tracking(command)` is the speed the robot runs at."""
+    """Advance commands and level for `steps` control steps; `tracking(command)` is the
+    robot's speed."""
 
     def step(carry, key):
         state, level = carry
@@ -111,8 +112,8 @@ RISING = EnvConfig(
 
 
 def run_fleet(tracking, seconds, robots=32, config=RISING):
-    """Levels (robot, time) and commands (robot, time, 3) of robots that start at level
-    0 and never fall."""
+    """Return levels (robot, time) and commands (robot, time, 3) of robots that start at
+    level 0 and never fall."""
 
     def one(seed):
         key = jax.random.PRNGKey(seed)
@@ -186,8 +187,8 @@ def test_commands_move_no_faster_than_their_rates():
 
 
 def told(asked, start, control=GENTLY, seconds=6.0):
-    """The forward command, control step by control step, where always the same is asked
-    for."""
+    """Return the forward command that a policy observes at each control step, under a
+    constant wish."""
 
     def step(command, _):
         after = control.tell(command, jnp.array([asked, 0.1, 0.2]))
@@ -395,7 +396,7 @@ def test_impossible_settings_are_refused_by_name(named, value):
 
 
 def changed(settings, path, value):
-    """The settings with another value of the field at the end of a path."""
+    """Return the settings with another value of the field at the end of a path."""
     field, *deeper = path
     if deeper:
         value = changed(getattr(settings, field), deeper, value)

@@ -17,7 +17,8 @@ COMMAND = jnp.array([6.0, 0.0, 0.0])
 
 
 def targets(config: EnvConfig, action: float = 0.0):
-    """What the controller makes of an action that is the same for all joints."""
+    """Return the controller's joint targets for an action that is the same for all
+    joints."""
     controller = Controller(config)
     return controller.act(controller.init(0.2), COMMAND, jnp.full(12, action))
 

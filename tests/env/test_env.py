@@ -62,7 +62,7 @@ def start(reset):
 
 @pytest.fixture(scope="module")
 def standing():
-    """The starts of robots that stand."""
+    """Return the states in which standing robots start."""
     env = BP2Env(EnvConfig(reset=ResetConfig(standing_fraction=1.0, joint_noise=0.0)))
     return jax.jit(jax.vmap(env.reset))(KEYS)
 

@@ -32,7 +32,7 @@ def image(mirror: Mirror, x):
 
 
 def mirrored_state(qpos, qvel):
-    """By hand, from MuJoCo's coordinates."""
+    """Return the mirror image of a state, worked by hand from MuJoCo's coordinates."""
     q, qd = np.array(qpos), np.array(qvel)
     q[:3] *= WORLD
     q[3:7] *= [1, -1, 1, -1]

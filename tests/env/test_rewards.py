@@ -25,7 +25,7 @@ def joint(value: float, index: int = 0) -> jax.Array:
 
 
 def attitude(x: float, z: float) -> jax.Array:
-    """The row of a body whose up is (x, 0, z) against level."""
+    """Return the attitude reward of a body whose up is (x, 0, z), against level."""
     up = jnp.array([x, 0.0, z])
     return rewards.body_attitude(up, jnp.array([0.0, 0.0, 1.0]))
 
@@ -33,7 +33,8 @@ def attitude(x: float, z: float) -> jax.Array:
 def tracking(
     v: float, v_cmd: float, omega: float, omega_cmd: float, w: float, **shape: float
 ) -> jax.Array:
-    """The row of a robot that runs at v ahead and turns at omega, told otherwise."""
+    """Return the tracking reward of a robot that runs at v and turns at omega, under
+    other commands."""
     return rewards.velocity_tracking(
         jnp.array([v, 0.0]),
         jnp.array([v_cmd, 0.0]),

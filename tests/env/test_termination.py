@@ -1,4 +1,5 @@
-"""What a fall is: one law, for the environment of training and for the judge."""
+"""The definition of a fall: one law for the environment of training and for the
+judge."""
 
 import math
 

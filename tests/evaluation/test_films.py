@@ -21,8 +21,8 @@ FAST, FALLEN = JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 3, 6.0)
 
 
 class Fleet(JudgeProcesses):
-    """JudgeProcesses that know what comes of the policies, by their control steps: at
-    once, or as a future says."""
+    """JudgeProcesses with known results by control step, given at once or when a future
+    ends."""
 
     def __init__(self, results):
         self.results, self.places = results, 1
@@ -40,7 +40,7 @@ class Fleet(JudgeProcesses):
 
 @pytest.fixture
 def camera(monkeypatch):
-    """Films in no time, as far as it is let."""
+    """Replace the filming by a stand-in that takes no time, and can be held back."""
     free = threading.Event()
     free.set()
 

@@ -32,7 +32,7 @@ def shipped():
 
 @pytest.fixture(scope="module")
 def slower(shipped):
-    """The same policy as if it had been trained up to 6 m/s."""
+    """Return the shipped policy as if it had been trained up to 6 m/s."""
     env = dataclasses.replace(
         shipped.card.env,
         commands=dataclasses.replace(shipped.card.env.commands, max_forward=6.0),
@@ -134,7 +134,8 @@ def test_a_launch_may_be_of_a_worse_robot():
 
 @pytest.fixture(scope="module")
 def slow_policy(shipped, tmp_path_factory):
-    """It is told 1 m/s at most, so that a result takes a moment."""
+    """Save a policy whose command is 1 m/s at most, so that the judge's result takes a
+    moment."""
     env = shipped.card.env
     env = dataclasses.replace(
         env, commands=dataclasses.replace(env.commands, max_forward=1.0)

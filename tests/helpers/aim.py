@@ -1,5 +1,5 @@
-"""An environment whose optimum is known, and a small training on it; run as a program,
-on all of JAX's devices."""
+"""An environment whose optimal policy is known, and a small training on it; run as a
+program, it trains on all of JAX's devices."""
 
 import sys
 from typing import Any
@@ -31,8 +31,8 @@ def assert_equal(a, b):
 
 
 class Aim(envs.Env):
-    """Show a target, take an action, earn -(action - target)^2: the best return is 0,
-    of every state."""
+    """Environment that shows a target and rewards an action by -(action - target)^2:
+    the best return is 0 from every state."""
 
     def __init__(self, ends_after: int | None = None, reward: float = 0.0):
         self.ends_after, self.bonus = ends_after, reward
@@ -76,8 +76,8 @@ class Aim(envs.Env):
 
 
 class StandIn(envs.Env):
-    """`Aim` in the place of BP2Env, with its observations, actions, metrics and levels:
-    what runs on disk need.
+    """`Aim` in the place of BP2Env, with the observations, actions, metrics and levels
+    that a run's files need.
 
     Args:
         faults: what breaks in one of about `rarity` steps: `physics`, `state`,
@@ -173,8 +173,8 @@ def train(learner: PPO, steps: int, seed: int = 0):
 
 
 def main(out: str) -> None:
-    """Train 20 steps; save parameters, what tells robots apart, and the policy gradient
-    where they earn unequally."""
+    """Train 20 steps; save the parameters, the robots' states, and the policy gradient
+    under rewards that differ by robot."""
     learner = PPO(Aim(), TINY)
     state, _ = train(learner, 20)
     keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)

@@ -37,7 +37,7 @@ SMALL = [
     "16",
 ]
 CLOCKS = ("wall_time", "steps_per_second")
-"""What two equal runs differ in."""
+"""Metrics that differ between two equal runs."""
 
 
 def small(stage: Stage = "imitation", **run: Any) -> TrainConfig:
@@ -57,7 +57,7 @@ def small(stage: Stage = "imitation", **run: Any) -> TrainConfig:
 
 
 def metrics(run: Path) -> list[dict[str, Any]]:
-    """The lines of metrics.jsonl, every one of which is JSON, but for the clocks."""
+    """Return the lines of a run's metrics.jsonl as dictionaries, without the clocks."""
     lines = (run / "metrics.jsonl").read_text().splitlines()
     return [
         {name: value for name, value in json.loads(line).items() if name not in CLOCKS}
@@ -66,12 +66,12 @@ def metrics(run: Path) -> list[dict[str, Any]]:
 
 
 def command(*arguments, pause=0.0):
-    """What starts a process of it; `pause` is for `main`."""
+    """Return the command line that starts this program; `pause` is for `main`."""
     return [sys.executable, __file__, str(pause), *map(str, arguments)]
 
 
 def begin(*arguments, pause=0.0, cwd=None, **environment):
-    """Start a process of it, with pipes for what it prints."""
+    """Start this program in a process of its own, with pipes for what it prints."""
     return subprocess.Popen(
         command(*arguments, pause=pause),
         cwd=cwd,
@@ -94,8 +94,8 @@ def sync_slowly(sync, seconds, path):
 
 
 def main(argv: list[str]) -> int:
-    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps and
-    waits of a save slower."""
+    """Run `aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps
+    and waits of a save slower."""
 
     def make_learner(config, _=None):
         learner = PPO(StandIn(), config.ppo)

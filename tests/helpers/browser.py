@@ -30,7 +30,7 @@ FLAGS = (
 
 
 def find_browser() -> str | None:
-    """The path of one, if there is any."""
+    """Return the path of an installed browser, or None."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -56,7 +56,7 @@ class Tab:
                 return answer["result"]
 
     def listen(self) -> None:
-        """Hear what the page complains of."""
+        """Begin to collect the errors that the page reports."""
         self.call("Runtime.enable")
         self.call("Log.enable")
 
@@ -71,7 +71,7 @@ class Tab:
             self.complaints.append(said)
 
     def open(self, url: str, width: int, height: int) -> None:
-        """Another page, in a window of this size."""
+        """Open another page, in a window of this size, and wait until it is loaded."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -85,13 +85,14 @@ class Tab:
         )
 
     def value(self, expression: str) -> Any:
-        """What a line of JavaScript says."""
+        """Return the value of a JavaScript expression on the page."""
         return self.call("Runtime.evaluate", expression=expression, returnByValue=True)[
             "result"
         ].get("value")
 
     def wait(self, expression: str, seconds: float = 120.0) -> Any:
-        """What a line of JavaScript says as soon as it is true."""
+        """Wait until a JavaScript expression is true on the page, and return its
+        value."""
         end = time.monotonic() + seconds
         while not (said := self.value(expression)):
             assert time.monotonic() < end, (
@@ -112,7 +113,7 @@ class Tab:
             )
 
     def screenshot(self) -> np.ndarray:
-        """What is to be seen: rows, columns, RGB."""
+        """Return a picture of the page: rows, columns, RGB."""
         png = base64.b64decode(
             self.call("Page.captureScreenshot", format="png")["data"]
         )
@@ -121,7 +122,7 @@ class Tab:
 
 @contextlib.contextmanager
 def browsing(program: str, url: str, profile: Any, width: int = 900, height: int = 700):
-    """A tab that shows a page."""
+    """Open a page in a headless browser, and yield its tab."""
     from websockets.sync.client import connect
 
     command = [

@@ -50,7 +50,7 @@ def imports(path: Path, known: dict[str, Path]) -> set[str]:
 
 
 def closure(known: dict[str, Path], roots: tuple[str, ...] = ROOTS) -> set[str]:
-    """Return the modules that these import, directly or not, and themselves."""
+    """Return the given modules and all modules that they import, directly or not."""
     seen, waiting = set(), list(roots)
     while waiting:
         name = waiting.pop()
@@ -74,8 +74,8 @@ def is_code(node: ast.AST) -> bool:
 
 
 def count(paths: list[Path]) -> int:
-    """Return how many statements these files have together: long or joined lines do not
-    change that."""
+    """Return the number of statements in these files together, which long or joined
+    lines do not change."""
     return sum(
         is_code(node)
         for path in paths

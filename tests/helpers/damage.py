@@ -1,4 +1,4 @@
-"""Files as accidents and strangers leave them."""
+"""Files damaged as accidents and strangers damage them."""
 
 import io
 import json
@@ -37,8 +37,8 @@ STRANGE: tuple[Any, ...] = (
 
 
 def strange_json(data: Any, count: int, seed: int = 0) -> Iterator[str]:
-    """JSON texts like that of `data`, each with one value replaced, removed or renamed;
-    and deeply nested ones."""
+    """Yield JSON texts like `data`, each with one value replaced, removed or renamed;
+    and deeply nested texts."""
     rng = random.Random(seed)
     places = list(_places(data))
     for _ in range(count):
@@ -60,8 +60,8 @@ def strange_json(data: Any, count: int, seed: int = 0) -> Iterator[str]:
 
 
 def _at(data: Any, place: tuple) -> tuple[Any, Any, Any]:
-    """A copy of a JSON value, in it the list or object of a place, and the place's last
-    key."""
+    """Return a copy of a JSON value, the list or object in it that holds a place, and
+    the place's last key."""
     holder = copy = json.loads(json.dumps(data))
     for key in place[:-1]:
         holder = holder[key]
@@ -69,7 +69,7 @@ def _at(data: Any, place: tuple) -> tuple[Any, Any, Any]:
 
 
 def flipped_bits(content: bytes, count: int, seed: int = 0) -> Iterator[bytes]:
-    """The content with one bit flipped, many times."""
+    """Yield `count` copies of the content, each with one bit flipped."""
     rng = random.Random(seed)
     for _ in range(count):
         flipped = bytearray(content)
@@ -78,8 +78,8 @@ def flipped_bits(content: bytes, count: int, seed: int = 0) -> Iterator[bytes]:
 
 
 def strange_arrays(content: bytes, rng: random.Random) -> bytes:
-    """An .npz file like this one, with one array replaced, exchanged for another,
-    renamed or removed."""
+    """Return an .npz file like this one, with one array replaced, exchanged for
+    another, renamed or removed."""
     with np.load(io.BytesIO(content)) as file:
         arrays: dict[str, Any] = dict(file)
     name, other = rng.sample(list(arrays), 2)
@@ -118,8 +118,8 @@ def strange_arrays(content: bytes, rng: random.Random) -> bytes:
 def damaged_bundles(
     folder: Path, count: int, seed: int = 0
 ) -> Iterator[tuple[str, bool]]:
-    """Damage one file of a bundle in its place, so many times, and mend it after each:
-    (what, whether to seal it)."""
+    """Damage one file of a bundle in its place, `count` times, and mend it after each;
+    yield what was damaged and whether to seal the bundle again."""
     rng = random.Random(seed)
     contents = {
         path: path.read_bytes()
@@ -183,7 +183,7 @@ def damaged_bundles(
 
 
 def _places(data: Any, path: tuple = ()) -> Iterator[tuple]:
-    """The keys that lead to each value in a JSON value."""
+    """Yield the path of keys to each value in a JSON value."""
     inner = (
         data.items()
         if isinstance(data, dict)

@@ -12,8 +12,8 @@ ROWS = 2048  # of a compiled call
 
 
 def sample(gait, command, phase, dtype: type = float) -> Reference:
-    """The reference over arrays of commands and phases as NumPy, joints and torques as
-    legs x (abad, hip, knee)."""
+    """Return the reference over arrays of commands and phases as NumPy, joints and
+    torques as legs x (abad, hip, knee)."""
     shape = np.broadcast_shapes(np.shape(command)[:-1], np.shape(phase))
     commands = np.broadcast_to(command, (*shape, 3)).reshape(-1, 3)
     phases = np.broadcast_to(phase, shape).reshape(-1, 1)
@@ -41,12 +41,12 @@ def _reference(gait, command, phase):
 
 
 def rate(gait, command) -> np.ndarray:
-    """Cycles a second."""
+    """Return the gait's stride frequency under a command, cycles a second."""
     return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
 
 
 def around(gait, command, phase, step: float = 1e-6) -> list[Reference]:
-    """The reference now, and `step` seconds before and after."""
+    """Return the reference at a phase, and `step` seconds before and after."""
     shift = rate(gait, command)
     return [sample(gait, command, phase + dt * shift) for dt in (0.0, -step, step)]
 

@@ -37,7 +37,8 @@ def save_card(run):
 
 
 def killed_at_every_operation(folder: Path, *action: object) -> list[Path]:
-    """The copies, in order."""
+    """Run this program on a folder, and return the run's copies, in the order of the
+    kills."""
     command = [sys.executable, __file__, folder, *map(str, action)]
     done = subprocess.run(
         command,

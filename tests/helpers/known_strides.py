@@ -12,8 +12,8 @@ HIND_KNEES = (8, 11)
 
 
 def known_forces(legs: float = 0.02) -> Sources:
-    """Four strides: the spring covers 0.4 of a hip's main torque, the knee 0.3, and the
-    leg across `legs`."""
+    """Return forces of four strides in which the spring balances 0.4 of a hip's main
+    torque, the knee 0.3, and the leg across `legs`."""
     phase = 2 * np.pi * STRIDES * np.arange(N) / N
     main = np.sin(phase)[:, None] * np.full(8, 100.0)
     nothing = np.zeros((N, 8))
@@ -38,8 +38,8 @@ def known_forces(legs: float = 0.02) -> Sources:
 
 
 def known_ledger(amplitude: float = 300.0) -> Ledger:
-    """The hind knees drive and brake in turn, like a sine; their windings heat by 50 W
-    each; springs likewise."""
+    """Return the energy ledger of hind knees that drive and brake like a sine and heat
+    by 50 W each; springs likewise."""
     sine = np.sin(2 * np.pi * 4.0 * 1e-3 * np.arange(SAMPLES))
     motors, copper = np.zeros((SAMPLES, 12)), np.zeros((SAMPLES, 12))
     motors[:, HIND_KNEES] = (amplitude * sine + 20.0)[:, None]

@@ -1,5 +1,5 @@
-"""States, landings and what the simulators make of them; shared by the tests of the
-model and of its dynamics."""
+"""Random states and landings of robots, and the simulators' motions from them; shared
+by the tests of the model and of its dynamics."""
 
 from typing import NamedTuple
 
@@ -36,8 +36,8 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
 def random_states(
     rng: np.random.Generator, number: int, *, thrown: float = 0.1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States (qpos, qvel, torque) about standing, near and far, the lowest foot from 8
-    mm in the floor to 8 mm above.
+    """Return states (qpos, qvel, torque) about standing, near and far, the lowest foot
+    from 8 mm in the floor to 8 mm above.
 
     Springs are anywhere in their travel and beyond. Some states have one leg lifted,
     some a knee beyond its limit, and in the share `thrown` the legs are thrown up and
@@ -75,8 +75,8 @@ def random_states(
 
 
 def trot_targets(steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Joint targets (steps, 12), rad and rad/s, of a trot whose feet sweep back at 10
-    m/s in stance."""
+    """Return joint targets (steps, 12), rad and rad/s, of a trot whose feet sweep back
+    at 10 m/s in stance."""
     speed, period, duty, height, lift = 10.0, 0.2, 0.35, 0.53, 0.12
     reach, swing = speed * period * duty / 2, speed * period * (1 - duty)
 
@@ -106,8 +106,8 @@ class Landing(NamedTuple):
 
 
 def landing(robots: int) -> Landing:
-    """Robots at 10 m/s, falling at 0.7 m/s, each a little different, the first foot 2
-    mm above the floor."""
+    """Return robots at 10 m/s, falling at 0.7 m/s, each a little different, the first
+    foot 2 mm above the floor."""
     targets = trot_targets(steps=150)
     rng, model = np.random.default_rng(0), load_model(visual=False)
     data = mujoco.MjData(model)
@@ -124,7 +124,8 @@ def landing(robots: int) -> Landing:
 
 
 def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
-    """Places of trunk and four feet (robots, steps, 5, 3), m."""
+    """Return the positions of trunk and four feet (robots, steps, 5, 3) in C MuJoCo,
+    m."""
     places, feet = [], foot_geom_ids(model)
     for qpos, qvel in zip(start.qpos, start.qvel, strict=True):
         data, torque = mujoco.MjData(model), np.zeros(12)
@@ -141,7 +142,8 @@ def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
 
 
 def land_on_mjx(model: mujoco.MjModel, start: Landing) -> np.ndarray:
-    """Places of trunk and four feet, as `land_on_mujoco`, in float32."""
+    """Return the positions of trunk and four feet, as `land_on_mujoco`, by MJX in
+    float32."""
     device_model, feet = mjx.put_model(model), foot_geom_ids(model)
     blank = mjx.make_data(device_model)
 

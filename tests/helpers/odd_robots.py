@@ -17,8 +17,8 @@ from bp2_rl.robot.reading import RobotReading, read_mjcf
 
 
 def anymal_like() -> str:
-    """Knee offsets, hind knees bent the other way, axes with either sign, welded feet,
-    turned frames, degrees."""
+    """Return the MJCF of a robot with knee offsets, hind knees bent the other way, axes
+    with either sign, welded feet, turned frames, degrees."""
     legs = ""
     for name, x, y, bend in (
         ("LF", 1, 1, 1),
@@ -72,8 +72,8 @@ def anymal_like() -> str:
 
 
 def drawn_crouching() -> str:
-    """Legs drawn as they stand, hips listed hind first, a keyframe, geoms that make the
-    masses, motors with gears."""
+    """Return the MJCF of a robot with legs drawn as they stand, hips listed hind first,
+    a keyframe, geoms that make the masses, motors with gears."""
     legs = ""
     for name, x, y in (
         ("leg1", -1, 1),
@@ -116,8 +116,8 @@ def drawn_crouching() -> str:
 
 
 def sprung() -> str:
-    """Springs whose coordinate grows downwards and is not zero at rest, on a turned
-    shank; feet that are boxes."""
+    """Return the MJCF of a robot with springs whose coordinate grows downwards and is
+    not zero at rest, on a turned shank, and boxes for feet."""
     legs = ""
     for name, x, y in (("fr", 1, -1), ("fl", 1, 1), ("rr", -1, -1), ("rl", -1, 1)):
         legs += f"""
@@ -167,7 +167,8 @@ def plain(
     trunk: str = '<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
     extra: str = "",
 ) -> str:
-    """A quadruped of 13.2 kg without any oddity, but for what is asked of it.
+    """Return the MJCF of a quadruped of 13.2 kg without any oddity, but for the
+    arguments.
 
     Args:
         knee_range: rad.
@@ -208,8 +209,8 @@ def plain(
 
 
 def without_a_base() -> str:
-    """The legs of `plain` fixed to the world, as MuJoCo writes a URDF whose base it has
-    fused."""
+    """Return the MJCF of the robot `plain` with its legs fixed to the world, as MuJoCo
+    writes a URDF whose base it has fused."""
     return re.sub('<body name="trunk".*', "", plain()).replace(
         "</body>\n  </worldbody>", "</worldbody>"
     )
@@ -223,7 +224,7 @@ def urdf(
     rooted: str = "",
     foot: str = "",
 ) -> str:
-    """The URDF of `plain`.
+    """Return the URDF of the robot `plain`.
 
     Args:
         effort: Nm, of every joint.

@@ -8,8 +8,8 @@ SUPPLEMENT = r"\setcounter{figure}{0}"
 
 
 def paper_items(tex: str) -> list[str]:
-    """Ids in order: fig-4-a, or fig-2 where a caption names no panels; table-s1; eq-3;
-    movie-s2.
+    """Return the ids of a paper's items in order: fig-4-a, or fig-2 where a caption
+    names no panels; table-s1; eq-3; movie-s2.
 
     Panels are what a caption has in bold: a letter, several, or a range. A table
     without a caption has no number: it belongs to the one before.

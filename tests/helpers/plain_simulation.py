@@ -1,5 +1,5 @@
-"""One robot in C MuJoCo by a plain loop in NumPy, one robot and one law at a time: what
-the simulator is held to."""
+"""One robot in C MuJoCo by a plain loop in NumPy: the independent result that the
+simulator is compared with."""
 
 import collections
 import functools
@@ -31,8 +31,8 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class PlainRobot:
-    """A robot at its keyframe `stand`; of the simulator's attributes those that a
-    `Watch` uses, for one robot."""
+    """One simulated robot, from its keyframe `stand`, with the attributes of the
+    simulator that a `Watch` uses."""
 
     def __init__(self, robot):
         self.model = robot.model()
@@ -56,7 +56,8 @@ class PlainRobot:
         data.qpos[:2], data.qvel[:], data.time = 0.0, 0.0, 0.0
 
     def millisecond(self, position, velocity, numerics=CONVERGED):
-        """The torque applied at the beginning, Nm."""
+        """Simulate a millisecond, and return the torque applied at its beginning,
+        Nm."""
         updates = numerics.steps if numerics.motors_each_step else 1
         torques = [
             self._update(position, velocity, 1e-3 / updates, numerics.steps // updates)
@@ -108,8 +109,8 @@ class PlainRobot:
 
 
 def plain_run(policy, config, request):
-    """The samples of a run, by name as in a `Trajectory`, and whether it ended in a
-    fall."""
+    """Return the samples of a run, by name as in a `Trajectory`, and whether the robot
+    fell."""
     robot = request.robot(config)
     body = PlainRobot(RobotSetup(robot.config, robot.world))
     body.settle()

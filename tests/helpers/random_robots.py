@@ -15,8 +15,8 @@ from bp2_rl.robot.robot_file import mirrored
 
 
 def random_robot(seed: int) -> HardwareSpec:
-    """A quadruped of 0.1 to 0.6 m long segments, fore and hind legs drawn apart; one of
-    an even seed has springs.
+    """Return a quadruped of 0.1 to 0.6 m long segments, fore and hind legs drawn apart;
+    an even seed gives springs.
 
     Inertias are full, centres of mass and joints lie off the axes, knees bend either
     way, and all stand level.
@@ -67,8 +67,8 @@ def random_robot(seed: int) -> HardwareSpec:
 
 
 def compiled(hardware: HardwareSpec, *, damping: int | None = None) -> mujoco.MjModel:
-    """The model of training; its joints damped, each differently, by random numbers of
-    this seed."""
+    """Return the model of training; `damping` is the seed of random damping of the
+    joints."""
     model = load_model(hardware, visual=False, feet_only=True)
     if damping is not None:
         scale = hardware.anatomy.mass * hardware.anatomy.leg_length**2
@@ -81,8 +81,8 @@ def compiled(hardware: HardwareSpec, *, damping: int | None = None) -> mujoco.Mj
 def states_of(
     hardware: HardwareSpec, number: int, *, seed: int, stopped: float
 ) -> tuple[np.ndarray, ...]:
-    """States (qpos, qvel, torque) about standing, near and far, one foot or more near
-    the floor; float32.
+    """Return states (qpos, qvel, torque) about standing, near and far, at least one
+    foot near the floor; float32.
 
     Each joint is in its stop with the probability `stopped`, up to 0.3 rad deep;
     springs are anywhere in their travel and beyond. Speeds scale as those of
@@ -133,7 +133,8 @@ def states_of(
 def _leg(
     rng: np.random.Generator, length: float, mass: float, front: float, *, sprung: bool
 ) -> Leg:
-    """A left leg whose links have these shares of the mass and hang so far down."""
+    """Return a left leg of random links, about `length` long, that weigh shares of
+    `mass`."""
     bend = int(rng.choice([-1, 1]))
     thigh, lower = length * rng.uniform(0.8, 1.2, 2)
 
@@ -169,8 +170,7 @@ def _leg(
 
 
 def _drop(leg: Leg) -> float:
-    """How far the stand's sole is below the abduction joint's place in the trunk's
-    frame, m."""
+    """Return the distance of the standing leg's sole below the trunk's frame, m."""
     return (
         leg.foot_radius
         - (leg.foot[2] + leg.knee[2]) * math.cos(0.7)
@@ -180,7 +180,7 @@ def _drop(leg: Leg) -> float:
 
 
 def _link(rng: np.random.Generator, mass: float, size: float, com: np.ndarray) -> Link:
-    """A box of random sides, turned at random."""
+    """Return a link that is a box of random sides, turned at random."""
     x, y, z = rng.uniform(0.15, 0.5, 3) * size
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     inertia = (

@@ -1,21 +1,21 @@
-"""What a process says, and how a command refuses a user's mistake."""
+"""Helpers that tell whether a command refuses a user's mistake, and how."""
 
 import subprocess
 import sys
 
 
 class AcceptedError(Exception):
-    """The command would begin its work."""
+    """Raised where a command that should refuse its arguments begins to work."""
 
 
 def begin(*_, **__):
-    """Stand in for a command's work, which is not to begin."""
+    """Stand in for a command's work: raise `AcceptedError`."""
     raise AcceptedError
 
 
 def is_told(error: str) -> bool:
-    """Whether standard error tells a mistake: in one line of ours, or, of a flag that
-    cannot be read, in tyro's words."""
+    """Return whether standard error tells a mistake: in one line of ours, or, of a flag
+    that cannot be read, in tyro's words."""
     one_line = error.startswith("error: ") and error.count("\n") == 1
     return one_line or ("error: " not in error and "Traceback" not in error)
 

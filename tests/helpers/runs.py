@@ -17,6 +17,7 @@ def kick(observation):
 
 
 def run_one(policy, schedule, config, **request):
-    """A trajectory; `request` are fields of `RunRequest`."""
+    """Return the trajectory of a single simulated run; `request` are fields of
+    `RunRequest`."""
     [run] = simulate(policy, [RunRequest(schedule, **request)], config)
     return run

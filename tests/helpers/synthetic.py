@@ -25,8 +25,8 @@ MASS = 36.0
 def make_run(
     duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25, **changes
 ) -> Trajectory:
-    """A trot along x: ramp to `speed`, stride frequency and duty as given, no power,
-    forces that carry the weight."""
+    """Return a synthetic trot along x: ramp to `speed`, stride frequency and duty as
+    given, no power, forces that carry the weight."""
     samples = round(duration / DT)
     time = np.arange(samples) * DT
     forward = np.minimum(acceleration * time, speed)
@@ -62,7 +62,7 @@ def make_run(
 
 
 def make_card(**changes) -> PolicyCard:
-    """The card of a tiny policy that acts around the standing pose."""
+    """Return the card of a tiny policy that acts around the standing pose."""
     fields = {
         "stage": "imitation",
         "observation_layout": LAYOUT,
@@ -82,7 +82,7 @@ def make_card(**changes) -> PolicyCard:
 
 
 def still_policy(card: PolicyCard, draw=np.zeros, width: int = 4) -> Policy:
-    """A policy of one hidden layer whose weights are drawn of their shape, by default
+    """Return a policy of one hidden layer whose weights are `draw(shape)`, by default
     zeros: it never acts."""
     size = card.observation_size
     layers = tuple(
@@ -99,7 +99,8 @@ def _make_card():
 
 @pytest.fixture
 def make_policy():
-    """A card is all that a benchmark itself reads of a policy."""
+    """Return a maker of policies with a card alone, which is all that a benchmark
+    itself reads."""
 
     def make(**changes) -> Policy:
         none = np.zeros(0, np.float32)
@@ -110,8 +111,8 @@ def make_policy():
 
 @pytest.fixture
 def assert_fits():
-    """An evaluation's table fits a terminal of 80 columns, and has the rows that are
-    shown large; its metrics survive strict JSON."""
+    """Require that an evaluation's table fits a terminal of 80 columns and has the rows
+    that are shown large, and that its metrics survive strict JSON."""
 
     def assert_fits(evaluation):
         metrics = evaluation.metrics
@@ -130,7 +131,7 @@ def assert_fits():
 
 @pytest.fixture
 def assert_drawn():
-    """A figure can be drawn, and is as wide as a page."""
+    """Require that a figure can be drawn, and is as wide as a page."""
 
     def assert_drawn(figure):
         buffer = io.BytesIO()
@@ -142,7 +143,8 @@ def assert_drawn():
 
 @pytest.fixture
 def simulated(monkeypatch):
-    """Replace a benchmark's `simulate_all` by one whose runs are known."""
+    """Return a function that replaces a benchmark's `simulate_all` by one with known
+    runs."""
 
     def simulated(module, run):
         monkeypatch.setattr(
@@ -161,7 +163,7 @@ def _make_run():
 
 @pytest.fixture(scope="session")
 def busy_run() -> Trajectory:
-    """A run with something to see in every figure."""
+    """Return a synthetic run in which every figure has something to show."""
     run = make_run()
     rng = np.random.default_rng(0)
     angle = 2 * np.pi * 4.0 * run.time[:, None] + np.array(

@@ -23,8 +23,8 @@ SMALL = [
 
 @pytest.fixture
 def go1() -> Path:
-    """The model that the package playground brings, without its meshes; nobody has
-    touched it."""
+    """Return the path of the Go1's model in the package playground, without meshes and
+    unchanged."""
     spec = importlib.util.find_spec("mujoco_playground")
     assert spec is not None
     root = Path((spec.submodule_search_locations or [])[0])

@@ -28,8 +28,8 @@ either = pytest.mark.parametrize(
 
 
 def evaluate(folder: Path, *words: str) -> dict:
-    """The report of eval.py, run where there are no runs: it is of the shipped
-    policy."""
+    """Run eval.py in a folder without runs, so on the shipped policy, and return its
+    report."""
     command = [
         sys.executable,
         str(ROOT / "eval.py"),

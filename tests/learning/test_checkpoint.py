@@ -29,7 +29,7 @@ from bp2_rl.learning.checkpoint import (
 
 
 class State(struct.PyTreeNode):
-    """One of everything that a training state holds."""
+    """A small train state with each kind of value that a training state holds."""
 
     params: dict
     optimizer: Any
@@ -74,7 +74,8 @@ def _learned(key: jax.Array) -> tuple:
 
 
 def as_bits(leaf: Any) -> tuple:
-    """Type, shape and bytes: equal only if nothing at all has changed."""
+    """Return type, shape and bytes of an array: equal only if nothing at all has
+    changed."""
     return leaf.dtype, leaf.shape, np.asarray(leaf).tobytes()
 
 
@@ -96,7 +97,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, State]:
 
 @pytest.fixture
 def run(saved: tuple[Path, State], tmp_path: Path) -> Path:
-    """A copy of a run with checkpoints 100 and 200, to be broken."""
+    """Copy a run with checkpoints 100 and 200 to where it may be broken."""
     return Path(shutil.copytree(saved[0], tmp_path / "run"))
 
 
@@ -460,8 +461,7 @@ def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(
 
 
 def forge_state(run: Path, **arrays: Any) -> None:
-    """Put other arrays in the place of step 200's, with metadata that vouch for
-    them."""
+    """Replace step 200's arrays by others, with metadata that vouch for them."""
     np.savez(run / "checkpoints/200/state.npz", **arrays)
     content = (run / "checkpoints/200/state.npz").read_bytes()
     edit_metadata(run, files={"state.npz": hashlib.sha256(content).hexdigest()})

@@ -13,7 +13,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """What `aim.py` saves, trained on one device and on four."""
+    """Train `aim.py` on one device and on four, and return what it saves."""
     folder = tmp_path_factory.mktemp("devices")
     runs = []
     for devices in (1, 4):

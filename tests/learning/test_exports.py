@@ -1,5 +1,5 @@
-"""What becomes of the policies that a run exports: judged beside it, and the best kept
-as its own."""
+"""The policies that a run exports: judged beside the training, and the best kept as the
+run's own."""
 
 import functools
 import shutil
@@ -31,7 +31,7 @@ short = functools.partial(
 
 @pytest.fixture(autouse=True, scope="module")
 def quick_robot():
-    """A stand-in for the robot, whose train step is compiled once."""
+    """Replace the robot by a stand-in whose train step is compiled once."""
     learner = PPO(StandIn(), short().ppo)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "make_learner", lambda config, _=None: learner)
@@ -39,8 +39,8 @@ def quick_robot():
 
 
 class Fake:
-    """A judge whose results are known beforehand, by control steps, and told after so
-    many seconds."""
+    """A judge whose results are known beforehand, by control steps, and which returns
+    them after `after` seconds."""
 
     places = 1
 
@@ -65,8 +65,8 @@ class Fake:
 
 
 def steady(*speeds):
-    """JudgeResults on the policies of every train step: their speeds, without a
-    fall."""
+    """Return results without a fall for the policies of every train step, by control
+    step."""
     return {
         (k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed)
         for k, speed in enumerate(speeds)

@@ -1,5 +1,5 @@
-"""Numbers that are not finite, wherever they come from: what they may touch, what is
-said, and what is kept."""
+"""Numbers that are not finite: which results they may touch, which message follows, and
+which files are kept."""
 
 import dataclasses
 import functools
@@ -49,8 +49,8 @@ def learner_of(env_faults, rarity, ppo):
 
 @pytest.fixture
 def faults(monkeypatch):
-    """`faults("reward", rarity=50)`: from here on the robots of training runs have
-    them."""
+    """Return a function, `faults("reward", rarity=50)`, that gives the robots of
+    training runs these faults from then on."""
 
     def choose(*names, rarity=100.0):
         monkeypatch.setattr(
@@ -76,7 +76,7 @@ def assert_finite(tree):
 
 # --- A robot's fault stays with the robot ---------------------------------------------
 def step_fleet(env, change=lambda state, action: (state, action)):
-    """(Fleet after one step, the fresh episodes it was given.)"""
+    """Return a fleet after one step, and the fresh episodes that it was given."""
     fleet = Fleet(env, episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))

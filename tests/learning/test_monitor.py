@@ -53,7 +53,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def console(clock: Clock) -> Console:
-    """A pipe, whose time is the clock's."""
+    """Return a console that is a pipe and whose time is the clock's."""
     return pipe(clock)
 
 
@@ -63,7 +63,7 @@ def shown(console: Console) -> str:
 
 
 def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
-    """(tag, step, value) of every TensorBoard scalar."""
+    """Return (tag, step, value) of every TensorBoard scalar."""
     return [
         (value.tag, event.step, value.simple_value)
         for event in events(run_dir)
@@ -72,7 +72,8 @@ def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
 
 
 def events(run_dir: Path) -> list:
-    """TensorBoard's events, read by the TFRecord format: length, crc, data, crc."""
+    """Return TensorBoard's events, read by the TFRecord format: length, crc, data,
+    crc."""
     found = []
     for path in sorted(run_dir.glob("events.*")):
         data = path.read_bytes()

@@ -22,7 +22,7 @@ SIZES = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state"
 
 
 class Shapes(Aim):
-    """An environment of which networks need the sizes alone."""
+    """Environment that has only the sizes that networks are built from."""
 
     mirrors = MIRRORS
 
@@ -37,8 +37,8 @@ class Shapes(Aim):
 
 @pytest.fixture(scope="module")
 def symmetric():
-    """(Networks, statistics, policy and critic parameters with every weight at work,
-    observations)."""
+    """Return networks, statistics, policy and critic parameters with every weight at
+    work, and observations."""
     networks = make_networks(Shapes(), CONFIG)
     keys = jax.random.split(jax.random.PRNGKey(0), 5)
     observation = {

@@ -81,7 +81,8 @@ def brax_network(activation: str = "swish") -> networks.FeedForwardNetwork:
 
 
 def brax_normalizer() -> running_statistics.RunningStatisticsState:
-    """Running statistics that have seen data far from zero mean and unit deviation."""
+    """Return running statistics that have seen data far from zero mean and unit
+    deviation."""
     state = running_statistics.init_state(
         {"state": jnp.zeros(SIZE), "privileged_state": jnp.zeros(40)}
     )
@@ -118,7 +119,7 @@ def exported(
 
 @pytest.fixture
 def policy_dir(exported: Path, tmp_path: Path) -> Path:
-    """A copy of an exported policy, to be broken."""
+    """Copy an exported policy to where it may be broken."""
     return Path(shutil.copytree(exported, tmp_path / "policy"))
 
 
@@ -358,7 +359,8 @@ def refusal(path: Path, **options: Any) -> str:
 
 
 def edit_card(directory: Path, **changes: Any) -> None:
-    """As a stranger would, with no checksum to give that away."""
+    """Edit a policy's card as a stranger would, with no checksum to give the edit
+    away."""
     path = directory / "card.json"
     card = json.loads(path.read_text())
     card.pop("card_sha256", None)
@@ -366,7 +368,7 @@ def edit_card(directory: Path, **changes: Any) -> None:
 
 
 def forge(directory: Path, content: bytes) -> None:
-    """Put other weights in place, with a card that vouches for them."""
+    """Replace a policy's weights by others, with a card that vouches for them."""
     (directory / "weights.npz").write_bytes(content)
     edit_card(directory, weights_sha256=hashlib.sha256(content).hexdigest())
 

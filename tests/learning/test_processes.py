@@ -43,8 +43,8 @@ def membership(process, port, patience=60):
 
 
 def begin_two(*arguments, second=(), **options):
-    """Both processes of a cluster; the second has a clock of another time zone, and may
-    have arguments of its own."""
+    """Start both processes of a cluster; the second has a clock of another time zone,
+    and may have arguments of its own."""
     port = free_port()
     return [
         begin(*arguments, *membership(0, port), **options),
@@ -59,8 +59,8 @@ def free_port():
 
 
 def end(processes):
-    """Exit status, standard output and standard error of each, without what libraries
-    print."""
+    """Wait for processes; return exit status, standard output and standard error of
+    each, without libraries' messages."""
     with contextlib.ExitStack() as stack:
         for process in processes:
             stack.enter_context(process)
@@ -89,7 +89,8 @@ def steps(run):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """The same training by one process and by two, and what these two said."""
+    """Train once by one process and once by two; return the folder and what the two
+    processes said."""
     folder = tmp_path_factory.mktemp("runs")
     alone = begin(*NEW, "--out", folder / "one")
     said = end(begin_two(*NEW, "--out", folder / "two"))

@@ -43,7 +43,7 @@ def use(folder, config=CONFIG, model=MODEL) -> PPO:
 
 @pytest.fixture
 def traced(monkeypatch):
-    """The names of the programs that are traced."""
+    """Record when a program is traced; return the list of records."""
     names, trace = [], programs._trace
     monkeypatch.setattr(
         programs, "_trace", lambda learner: names.append("traced") or trace(learner)

@@ -33,8 +33,8 @@ tiny = functools.partial(small, steps=256, checkpoints=2, logs=4)
 
 @pytest.fixture(autouse=True, scope="module")
 def shared_learners():
-    """Runs of the same environment and sizes share their compiled train step: it takes
-    a minute to compile."""
+    """Share a compiled train step between runs of the same environment and sizes: it
+    takes a minute to compile."""
     make = functools.cache(lambda env, ppo: make_learner(TrainConfig(env=env, ppo=ppo)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(

@@ -24,8 +24,8 @@ PER_STEP = 16 * 4  # control steps
 
 @contextlib.contextmanager
 def running(*arguments, pause=0.0):
-    """The process, killed at the end: a failed test must not wait until it has
-    trained."""
+    """Start a training process, and kill it at the end: a failed test must not wait
+    until it has trained."""
     with begin(*arguments, pause=pause) as process:
         try:
             yield process
@@ -49,14 +49,15 @@ def wait_for(condition, process):
 
 @pytest.fixture(scope="module")
 def total(pytestconfig):
-    """Train steps, of which a kill costs less than 20."""
+    """Return the number of train steps of a run that is to be killed; a kill costs less
+    than 20."""
     return 20 * pytestconfig.getoption("--kills")
 
 
 @pytest.fixture(scope="module")
 def new(total):
-    """Arguments of a run that saves every 5 train steps and writes a line of metrics
-    every 7."""
+    """Return arguments of a run that saves every 5 train steps and writes a line of
+    metrics every 7."""
     sizes = {"steps": total * PER_STEP, "checkpoints": total // 5, "logs": total // 7}
     return [
         *aim_run.SMALL,
@@ -84,7 +85,8 @@ def arrays(run):
 
 
 def assert_same_run(run, other):
-    """Bit for bit, but for clocks."""
+    """Require that two runs have the same arrays, metrics and policy bit for bit, but
+    for clocks."""
     assert arrays(run) == arrays(other)
     assert metrics(run) == metrics(other)
     ours, theirs = own_policy(run), own_policy(other)

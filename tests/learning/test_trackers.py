@@ -1,5 +1,4 @@
-"""W&B, the real one: what it has on disk is what the run logged, under one name for all
-its parts."""
+"""W&B's own files hold what the run logged, under one name for all parts of the run."""
 
 import io
 import json
@@ -47,8 +46,8 @@ def follow(
 
 
 def twice(tracker: Any, run_dir: Path) -> Tracked:
-    """A run that is stopped after step 30 and goes on from its checkpoint at step 20;
-    what the tracker knows it by."""
+    """Track a run that is stopped after step 30 and goes on from its checkpoint at step
+    20; return the names that the tracker gave it."""
     follow(
         tracker,
         run_dir,
@@ -86,8 +85,8 @@ def test_wandb_offline_keeps_every_metric_once_under_one_id(run_dir, monkeypatch
 
 
 def wandb_history(file: Path) -> list[dict[str, Any]]:
-    """The history in W&B's own file: protobuf records in LevelDB's log format, after a
-    header of 7 bytes.
+    """Read the history in W&B's own file: protobuf records in LevelDB's log format,
+    after a header of 7 bytes.
 
     A block of 32 KiB holds pieces of records: checksum (4 bytes), length (2), kind (1:
     whole, 2 to 4: first, middle, last), then the bytes; less than a piece's head at a

@@ -65,7 +65,7 @@ ROBOTS = {
 
 
 def random_state(rng: np.random.Generator, each: int) -> tuple[np.ndarray, np.ndarray]:
-    """Any posture in the plane, clear of the floor, at running speed."""
+    """Draw a posture in the plane, clear of the floor, and rates of running speed."""
     leg = rng.uniform((-1.4, -2.6, 0.02), (2.4, 2.6, 0.10), size=(4, 3))[:, :each]
     q = np.concatenate([rng.uniform((-1.0, 1.3, -0.5), (1.0, 1.8, 0.5)), leg.ravel()])
     return q, rng.normal(scale=10.0, size=q.size)
@@ -135,7 +135,8 @@ def test_contacts_are_those_of_the_judge(hardware):
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """The Go1's trots of three speeds on a coarse mesh: the family, and its file."""
+    """Solve the Go1's trots of three speeds on a coarse mesh; return the family and its
+    file."""
     settings = FamilyConfig.on(find_robot("go1"))
     anchor, problem = settings.anchor, settings.problem.on_mesh(12)
     ends = {"slowest": anchor - 0.2, "fastest": anchor + 0.2, "step": 0.2}

@@ -1,5 +1,5 @@
-"""The nonlinear program and how it is solved; whether its solutions are true is
-test_verify's business."""
+"""The nonlinear program and how it is solved; test_verify checks that solutions are
+true."""
 
 import dataclasses
 import importlib
@@ -273,7 +273,7 @@ def test_a_solution_survives_the_disk(trot, tmp_path):
 
 
 def moved(solution, **arrays):
-    """A solution with other arrays."""
+    """Return a solution with other arrays of its motion."""
     motion = dataclasses.replace(solution.motion, **arrays)
     return dataclasses.replace(solution, motion=motion)
 

@@ -23,7 +23,7 @@ from bp2_rl.robot.hardware import IDEAL
 
 
 def guess(gait: Gait = "trot", scheme: Scheme = "hermite-simpson") -> Solution:
-    """What the solver starts from, as if it were a solution."""
+    """Return the solver's cold guess as if it were a solution."""
     problem = Problem(gait=gait, scheme=scheme, intervals=4)
     return Solution(
         problem=problem,

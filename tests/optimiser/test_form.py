@@ -1,5 +1,5 @@
-"""What a stride is asked to look like: each limit as MuJoCo and SciPy measure it, and
-the slow end that sets them."""
+"""Limits on the form of a stride, each as MuJoCo and SciPy measure it, and the slow end
+of a family that sets them."""
 
 import dataclasses
 import math
@@ -76,12 +76,13 @@ LIMITS = [
     (fastest_release, 0.97),
     (greatest_share, 0.99),
 ]
-"""Each a little tighter than the cheapest trot has it, by this factor."""
+"""Measures of a trot, each with the factor that makes its limit a little tighter than
+the cheapest trot."""
 
 
 @pytest.fixture(scope="module")
 def formed(trot):
-    """A trot within all of them at once."""
+    """Return a trot within all `LIMITS` at once."""
     form = Form(
         **{measure.__name__: change * measure(trot) for measure, change in LIMITS}
     )

@@ -12,7 +12,7 @@ from bp2_rl.robot.named import find_robot
 
 
 def _posture(seed: int = 0):
-    """Pitch, hips, knees and compressions of the four legs, and their rates."""
+    """Draw pitch, hips, knees and compressions of the four legs, and their rates."""
     random = np.random.default_rng(seed)
     joints = (
         np.array([0.2]),

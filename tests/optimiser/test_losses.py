@@ -1,5 +1,5 @@
-"""What a built robot loses: the laws of the model and of its judge against closed
-forms, and trots that have to pay."""
+"""Losses of a built robot: the laws of the model and of its verifier against closed
+forms, and trots with losses."""
 
 import dataclasses
 import json
@@ -167,7 +167,7 @@ def test_the_judge_s_envelope_sags_and_ends_braking():
 
 # --- The program ----------------------------------------------------------------------
 def size(hardware: HardwareSpec) -> tuple[int, int]:
-    """Unknowns and constraints of a trot's program."""
+    """Return the numbers of unknowns and constraints of a trot's program."""
     problem = Problem(intervals=4, hardware=hardware)
     program = transcribe(problem, cold_guess(problem), STANDARD).program
     end = program.conditions(np.concatenate(program._guess))
@@ -193,7 +193,7 @@ def test_what_a_robot_does_not_lose_is_not_in_its_program():
 
 @pytest.fixture(scope="module")
 def free() -> Solution:
-    """A trot that pays for nothing."""
+    """Return a trot of a robot without losses."""
     return solve(Problem(speed=10.0, intervals=4))
 
 

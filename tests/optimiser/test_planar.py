@@ -39,13 +39,14 @@ WINDY = dataclasses.replace(
 
 
 def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
-    """Up to round-off: terms are up to some hundreds, in double precision."""
+    """Require equality up to round-off: terms are up to some hundreds, in double
+    precision."""
     np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
 
 
 def random_state(rng: np.random.Generator, legs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Any posture, springs pressed from beyond one stop to beyond the other; joints at
-    running speed."""
+    """Draw any posture, springs pressed from beyond one stop to beyond the other,
+    joints at running speed."""
     trunk = rng.uniform((-1.0, 0.3, -0.5), (1.0, 0.8, 0.5))
     leg = rng.uniform((-1.4, -2.6, -0.03), (2.4, -0.1, 0.16), size=(legs, 3))
     n = 3 + 3 * legs
@@ -162,8 +163,8 @@ def test_a_fall_is_a_parabola_of_the_centre_of_mass_whatever_the_motors_do():
 def _com_acceleration(
     model: PlanarModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> np.ndarray:
-    """Second difference of the centre of mass, whose Jacobian is the mass matrix's
-    first two rows over the mass."""
+    """Return the centre of mass's acceleration by a difference of momentum, from the
+    mass matrix's first two rows."""
     dt, momentum = 1e-6, []
     for t in (-dt, dt):
         velocity = v + a * t

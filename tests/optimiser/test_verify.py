@@ -1,5 +1,5 @@
-"""The judge against closed forms, and its verdict on a trot, sound and tampered
-with."""
+"""The verifier against closed forms, and its verdict on a sound trot and on trots
+tampered with."""
 
 import dataclasses
 import math
@@ -25,8 +25,8 @@ from bp2_rl.robot import bp2, conventions
 
 @pytest.fixture(scope="module")
 def smooth() -> Solution:
-    """A trot of a robot whose springs have no stops and are well damped, so smooth that
-    a coarse mesh is enough."""
+    """Return a trot of a robot whose springs have no stops and are well damped, so
+    smooth that a coarse mesh is enough."""
     problem = Problem(speed=10.0, intervals=16, clearance=0.0)
     stops = {"spring_stop_stiffness": 0.0, "rebound_stiffness": 0.0}
     return solve(problem.on(**stops, spring_damping=50.0, spring_stiffness=4000.0))
@@ -44,7 +44,7 @@ def tamper(solution: Solution, **arrays: np.ndarray) -> Solution:
 
 
 def failing(figures: dict[str, float]) -> set[str]:
-    """Names of the figures that are over their limit."""
+    """Return the names of the figures that are over their limit."""
     return {line.split()[0] for line in failures(figures)}
 
 

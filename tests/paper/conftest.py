@@ -11,7 +11,8 @@ def trot():
 
 @pytest.fixture
 def assert_report(assert_fits):
-    """An evaluation's rows, tiles, tables and metrics make a whole report."""
+    """Require that an evaluation's rows, tiles, tables and metrics make a whole
+    report."""
 
     def assert_report(evaluation):
         labels = [row.label for row in evaluation.rows]

@@ -1,5 +1,5 @@
-"""Heat in the motors: against closed forms, and a cold motor is the motor of before to
-the last bit."""
+"""Heat in the motors, against closed forms; motors at ambient temperature are unchanged
+to the last bit."""
 
 import dataclasses
 

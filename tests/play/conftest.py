@@ -1,4 +1,4 @@
-"""The shipped policy under somebody's hands: set on its feet once."""
+"""The shipped policy in a session to be steered: set on its feet once."""
 
 import math
 

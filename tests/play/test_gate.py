@@ -1,5 +1,5 @@
-"""What a browser sends, by a real websocket: it moves the page's widgets to values that
-they can have, or nothing."""
+"""Messages of a browser by a real websocket: they move the page's widgets to possible
+values, or do nothing."""
 
 import math
 import random
@@ -102,7 +102,7 @@ def name_of(page, widget):
 
 
 def hostile(page):
-    """Messages that no page sends, as bytes and as text."""
+    """Yield messages that no page sends, as bytes and as text."""
     encode = msgspec.msgpack.encode
     widgets = [*page._widgets, "", "nobody", "x" * 100_000]
     for uuid in widgets:
@@ -157,7 +157,7 @@ OTHERS = {
 
 
 def fits(page, uuid, value):
-    """Whether the widget can have this value: then it is no mistake."""
+    """Return whether a widget can have this value, so that the value is no mistake."""
     widget = page._widgets.get(uuid)
     if widget is page._ghost or widget is page._forces:
         return isinstance(value, bool)

@@ -1,5 +1,5 @@
-"""What is drawn: the robot's bodies where C MuJoCo has them, and the chart of its
-motors."""
+"""The session's pictures: the robot's bodies where C MuJoCo has them, and the chart of
+its motors."""
 
 import xml.etree.ElementTree as ElementTree
 

@@ -1,4 +1,4 @@
-"""What hands can do to the robot, without a screen."""
+"""A session in which a user steers, pushes and resets the robot, without a screen."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ DOWN = 0.1  # s, in place of the time that a robot lies after a fall
 
 
 def run(session, seconds):
-    """The commands (K, 3) of so many seconds."""
+    """Run a session for some seconds, and return its commands (K, 3)."""
     commands = []
     for _ in range(round(seconds / CONTROL_STEP)):
         session.tick()
@@ -259,8 +259,8 @@ def test_the_ghost_is_the_reference_under_the_robots_heading(session):
 
 @dataclasses.dataclass
 class Wall:
-    """A clock that goes on while one sleeps, while the robot moves, and while nobody
-    looks."""
+    """A stand-in clock that goes on while one sleeps, while the robot moves, and while
+    nobody looks."""
 
     now: float = 0.0
     step: float = 0.0  # s that a control step takes

@@ -28,7 +28,7 @@ SLIDER = "[...document.querySelectorAll('[role=slider]')][0]"
 
 @pytest.fixture(scope="module")
 def served():
-    """The command, running; (its process, its address)."""
+    """Start the command; return its process and its address."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -116,7 +116,7 @@ def test_it_rests_while_no_browser_shows_it(served):
 
 
 def answer(place, headers):
-    """The status of a request with these headers."""
+    """Return the status of a request with these headers."""
     with contextlib.closing(http.client.HTTPConnection(place, timeout=60)) as asked:
         asked.request("GET", "/", headers=headers)
         return asked.getresponse().status
@@ -165,7 +165,7 @@ def test_an_address_that_is_not_this_machines_is_refused(session, host):
 
 
 def visible(picture: np.ndarray) -> bool:
-    """Whether the robot's orange back and its light shell are to be seen on the red
+    """Return whether the robot's orange back and light shell are to be seen on the red
     ground."""
     red, green, blue = (picture[:, :400, k].astype(int) for k in range(3))
     orange = (

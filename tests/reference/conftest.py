@@ -4,6 +4,6 @@ import pytest
 
 @pytest.fixture(scope="module")
 def double_precision():
-    """Numerical differentiation needs it."""
+    """Compute in double precision, which numerical differentiation needs."""
     with jax.enable_x64(True):
         yield

@@ -94,8 +94,8 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
 
 
 def sample_stride(gait: KinematicGait, speed: float, step: float) -> Reference:
-    """One stride straight ahead, sampled about every `step` seconds: a whole number of
-    samples."""
+    """Return the reference over one stride straight ahead, sampled about every `step`
+    seconds: a whole number of samples."""
     command = jnp.array([speed, 0.0, 0.0])
     samples = round(1.0 / float(gait.phase_rate(command)) / step)
     stride = jax.jit(gait)(
@@ -109,7 +109,7 @@ def _rms(x):
 
 
 def _smooth(offset):
-    """A stride's offsets without what is faster than a few milliseconds."""
+    """Return a stride's offsets without what is faster than a few milliseconds."""
     for _ in range(4):
         offset = 0.5 * offset + 0.25 * (
             np.roll(offset, 1, axis=0) + np.roll(offset, -1, axis=0)

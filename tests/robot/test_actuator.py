@@ -23,8 +23,8 @@ speeds = st.one_of(st.floats(-60.0, 60.0), finite)
 
 @st.composite
 def actuators(draw) -> Actuator:
-    """Any motor: any gains, corner below no-load speed, strength, lag and rate, and no
-    limit on the rate either."""
+    """Draw any motor: any gains, corner below no-load speed, strength, lag and rate,
+    and no limit on the rate either."""
     no_load = draw(st.floats(1.0, 60.0))
     return Actuator(
         stiffness=draw(st.floats(0.0, 2000.0)),
@@ -39,8 +39,8 @@ def actuators(draw) -> Actuator:
 
 
 def envelope(motor: Actuator, w: float) -> tuple[float, float]:
-    """The envelope read off its drawing, region by region, for one joint at speed w >=
-    0 or below."""
+    """Return the torque limits read off the envelope's drawing, region by region, for
+    one joint at speed w >= 0 or below."""
     peak = motor.strength * motor.peak_torque
     corner, no_load = (
         float(np.asarray(x)) for x in (motor.corner_speed, motor.no_load_speed)

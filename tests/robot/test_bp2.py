@@ -1,4 +1,4 @@
-"""One truth: the numbers in the XML are those of bp2.py, and bp2.py's are the
+"""BP2's numbers agree: those in the XML with bp2.py's, and bp2.py's with the
 paper's."""
 
 import functools
@@ -20,7 +20,8 @@ assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-
 
 @pytest.fixture(scope="module")
 def xml() -> mujoco.MjModel:
-    """The hand-written file as it stands, with no HardwareSpec applied."""
+    """Return the model of the hand-written file as it stands, with no HardwareSpec
+    applied."""
     return mujoco.MjModel.from_xml_path(str(asset_path("bp2_mjcf/bp2.xml")))
 
 

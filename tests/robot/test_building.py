@@ -29,7 +29,7 @@ from bp2_rl.robot.robot_file import load_robot
 
 @pytest.fixture(scope="module")
 def bp2() -> Anatomy:
-    """The body that `robot.bp2` has the numbers of."""
+    """Return the Anatomy of BP2, with the numbers of `robot.bp2`."""
     return IDEAL.anatomy
 
 

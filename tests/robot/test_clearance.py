@@ -29,8 +29,8 @@ FAR = 10.0  # m, up to which MuJoCo measures
 def postures(
     number: int, hardware: HardwareSpec = SOLID
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles all over their ranges, and compressions from topped out to on the
-    stop: from apart to crossed."""
+    """Draw joint angles all over their ranges, and compressions from topped out to on
+    the stop: from apart to crossed legs."""
     rng = np.random.default_rng(0)
     ranges = np.array([bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE])
     joints = rng.uniform(ranges[:, 0], ranges[:, 1], (number, 4, 3))
@@ -107,8 +107,8 @@ def test_distance_of_segments_that_one_can_see(segments, distance):
 
 
 def press(hardware: HardwareSpec) -> tuple[np.ndarray, np.ndarray, int]:
-    """10 Nm pull hind legs in the air together: gaps (m), RL's sole left of RR's (m),
-    by ms; contacts."""
+    """Pull hind legs in the air together with 10 Nm; return by ms the gaps (m) and how
+    far RL's sole is left of RR's (m), and the last number of contacts."""
     model = load_model(hardware, visual=False)
     let_converge(model)
     model.opt.gravity[:] = 0.0

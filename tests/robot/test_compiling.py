@@ -58,7 +58,7 @@ LARGE = {
 
 
 def refusal(tmp_path, capsys, text):
-    """What the command says of this model, and how long it takes, s."""
+    """Give a model to the command; return its error and how long it takes, s."""
     os.mkfifo(tmp_path / "pipe.xml")
     path = tmp_path / "robot.xml"
     path.write_text(f"<mujoco>{text}</mujoco>")

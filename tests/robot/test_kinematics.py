@@ -29,7 +29,7 @@ def legs(limits):
 
 @st.composite
 def postures(draw, leg_length=bp2.THIGH_LENGTH):
-    """Joint angles within their ranges, soles below the hip axes, and spring
+    """Draw joint angles within their ranges, soles below the hip axes, and spring
     compressions within their travel."""
     joints = np.stack([draw(legs(limits)) for limits in RANGES], axis=-1)
     compression = draw(legs((0.0, bp2.SPRING_TRAVEL)))

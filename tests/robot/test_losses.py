@@ -1,4 +1,5 @@
-"""What resists, and the bus: against closed forms."""
+"""Losses of air, gears, joints and spring slides, and the power bus, against closed
+forms."""
 
 import dataclasses
 import math
@@ -199,7 +200,8 @@ def motors(**changes: float) -> Actuator:
 
 
 def ask(motor: Actuator, qd: np.ndarray, torque: float, xp=np):
-    """What comes of asking every motor for so much torque, from rest."""
+    """Return the torques of motors at the speeds `qd` that are asked for far more than
+    they give, with the sign of `torque`."""
     far = np.sign(torque) * np.ones(12)
     return joint_torque(
         motor,

@@ -14,8 +14,8 @@ from bp2_rl.robot.model import load_model
 
 @pytest.fixture(scope="module")
 def states() -> list[np.ndarray]:
-    """States (qpos, qvel, torque) with zero to four feet on the ground and joints
-    beyond their limits."""
+    """Return states (qpos, qvel, torque) with zero to four feet on the ground and
+    joints beyond their limits."""
     return [
         x.astype(np.float32)
         for x in random_states(np.random.default_rng(0), 200, thrown=0.0)

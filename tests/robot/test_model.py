@@ -1,5 +1,5 @@
-"""The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on
-how it moves."""
+"""The MuJoCo model: its mass and stance, and the agreement of MJX and C MuJoCo on its
+motion."""
 
 from pathlib import Path
 
@@ -48,8 +48,8 @@ def at_key(model: mujoco.MjModel, name: str) -> mujoco.MjData:
 
 @pytest.fixture(scope="module")
 def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
-    """BP2 after 3 s under joint PD at its standing targets: model, state, and the foot
-    forces (4, 3) in the world."""
+    """Return BP2 after 3 s under joint PD at its standing targets: model, state, and
+    the foot forces (4, 3) in the world."""
     model = converged(load_model())
     data = at_key(model, "stand")
     target, torque = np.array(bp2.STAND_JOINTS), np.zeros(12)
@@ -64,7 +64,7 @@ def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
 
 
 def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Force of the floor on each foot, world frame, N."""
+    """Return the force of the floor on each foot, world frame, N."""
     feet, forces, wrench = list(foot_geom_ids(model)), np.zeros((4, 3)), np.zeros(6)
     for i in range(data.ncon):
         contact = data.contact[i]
@@ -99,8 +99,8 @@ def test_total_mass():
 
 
 def legless(spec: mujoco.MjSpec) -> np.ndarray:
-    """Mass matrix at rest of the trunk and the abduction links alone; the first six
-    coordinates are the trunk's."""
+    """Return the mass matrix at rest of the trunk and the abduction links alone; the
+    first six coordinates are the trunk's."""
     for part in (*spec.tendons, *spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(part)
     for leg in LEGS:
@@ -215,8 +215,8 @@ def test_spring_and_its_stops_push_with_the_stated_force(compression):
 
 
 def spring_force(compression):
-    """6 kN/m everywhere and 30 kN/m more outside [0, 0.13] m, N along the
-    compression."""
+    """Return a spring's force along the compression, N: 6 kN/m everywhere and 30 kN/m
+    more outside [0, 0.13] m."""
     beyond = np.maximum(compression - 0.13, 0.0) + np.minimum(compression, 0.0)
     return -6000.0 * compression - 30000.0 * beyond
 
@@ -226,8 +226,8 @@ def spring_force(compression):
 
 @pytest.fixture(scope="module")
 def one_step_on_mjx() -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """200 random states (qpos, qvel, torque), their accelerations and their passive
-    forces, by MJX in float32."""
+    """Return 200 random states (qpos, qvel, torque), their accelerations and their
+    passive forces, by MJX in float32."""
     model = mjx.put_model(converged(load_model(visual=False)))
     blank = mjx.make_data(model)
 

@@ -394,7 +394,7 @@ def test_a_foot_touches_where_the_models_does_and_left_and_right_are_mirror_imag
 
 
 def _lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
-    """Height of a sphere's, capsule's or cylinder's lowest point, m."""
+    """Return the height of a sphere's, capsule's or cylinder's lowest point, m."""
     up = float(data.geom_xmat[geom].reshape(3, 3)[2, 2])
     radius, half = model.geom_size[geom, :2]
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER:

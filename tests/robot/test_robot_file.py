@@ -115,7 +115,8 @@ def test_the_joints_of_a_robot_that_ships_are_its_models(name: str, path: str):
 
 
 def require_same_joints(ours: Anatomy, theirs: Anatomy, rounding: float) -> None:
-    """The file has seven digits."""
+    """Require the same joint names and signs, and offsets within the file's rounding to
+    seven digits."""
     for joint, original in zip(ours.joints, theirs.joints, strict=True):
         assert (joint.name, joint.sign) == (original.name, original.sign)
         assert joint.offset == pytest.approx(original.offset, abs=rounding)
@@ -295,8 +296,8 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
 
 
 def longer_hind_legs() -> str:
-    """The legs of `plain`, with 3 cm more below each hind knee and another weight
-    there."""
+    """Return the MJCF of the robot `plain` with 3 cm more below each hind knee and
+    another weight there."""
     fore, hind = plain().split('<body name="RR_hip_link"')
     more = hind.replace('pos="0 0 -0.21" mass="0"', 'pos="0 0 -0.24" mass="0"').replace(
         'mass="0.2"', 'mass="0.3"'

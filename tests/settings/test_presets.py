@@ -1,4 +1,4 @@
-"""What the presets have in common, and in what they differ."""
+"""Presets: the values that they share, and the values in which they differ."""
 
 from typing import get_args
 

@@ -30,7 +30,7 @@ CONFIG = EnvConfig()  # the action is added to the reference motion
 
 @cache
 def trot(hardware: HardwareSpec = BUILT):
-    """Up to 2 m/s, half a second of it held."""
+    """Return a run up to 2 m/s, half a second of it held, without a policy."""
     return run_one(
         no_action, Ramp(2.0, acceleration=4.0, hold=0.5), CONFIG, hardware=hardware
     )

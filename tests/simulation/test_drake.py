@@ -39,7 +39,7 @@ def rng():
 
 
 def in_the_air(model, rng):
-    """MuJoCo's data in a random state, far from the ground and from the joints'
+    """Return MuJoCo's data in a random state, far from the ground and from the joints'
     limits."""
     data = mujoco.MjData(model)
     data.qpos[:] = model.key("stand").qpos

@@ -1,5 +1,5 @@
-"""What is drawn of a robot, beside robots that were built so, and from the ranges of
-training."""
+"""Random draws of a robot, against robots that were built with the drawn values, and
+against the ranges of training."""
 
 import dataclasses
 
@@ -23,7 +23,8 @@ NOTHING = dict.fromkeys(("friction", "mass", "strength", "gains", "losses"), (1.
 
 
 def exactly(**drawn):
-    """A robot of which just this is drawn, with certainty."""
+    """Return a draw of random robots in which just these values are drawn, with
+    certainty."""
     factors = NOTHING | {name: (value, value) for name, value in drawn.items()}
     return Draw(
         RandomizationConfig(

@@ -22,7 +22,8 @@ NOMINAL = RandomizationConfig(enabled=False)
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    """No workers: they would compile everything anew."""
+    """Simulate in this process, without workers, which would compile everything
+    anew."""
 
     def simulate_all(measure, policy, requests, backend):
         return [

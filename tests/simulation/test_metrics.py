@@ -15,7 +15,7 @@ STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)
 
 
 def with_speed(make_run, forward, **changes):
-    """A run whose forward speed is a function of time."""
+    """Return the metrics of a run whose forward speed is a function of time."""
     run = make_run(**changes)
     qvel = run.qvel.copy()
     qvel[:, 0] = forward(run.time)
@@ -23,8 +23,8 @@ def with_speed(make_run, forward, **changes):
 
 
 def with_motor(make_run, motor, torque, speed, **changes):
-    """A run in which one motor does something; torque and speed are functions of
-    time."""
+    """Return the metrics of a run in which one motor's torque and speed are functions
+    of time."""
     run = make_run(**changes)
     torques, qvel = run.torque.copy(), run.qvel.copy()
     torques[:, motor], qvel[:, MOTOR_QVEL[motor]] = torque(run.time), speed(run.time)

@@ -1,4 +1,5 @@
-"""Who runs what, and that workers stay where they are asked to."""
+"""Runs are shared out among workers: a robot stays with one worker, and workers are
+kept with their compiled code."""
 
 import dataclasses
 import functools

@@ -45,7 +45,7 @@ def run_in_mjx(policy, schedule, config, **request):
 
 
 def pd_torque(run, config):
-    """The answer of motors without a lag to the recorded targets, Nm."""
+    """Return the torque of motors without a lag under the recorded targets, Nm."""
     q, qd = run.joint_position, run.joint_velocity
     return joint_torque(motors_of(config), 0.0 * q, q, qd, run.target, 0.0 * qd, 1e-3)
 

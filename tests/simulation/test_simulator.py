@@ -30,7 +30,8 @@ LATE = dataclasses.replace(
 
 
 def tire(simulator, robot, _):
-    """Half of the peak torque after 50 ms, each joint's own, and enough after 200."""
+    """Weaken a robot's motors to half of the peak torque after 50 ms, each joint's own,
+    and end its run after 200."""
     time = simulator.data[robot].time
     if time > 0.0495:
         weak = dataclasses.replace(
@@ -80,8 +81,7 @@ REQUESTS = (
 
 
 def answering(observation):
-    """Actions that depend on what is seen, so that a wrong pose, operator or gyro
-    shows."""
+    """Act on what is observed, so that a wrong pose, operator or gyro shows."""
     return 0.3 * observation[..., 5:17] - 0.2 * observation[..., :12]
 
 

@@ -1,4 +1,4 @@
-"""What a bench shows, against numbers chosen so that the answer is known."""
+"""Results of a bench, against numbers chosen so that the answer is known."""
 
 import io
 

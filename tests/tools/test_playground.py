@@ -1,5 +1,5 @@
-"""The peer's rate: from the times at which Brax's learner reports, of Playground's Go1
-without what is only seen."""
+"""Training speed of MuJoCo Playground's Go1, from the times at which Brax's learner
+reports."""
 
 import itertools
 import sys
@@ -31,7 +31,8 @@ def test_what_is_only_seen_goes():
 
 @pytest.fixture
 def learner(monkeypatch):
-    """Brax's learner as one that reports at set times; what it was asked for."""
+    """Replace Brax's learner by one that reports at set times; return the settings that
+    it was given."""
     asked, now = {}, itertools.chain((100.0, 130.0), itertools.count(140.0, 10.0))
 
     def train(environment, *, progress_fn, **settings):

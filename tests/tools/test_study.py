@@ -1,4 +1,4 @@
-"""Studies: what is run in which order, what is not run again, and the figures over
+"""Studies: the order of runs, the runs that are not repeated, and the metrics over
 seeds."""
 
 import dataclasses
@@ -117,7 +117,7 @@ def _config(parsed: TrainArguments, stage: Stage) -> TrainConfig:
 
 
 def _with(settings, field, value):
-    """The settings with one field, by its dotted name, of that value."""
+    """Return the settings with another value of one field, by its dotted name."""
     head, _, rest = field.partition(".")
     return dataclasses.replace(
         settings,
@@ -127,8 +127,8 @@ def _with(settings, field, value):
 
 @pytest.fixture
 def trained(tmp_path, monkeypatch, make_card):
-    """A folder for a study in which trainings take no time; `started` names those that
-    were run."""
+    """Return a folder for a study in which trainings take no time; `started` names the
+    trainings that were run."""
     started: list[str] = []
 
     def run_train(self, arguments, run_dir):
@@ -292,8 +292,8 @@ def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A place of one GPU, whose train.py prints what it is told and then does what
-    `code` says."""
+    """Return a maker of places of one GPU, whose train.py prints its arguments and then
+    does what `code` says."""
 
     lock = (tmp_path / ".lock").open("w")
 

@@ -34,7 +34,8 @@ ONE = jax.devices()[:1]
 
 
 class Sleepy(Aim):
-    """Takes a known time, all robots together, to step and to begin."""
+    """Environment that takes a known time, all robots together, to step and to
+    begin."""
 
     def reset(self, rng):
         state: Any = super().reset(rng)

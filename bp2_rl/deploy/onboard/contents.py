@@ -1,5 +1,5 @@
-"""The files of a bundle, read with care: bounded in size, sealed by their hashes, and
-with numbers that can be.
+"""Read a bundle's files with checks of their size, their hashes and the bounds of their
+numbers.
 
 A network with a flipped bit is still a network, which answers otherwise. So
 `manifest.json` has the SHA-256 of every file, and nothing is loaded whose hash is
@@ -32,9 +32,9 @@ SETTINGS, NETWORK, REFERENCE, MANIFEST = (
 )
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 PARTS = (SETTINGS, NETWORK, REFERENCE, NEEDS, f"{CODE}/*.py", f"{ROBOT_FOLDER}/*.xml")
-"""The files of a bundle, beside which other files may lie."""
+"""The files of a bundle, as glob patterns; other files may lie beside them."""
 LARGEST = 64 << 20
-"""Bytes of the largest file that is read: ours are far smaller."""
+"""Largest file that is read, bytes; a bundle's own files are far smaller."""
 Settings = Mapping[str, Any]
 """The content of `deploy.json`, or of an object in it."""
 NUMBERS = {
@@ -53,73 +53,76 @@ NUMBERS = {
     "command.most": (0.0, 1000.0, 3),
     "rehearsal.speed": (0.001, 1000.0),
 }
-"""Least, most and shape of the numbers in `deploy.json` that bear on joint targets, but
-for those of `CommandLaw` and `WatchdogLimits`."""
+"""Bounds (least, most) and shape of each number in `deploy.json` that affects joint
+targets and has no bounds elsewhere."""
 
 
 @dataclasses.dataclass(frozen=True)
 class WatchdogLimits(Bounded, path="watchdog."):
-    """The limits of the watchdog, `watchdog` in `deploy.json`."""
+    """The limits at which the watchdog stops the policy, `watchdog` in
+    `deploy.json`."""
 
     silence: Annotated[float, Within(0.01, 1.0)]
-    """s without a new measurement, and s that a new one may be old"""
+    """s, longest time without a new measurement, and greatest age of a new one"""
     ahead: Annotated[float, Within(0.0, 1.0)]
     """s, by which a measurement's time may be ahead of the controller's clock"""
     rate: Annotated[float, Within(1.0, 10.0)]
-    """factor, by which the rate of the calls of `step` may differ from the policy's"""
+    """factor by which the rate of calls of `step` may differ from the policy's rate"""
     stand_time: Annotated[float, Within(0.01, 10.0)]
-    """s, in which the joints are led to the standing pose"""
+    """s, in which a stopped controller leads the joints to the standing pose"""
     braking: Annotated[float, Within(0.01, 100.0)]
-    """m/s2, at which the command falls where the operator says nothing"""
+    """m/s2, deceleration of the command where the operator is silent"""
     joint_margin: Annotated[float, Within(0.0, 3.2)]
     """rad, by which a joint may be beyond its range"""
     joint_speed: Annotated[float, Within(1.0, 1e4)]
-    """rad/s, of a joint and of its target"""
+    """rad/s, largest speed of a joint and of its target"""
     target_step: Annotated[float, Within(0.01, 10.0)]
-    """rad, by which a target may change in a tick"""
+    """rad, largest change of a joint target in a tick"""
     turning: Annotated[float, Within(1.0, 1e4)]
-    """rad/s, of the trunk"""
+    """rad/s, largest angular velocity of the trunk about an axis"""
     up_length: Annotated[float, Within(0.01, 0.9)]
     """by which the length of `up` may differ from 1"""
     tilt: Annotated[float, Within(0.1, math.pi)]
-    """rad, between `up` and the trunk's z axis"""
+    """rad, largest angle between `up` and the trunk's z axis"""
     frozen: Annotated[float, Within(0.01, 10.0)]
-    """s, for which a sensor may repeat its value with new stamps"""
+    """s, longest time for which a sensor may repeat its value with new time stamps"""
     frozen_target: Annotated[float, Within(0.001, 10.0)]
-    """rad, by which a joint's target moves before an encoder that repeats its value is
-    frozen"""
+    """rad, change of a joint's target after which an encoder that repeats its value
+    counts as frozen"""
     window: Annotated[float, Within(0.1, 10.0)]
     """s, over which speeds, changes and targets are compared"""
     mismatch: Annotated[float, Within(0.01, 1.0)]
-    """of an integrated speed from the joint's change that it belongs to: share of the
-    larger of both"""
+    """largest difference between a joint's integrated speed and its change of angle, as
+    a share of the larger"""
     joint_noise: Annotated[float, Within(0.001, 10.0)]
-    """rad, which is added to that share"""
+    """rad, allowed in addition to `mismatch` (root of the sum of squares)"""
     turned: Annotated[float, Within(0.001, 1.0)]
-    """least standard deviation of the changes of `up` at which they are compared with
-    the gyro"""
+    """least standard deviation of the changes of `up` at which `up` and gyro are
+    compared"""
     unlike: Annotated[float, Within(0.01, 1.0)]
-    """share of what `up`, or the gyro, turns by that the other may not have"""
+    """largest share of the rotation seen by `up` or the gyro that the other does not
+    see"""
     off_target: Annotated[float, Within(0.01, 10.0)]
-    """rad, of a joint's mean from its targets' mean"""
+    """rad, largest distance of a joint's mean angle from the mean of its targets"""
     opposed: Annotated[float, Within(0.01, 1.0)]
-    """correlation of a joint with its target, as a negative number's size"""
+    """largest negative correlation of a joint with its target, given as a positive
+    number"""
     swing: Annotated[float, Within(0.001, 10.0)]
-    """rad, the least standard deviation of both for which a correlation counts"""
+    """rad, least standard deviation of joint and target at which their correlation
+    counts"""
     still: Annotated[float, Within(0.001, 1.0)]
-    """least standard deviation of a joint over that of its target, where the target's
-    is 1.5 times `swing`"""
+    """least ratio of a joint's standard deviation to its target's, where the target's
+    is above 1.5 `swing`"""
 
 
 class BundleError(UserError):
-    """A bundle that is missing, damaged, or holds what cannot be: one line that says
-    what, and how to mend it."""
+    """A bundle is missing, damaged or holds impossible values; the message says how to
+    mend it, in one line."""
 
 
 @contextlib.contextmanager
 def loading(folder: Path | str) -> Generator[None]:
-    """Turn whatever a bundle's files make of the code in the block into a
-    `BundleError`.
+    """Raise a `BundleError` for any error that a bundle's files cause in the block.
 
     Files that are damaged and sealed again fail in NumPy, onnxruntime or MuJoCo, each
     with errors of its own.
@@ -138,7 +141,8 @@ def loading(folder: Path | str) -> Generator[None]:
 
 
 def read_bundle(folder: Path | str) -> tuple[Settings, dict[str, bytes]]:
-    """Return the content of `deploy.json`, and the bundle's files by name.
+    """Return the content of a bundle's `deploy.json`, and all its files as bytes by
+    name.
 
     Raises:
         BundleError: the folder is no bundle of this format, a file is not as it was
@@ -174,8 +178,8 @@ def read_bundle(folder: Path | str) -> tuple[Settings, dict[str, bytes]]:
 
 
 def seal(folder: Path) -> list[str]:
-    """Write the manifest of a bundle's files as they are now; return the names of the
-    files that have changed.
+    """Write the hashes of a bundle's files into its manifest; return the names of the
+    changed files.
 
     Raises:
         BundleError: a file cannot be read or written.
@@ -210,8 +214,8 @@ def _hashes(files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def _check(settings: Settings, path: Path) -> None:
-    """Refuse settings with a number that is none or out of its bounds, or a stand
-    beyond the joints' ranges."""
+    """Raise BundleError for a number that is missing or out of bounds, or a stand
+    outside the joint ranges."""
     json.dumps(settings, allow_nan=False)
     describe(settings)
     for name, (least, most, *shape) in NUMBERS.items():
@@ -233,8 +237,7 @@ def _check(settings: Settings, path: Path) -> None:
 
 
 def with_infinity(values: Settings) -> dict[str, Any]:
-    """Return limits by name, with infinity where `deploy.json` has null, because JSON
-    has no infinity.
+    """Return limits by name, with infinity in the place of JSON's null.
 
     A limit is a number, or an array of twelve where joints differ.
     """
@@ -248,15 +251,15 @@ def with_infinity(values: Settings) -> dict[str, Any]:
 
 
 def command_law(settings: Settings) -> CommandLaw:
-    """Return the limits of `deploy.json` on the forward command that the policy is
-    told."""
+    """Return the limits on the forward command that the policy is told, from
+    `deploy.json`."""
     control = settings["control"]
     return CommandLaw(**with_infinity({name: control[name] for name in COMMAND_LIMITS}))
 
 
 def _find(settings: Settings, name: str) -> Any:
-    """Return the value with a dotted name; from a list of objects, a list of their
-    values."""
+    """Return the value at a dotted name in the settings; a list of values where there
+    is a list of objects."""
     value: Any = settings
     for part in name.split("."):
         value = [one[part] for one in value] if isinstance(value, list) else value[part]
@@ -270,8 +273,8 @@ model."""
 
 @dataclasses.dataclass(frozen=True)
 class JointFrame:
-    """The signs and zeros that a caller's joint angles have: the bundle's angle is sign
-    x the caller's + offset."""
+    """Conversion between a caller's joint angles and the bundle's: bundle = sign x
+    caller + offset."""
 
     names: Sequence[str]
     sign: np.ndarray  # (12)
@@ -279,7 +282,7 @@ class JointFrame:
 
     @classmethod
     def of(cls, settings: Settings, convention: Convention) -> "JointFrame":
-        """Return the frame of a convention, by the content of `deploy.json`.
+        """Return the joint frame of a convention, from the content of `deploy.json`.
 
         Raises:
             UserError: there is no such convention.
@@ -293,9 +296,11 @@ class JointFrame:
         return cls(names, np.array(sign), np.stack((offset, np.zeros(12))))
 
     def inward(self, joints: np.ndarray) -> np.ndarray:
-        """Return a caller's joint angles and speeds (2 12) as the bundle has them."""
+        """Convert a caller's joint angles and speeds (2 12) to the bundle's signs and
+        zeros."""
         return self.sign * joints + self.offset
 
     def outward(self, joints: np.ndarray) -> np.ndarray:
-        """Return the bundle's joint angles and speeds (2 12) as the caller has them."""
+        """Convert the bundle's joint angles and speeds (2 12) to the caller's signs and
+        zeros."""
         return self.sign * (joints - self.offset)

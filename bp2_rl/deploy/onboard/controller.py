@@ -1,4 +1,4 @@
-"""The policy at 200 Hz on a robot's own computer: NumPy and onnxruntime alone.
+"""Run a policy at 200 Hz on a robot's own computer, with NumPy and onnxruntime alone.
 
     controller = OnboardController("my_bundle")
     while True:                                            # every 5 ms
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 WARMING = 20  # ticks before the first
 PLAYED = 12
-"""Number of speeds, and of phases, at which the reference motion is tried when it is
+"""Number of commands, and of phases, at which the reference motion is tested when it is
 loaded."""
 
 
@@ -55,11 +55,13 @@ class DriveTargets(NamedTuple):
 
 
 Command = Sequence[float] | np.ndarray | None
-"""m/s forward, m/s to the left, rad/s; None where the operator is silent."""
+"""Velocity command: m/s forward, m/s to the left, rad/s yaw; None if the operator is
+silent."""
 
 
 class OnboardController:
-    """One robot's controller. Not for several threads.
+    """A single robot's controller: from measurements and commands to joint targets. Not
+    thread-safe.
 
     Args:
         folder: a bundle that `bp2 export --format onnx` wrote.
@@ -112,8 +114,8 @@ class OnboardController:
         self.reset()
 
     def _load_observation(self) -> None:
-        """Find how each entry is read; `NAME@K` is by how much it has changed since K
-        ticks ago."""
+        """Find how each observation entry is computed; `NAME@K` is an entry's change
+        over K ticks."""
         known, places, end = {entry.name: entry for entry in ENTRIES}, {}, 0
         names = [name.partition("@") for name, _ in self.settings["observation"]]
         self._entries = [known[name] for name, at, _ in names if not at]
@@ -124,18 +126,18 @@ class OnboardController:
         self._past: deque[np.ndarray] = deque(maxlen=longest)
 
     def _try_motion(self) -> None:
-        """Play the reference motion at commands and phases of all sizes; raise
-        `SensorFault` for impossible targets."""
+        """Compute the reference motion at many commands and phases; raise `SensorFault`
+        for impossible targets."""
         for command in np.linspace(self._least, self._most, PLAYED).tolist():
             for phase in np.arange(PLAYED) / PLAYED:
                 pose = self.motion(command, phase)
                 self.watchdog.check_targets(pose.position, pose.velocity, pose.position)
 
     def reset(self, phase: float = 0.0) -> None:
-        """Begin anew, at a phase of the gait in cycles: the only way out of a stand
-        that the watchdog commanded."""
+        """Restart the controller at a gait phase (cycles), the only way to go on after
+        a stop by the watchdog."""
         self.fault = ""
-        """Why the watchdog took over; empty where it did not."""
+        """Reason for which the watchdog stopped the policy; empty while it runs."""
         self._phase = phase
         self._last_action = np.zeros(12, np.float32)
         self._past.clear()
@@ -150,7 +152,8 @@ class OnboardController:
         command: Command,
         now: float | None = None,
     ) -> DriveTargets:
-        """Return the joint targets until the next tick, 5 ms on.
+        """Return the joint targets for the next tick of 5 ms from the newest
+        measurement and command.
 
         `step` never raises for what a sensor, a clock or a link may bring, and no
         target is outside a joint's range.
@@ -179,8 +182,8 @@ class OnboardController:
         return DriveTargets(*self._frame.outward(np.stack(self._targets)))
 
     def _to_stand(self) -> DriveTargets:
-        """Return targets on the way to the standing pose: a cubic that begins and ends
-        at rest.
+        """Return the next joint targets on a cubic path to the standing pose, which
+        starts and ends at rest.
 
         Ticks are counted, because a clock may be what is at fault.
         """
@@ -197,8 +200,8 @@ class OnboardController:
     # --- The policy -------------------------------------------------------------------
 
     def _obey(self, command: Command) -> None:
-        """Accept the command, limited to what the policy was trained for; slow down
-        where it is not three numbers."""
+        """Set the command within the training's limits; slow down if it is not three
+        finite numbers."""
         try:
             asked = np.asarray(command, float)
         except Exception:  # whatever the link to the operator brings
@@ -261,8 +264,7 @@ class OnboardController:
 
 
 def _load_network(content: bytes) -> "onnxruntime.InferenceSession":
-    """Load the network to run on one core: its input is so small that threads would
-    only wait for each other."""
+    """Load the network to run on one core; it is too small for threads."""
     import onnxruntime  # here, so that `bp2 export` can say how to install it
 
     options = onnxruntime.SessionOptions()

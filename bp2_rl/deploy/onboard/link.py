@@ -1,5 +1,5 @@
-"""Datagrams between the robot and its computer, and a link that loses some and holds
-others back.
+"""UDP datagrams between the robot and its computer, and a link model with loss and
+delay.
 
 A datagram is a letter for its kind and float64s, little-endian. What is torn or comes
 from elsewhere is passed over.
@@ -16,11 +16,11 @@ import numpy as np
 
 SENSORS, COMMAND, TARGETS = b"S", b"C", b"T"
 SIZES = {SENSORS: 30, COMMAND: 3, TARGETS: 24}
-"""Numbers in a datagram of each kind."""
+"""Number of values in a datagram of each kind."""
 HOST = "127.0.0.1"
 Item = TypeVar("Item")
 Packet = tuple[bytes, np.ndarray]
-"""The kind of a datagram and its numbers."""
+"""Kind and values of a datagram."""
 
 
 class Radio:
@@ -48,8 +48,8 @@ class Radio:
             return
 
     def receive(self, wait: float = 0.0) -> list[Packet]:
-        """Return the packets that have come since the last call, oldest first; `wait`
-        at most so many seconds for the first."""
+        """Return the packets received since the last call, oldest first; wait up to
+        `wait` seconds for the first."""
         select.select([self._socket], [], [], max(wait, 0.0))
         packets: list[Packet] = []
         while True:
@@ -67,8 +67,8 @@ class Radio:
 
 
 class BadLink(Generic[Item]):
-    """Loses a share of what is put in, and gives the rest back `late` seconds later, in
-    order."""
+    """A link that loses a share of its items and delivers the others in order, `late`
+    seconds later."""
 
     def __init__(self, loss: float, late: float, seed: int):
         self._loss, self._late, self._random = loss, late, random.Random(seed)

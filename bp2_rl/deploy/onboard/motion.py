@@ -1,5 +1,5 @@
-"""Reference motions played back without JAX: which joint angles and speeds belong to a
-command and a phase.
+"""Play reference motions without JAX: joint angles and speeds as functions of command
+and gait phase.
 
 The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg
 in Python's own numbers, for which NumPy would be several times slower. The kinematic
@@ -39,8 +39,7 @@ TRUNK, COORDINATES = 3, 15
 
 
 LARGEST = 1e5
-"""Of the numbers in `reference.npz`: as large as a motor's torque in Nm may be; others
-are rad, m, s, and rates."""
+"""Largest absolute number allowed in `reference.npz`, enough for torques in Nm."""
 SHAPES: Mapping[str, Mapping[str, tuple[int | str, ...]]] = {
     "collocation": {
         "strides": ("S", 5),
@@ -53,7 +52,7 @@ SHAPES: Mapping[str, Mapping[str, tuple[int | str, ...]]] = {
     | {"origins": (4, 3), "nominal": (4, 2), "sole_clearance": (4,)},
     "none": {"pose": (12,)},
 }
-"""Shapes of the arrays of each kind of motion."""
+"""Shapes of the arrays in `reference.npz` for each kind of reference motion."""
 
 
 class Pose(NamedTuple):
@@ -66,8 +65,8 @@ class Pose(NamedTuple):
 
 
 def specs_of(settings: Settings) -> dict[str, ArraySpec]:
-    """Return the arrays that `reference.npz` must hold for the motion in `reference` of
-    `deploy.json`."""
+    """Return types and shapes of the arrays in `reference.npz` for a motion described
+    in `deploy.json`."""
     return {
         name: ArraySpec(np.floating, shape)
         for name, shape in SHAPES.get(settings["kind"], {}).items()
@@ -77,7 +76,7 @@ def specs_of(settings: Settings) -> dict[str, ArraySpec]:
 def load_motion(
     settings: Settings, arrays: Mapping[str, np.ndarray]
 ) -> "Trot | KinematicTrot | Stand":
-    """The motion that `deploy.json` describes in `reference`, of the arrays in
+    """Return the reference motion described in `deploy.json`, from the arrays of
     `reference.npz`.
 
     Raises:
@@ -97,14 +96,15 @@ def load_motion(
 
 
 class Stand:
-    """No gait: one pose, and a phase that goes round at one rate."""
+    """A reference motion without a gait: one standing pose, and a phase of constant
+    rate."""
 
     def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
         self._rate = float(settings["phase_rate"])
         self._pose = Pose(arrays["pose"].astype(float), np.zeros(12), np.zeros(12))
 
     def phase_rate(self, command: Sequence[float]) -> float:
-        """Cycles per second."""
+        """Return the phase's rate, cycles per second, the same for every command."""
         return self._rate
 
     def stepping(self, command: Sequence[float]) -> float:
@@ -117,7 +117,8 @@ class Stand:
 
 
 class KinematicTrot:
-    """Plays the kinematic trot, by the law of training in `reference.trot_law`.
+    """Plays the kinematic trot, by the equations of `reference.trot_law` that training
+    also uses.
 
     Args:
         settings: `reference` of `deploy.json`: the law's numbers.
@@ -138,22 +139,25 @@ class KinematicTrot:
         )
 
     def phase_rate(self, command: Sequence[float]) -> float:
-        """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
+        """Return the gait's frequency, cycles per second, at a command (m/s forward,
+        m/s left, rad/s)."""
         return float(self._law.phase_rate(np.array(command)))
 
     def stepping(self, command: Sequence[float]) -> float:
-        """0 when standing, 1 on the move."""
+        """Return the share of full steps at a command: 0 when standing, 1 on the
+        move."""
         return float(self._law.stepping(np.array(command)))
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
-        """The joints at this command and phase (cycles); the law knows no torques."""
+        """Return joint angles and speeds at a command and gait phase (cycles); torques
+        are 0."""
         cycle = np.array(phase - math.floor(phase))
         q, qd, _, _ = self._law.joints(np.array(command), cycle, differentiate)
         return Pose(q.reshape(12), qd.reshape(12), np.zeros(12))
 
 
 class _PlayedStride(NamedTuple):
-    """A stride between two of the library's speeds."""
+    """A stride interpolated between two speeds of the library."""
 
     row: int  # of the lower speed
     weights: tuple[float, float]
@@ -164,7 +168,7 @@ class _PlayedStride(NamedTuple):
 
 
 class _PlayedLengths(NamedTuple):
-    """The numbers of a leg in `deploy.json`: lengths in m, angles in rad."""
+    """The dimensions of a leg in `deploy.json`: lengths in m, angles in rad."""
 
     sag: float  # of the spring at rest
     thigh: float
@@ -176,8 +180,8 @@ class _PlayedLengths(NamedTuple):
 
 
 class Trot:
-    """A library of trots between its speeds and beyond them:
-    `bp2_rl.reference.library.trot` says how.
+    """Plays the library of trots at any command, also between and beyond its speeds, as
+    `bp2_rl.reference.library.trot` does.
 
     Args:
         settings: `reference` of `deploy.json`: lengths in m, speeds in m/s, angles in
@@ -206,11 +210,13 @@ class Trot:
         ]
 
     def phase_rate(self, command: Sequence[float]) -> float:
-        """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
+        """Return the gait's frequency, cycles per second, at a command (m/s forward,
+        m/s left, rad/s)."""
         return 0.5 / self._stride(command).half
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
-        """The joints at this command and phase (cycles)."""
+        """Return joint angles, speeds and torques at a command and gait phase
+        (cycles)."""
         stride, stepping = self._stride(command), self.stepping(command)
         cycle = phase - math.floor(phase)
         mirrored = cycle >= 0.5
@@ -255,7 +261,8 @@ class Trot:
         )
 
     def stepping(self, command: Sequence[float]) -> float:
-        """0 when standing, 1 from the stepping speed on."""
+        """Return the share of full steps at a command: 0 when standing, 1 from the
+        stepping speed on."""
         vx, vy, omega = command
         y = min(
             (vx**2 + vy**2 + (self._foot_circle * omega) ** 2)
@@ -265,8 +272,8 @@ class Trot:
         return y * (2.0 - y)
 
     def _stride(self, command: Sequence[float]) -> _PlayedStride:
-        """Where the command lies between the library's speeds; the weights make the
-        mean speed the one commanded."""
+        """Return the stride at a command, interpolated between the library's speeds to
+        the commanded one."""
         strides = self._strides
         speed = min(max(command[0], strides[0][0]), strides[-1][0])
         row = 0
@@ -286,7 +293,8 @@ class Trot:
         )
 
     def _sample(self, stride: _PlayedStride, since: complex) -> np.ndarray:
-        """Return the library's row at a time (s) after FL and RR touched down: 23 numbers."""
+        """Return the library's row of 23 numbers at a time (s) after the touchdown of
+        FL and RR."""
         in_flight = since.real >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
         intervals = self._cubics.shape[1]
@@ -307,8 +315,8 @@ class Trot:
         stepping: float,
         since: complex,
     ) -> tuple[complex, complex]:
-        """How far a foot is, seen from above, from where the library has it, (x, y) in
-        m.
+        """Return the horizontal displacement of a foot from its place in the library,
+        (x, y) in m.
 
         In stance, what the ground does beyond the library's speed; in the swing, the
         cubic that joins its ends.
@@ -343,8 +351,8 @@ class Trot:
         lower: complex,
         pitch: complex,
     ) -> tuple[complex, complex, complex]:
-        """(abad, hip, knee) that put a foot where the library has it and displaced,
-        both level, within reach.
+        """Return (abad, hip, knee), rad, that put a foot at its displaced position,
+        kept within reach.
 
         A displacement that takes more than half of what is left of the reach gets the
         other half only by and by.
@@ -379,8 +387,8 @@ class Trot:
 def _angles(
     x: complex, y: complex, z: complex, lower: complex, leg: _PlayedLengths
 ) -> tuple[complex, complex, complex]:
-    """The joints of a leg whose foot is there from its abduction axis:
-    `LegGeometry.joint_angles`."""
+    """Return a leg's joint angles, rad, for a foot position relative to its abduction
+    axis, as `LegGeometry.joint_angles`."""
     d, thigh = leg.lateral, leg.thigh
     square = y * y + z * z - d * d
     h = sqrt(square if square.real > LEAST_SQUARE else LEAST_SQUARE)
@@ -398,7 +406,7 @@ def _angles(
 
 
 def _angle(y: complex, x: complex) -> complex:
-    """The direction of (x, y), rad, and how it turns."""
+    """Return the direction of (x, y), rad, with its rate as the imaginary part."""
     turning = (y.imag * x.real - y.real * x.imag) / (x.real**2 + y.real**2)
     return complex(math.atan2(y.real, x.real), turning)
 
@@ -406,8 +414,8 @@ def _angle(y: complex, x: complex) -> complex:
 def _ground(
     x: float, y: float, vx: float, vy: float, omega: float, tau: complex
 ) -> tuple[complex, complex]:
-    """Where a point of the ground is, seen from the trunk, `tau` seconds after it was
-    at (x, y)."""
+    """Return the position of a ground point in the moving trunk's frame, `tau` seconds
+    after it was at (x, y)."""
     half = omega * tau / 2.0
     square = half * half
     # tau sinc(half)
@@ -422,8 +430,8 @@ def _ground(
 
 
 def _atan2(y: Any, x: Any) -> Any:
-    """Return the direction of (x, y), rad, and how it turns: arctan2 alone takes no
-    complex numbers."""
+    """Return the direction of (x, y), rad, for complex-step numbers, which NumPy's
+    arctan2 does not take."""
     a, b = x.real, y.real
     return np.arctan2(b, a) + (y * a - x * b) / (a * a + b * b)
 
@@ -432,11 +440,12 @@ FUNCTIONS = SimpleNamespace(**vars(np) | {"atan2": _atan2})
 
 
 class _ComplexStep(np.ndarray):
-    """An array with its rate."""
+    """An array of complex-step numbers: values as real parts, rates as imaginary
+    parts."""
 
     @property
     def __array_priority__(self) -> float:
-        """Let an array of this class stay what it is where others are joined to it."""
+        """Priority by which results with other arrays keep this class."""
         return 1.0
 
     def __array_namespace__(self, *, api_version: str | None = None) -> Any:
@@ -449,8 +458,8 @@ def differentiate(
     values: tuple[np.ndarray, ...],
     rates: tuple[np.ndarray, ...],
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return the values of a function of arrays that have these rates, and the values'
-    rates, as `jax.jvp` does.
+    """Return a function's values, and their rates for given rates of its arguments, as
+    `jax.jvp` does.
 
     The function takes its own functions from the `__array_namespace__()` of its
     arguments.

@@ -35,8 +35,8 @@ from .watchdog import SensorReading
 GRACE = 0.001  # s, for which a measurement that is due is waited for
 OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
 LEAST_SHARE, LONGEST_DELAY = 0.95, 50.0
-"""Of real time, and ms: a robot that is slower, or was further behind, is led astray by
-the machine's delays."""
+"""Least real-time factor, and greatest delay (ms), of a valid rehearsal: on a slower
+machine delays mislead the robot."""
 
 
 @dataclasses.dataclass
@@ -65,7 +65,7 @@ class Inbox:
 def in_real_time(
     folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None
 ) -> Settings:
-    """Run the rehearsal over UDP in real time, and return its outcome.
+    """Rehearse a bundle in real time over UDP; return the outcome as numbers by name.
 
     Args:
         folder: the bundle.
@@ -115,8 +115,8 @@ def in_real_time(
 def _run_computer(
     controller: OnboardController, radio: Radio, world: Connection
 ) -> list[tuple[float, float]]:
-    """Tick until the world ends; (wall, processor) seconds from each measurement's
-    arrival to the answer's sending."""
+    """Run the controller until the rehearsal ends; return the (wall, processor) seconds
+    from each measurement to its answer."""
     inbox, ticks, packets = Inbox(), [], radio.receive(30.0)
     while packets or not world.poll():
         start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
@@ -141,7 +141,7 @@ def _run_robot(
     port: int,
     computer: Connection,
 ) -> None:
-    """Run the simulated robot in a process of its own."""
+    """Run the simulated robot in real time, in a process of its own."""
     _pin(core)
     radio, world = Radio(), RehearsalWorld(folder, robot, plan)
     radio.connect(port)
@@ -171,7 +171,7 @@ def _pin(core: int | None) -> None:
 
 
 def show(result: Settings, plan: RehearsalPlan) -> str:
-    """Describe the outcome, one line for each subject."""
+    """Describe the outcome of a rehearsal, one line for each subject."""
     fault, fell_at = result["fault"] or "silent", result["fell_at"]
     fell = "did not fall" if fell_at is None else f"fell after {fell_at:.2f} s"
     wall, cpu = (
@@ -198,7 +198,7 @@ def show(result: Settings, plan: RehearsalPlan) -> str:
 
 
 def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """Read the command line; flags of the plan that are not given are None."""
+    """Parse the command line of a rehearsal; flags that are not given are None."""
     parser = argparse.ArgumentParser(
         prog="python -m onboard.rehearse", description=(__doc__ or "").split("\n\n")[0]
     )
@@ -218,8 +218,8 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return 1 if the robot fell or the watchdog stopped it
-    unexpectedly, 2 if the input is wrong."""
+    """Run the rehearsal; return 1 if the robot fell or the watchdog stopped it
+    unexpectedly, 2 for wrong input."""
     args = parse(argv)
     try:
         settings, _ = read_bundle(args.folder)

@@ -1,4 +1,5 @@
-"""A simulated robot in place of the real one, its operator, and the links to both.
+"""Simulate a robot in the place of the real one, with its operator and the links to
+both.
 
 The robot is C MuJoCo with the laws of BP2's motors and losses; the motors keep to their
 envelope at the start of each millisecond.
@@ -25,7 +26,7 @@ FAULTS = ("", "nan", "silence", "operator")
 
 
 class SimulatedRobot:
-    """A robot on flat ground, which stands at rest at first.
+    """A robot simulated in C MuJoCo on flat ground, which starts standing at rest.
 
     Args:
         folder: the bundle.
@@ -69,8 +70,8 @@ class SimulatedRobot:
 
     @property
     def place(self) -> tuple[float, float, float, float]:
-        """The pose and speed that an operator sees: x and y (m), yaw (rad), forward
-        speed (m/s)."""
+        """Pose and speed of the robot, as an operator sees them: x and y (m), yaw
+        (rad), forward speed (m/s)."""
         to_world = self.data.xmat[1].reshape(3, 3)
         yaw = float(np.arctan2(to_world[1, 0], to_world[0, 0]))
         vx, vy = self.data.qvel[:2]
@@ -97,8 +98,8 @@ class SimulatedRobot:
 
 @dataclasses.dataclass(frozen=True)
 class RehearsalPlan:
-    """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault
-    may occur on the way."""
+    """The plan of a rehearsal: a launch to a speed that is then held, with a fault on
+    the way if wanted."""
 
     speed: float  # m/s
     acceleration: float = COMMAND_ACCELERATION  # m/s2
@@ -114,7 +115,7 @@ class RehearsalPlan:
 
     @property
     def ramp(self) -> float:
-        """Time at which the full speed is commanded first, s."""
+        """Time at which the command reaches the full speed, s."""
         return self.speed / self.acceleration
 
     @property
@@ -124,8 +125,8 @@ class RehearsalPlan:
 
 
 class RehearsalWorld:
-    """The simulated surroundings of a controller in one rehearsal, advanced millisecond
-    by millisecond.
+    """A rehearsal's simulated robot, operator and links, advanced millisecond by
+    millisecond.
 
     Args:
         folder: the bundle.
@@ -152,8 +153,8 @@ class RehearsalWorld:
         self.fell_at: float | None = None
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
-        """Return the datagrams that leave in the millisecond k: every fifth the command
-        and what the sensors report."""
+        """Return the datagrams sent to the controller in millisecond `k`: command and
+        sensor values, every fifth ms."""
         if k % TICK:
             return []
         fault = self.plan.fault if k * DT >= self.plan.fault_at else ""
@@ -167,11 +168,13 @@ class RehearsalWorld:
         return self._out.take(now)
 
     def hears(self, targets: DriveTargets, now: float) -> None:
-        """Put joint targets into the link to the drives."""
+        """Receive joint targets from the controller, which reach the drives through the
+        link."""
         self._in.put(targets, now)
 
     def millisecond(self, k: int, now: float) -> None:
-        """Let the drives follow the newest targets that have come through."""
+        """Advance the robot by a millisecond under the newest joint targets that have
+        arrived."""
         for targets in self._in.take(now):
             self._targets = targets
         self.places[k], self.targets[k] = self.robot.place, self._targets.position
@@ -180,8 +183,8 @@ class RehearsalWorld:
             self.fell_at = round((k + 1) * DT, 6)
 
     def outcome(self) -> dict[str, float | None]:
-        """Return speeds over the part that the speed was held, m/s, where the robot
-        ended, and how many datagrams were lost."""
+        """Return the figures of the rehearsal: speeds (m/s), distances (m), fall (s)
+        and lost datagrams."""
         x, y, _, speed = self.places.T
         held = speed[:0] if self.plan.fault else speed[round(self.plan.ramp / DT) :]
         second, whole = round(1.0 / DT), np.cumsum([0.0, *held])
@@ -198,8 +201,8 @@ class RehearsalWorld:
         }
 
     def _ask(self, time: float) -> np.ndarray:
-        """Return the operator's command at a time: the plan's speed, trimmed until the
-        robot runs it, and a yaw rate along the line."""
+        """Return the operator's command: the planned speed, trimmed by feedback, and a
+        yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
         forward = min(self.plan.acceleration * time, self.plan.speed)
         # as the controller takes it

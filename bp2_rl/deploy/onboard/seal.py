@@ -1,5 +1,5 @@
-"""Seal a bundle anew after its owner has edited a file, such as the limits in
-`deploy.json`.
+"""Update the hashes of a bundle after its owner has edited a file, such as the limits
+in `deploy.json`.
 
 python -m onboard.seal                     # in the bundle's folder
 """
@@ -12,8 +12,8 @@ from .controller import OnboardController
 
 
 def main() -> int:
-    """Seal the bundle of this code; return 2 if that cannot be, or if the sealed bundle
-    cannot be loaded."""
+    """Seal the bundle that this code is part of; return 2 if it cannot be sealed or
+    loaded."""
     folder = Path(__file__).resolve().parent.parent
     try:
         changed = seal(folder)

@@ -1,5 +1,5 @@
-"""The watchdog: it looks at every measurement and stops the policy where sensors,
-clocks or links say what cannot be.
+"""The watchdog: checks every measurement, and stops the policy if sensors, clocks or
+links give impossible values.
 
 A fault has a name, which is in the table of docs/deploy.md, and one line: what is seen,
 and what is probably wrong. Single values are compared with limits at once. Over each
@@ -31,18 +31,20 @@ class SensorReading(NamedTuple):
 
 
 class SensorFault(Exception):
-    """A reason to stop the policy: `name: what is seen; what is probably wrong`."""
+    """A fault for which the policy is stopped; the message is `name: what is seen; what
+    is probably wrong`."""
 
 
 SENSORS = {"joint_position": 12, "joint_velocity": 12, "up": 3, "angular_velocity": 3}
-"""Entries of each array of a measurement."""
+"""Number of values in each array of a measurement."""
 Q, QD, UP, GYRO = slice(0, 12), slice(12, 24), slice(24, 27), slice(27, 30)
 HUGE = 1e100  # of any sensor's unit
 CLOCK = "stamp a measurement on arrival with the clock of `now`, by default time.monotonic(), in seconds"
 
 
 class Watchdog:
-    """Keeps the newest sound measurement, and raises `SensorFault` for what cannot be.
+    """Checks measurements and targets, keeps the newest measurement, and raises
+    `SensorFault` for impossible ones.
 
     Args:
         settings: the content of `deploy.json`.
@@ -57,8 +59,8 @@ class Watchdog:
         self._middle = self._range.mean(axis=1)
         self._half = np.ptp(self._range, axis=1) / 2.0
         self.used: dict[str, float] = {}
-        """The largest share of each limit that measurements have used up so far, by the
-        fault's name; 1 is a fault."""
+        """Largest share of each limit that was reached so far, by the fault's name;
+        above 1 is a fault."""
         self.reset()
 
     def reset(self) -> None:
@@ -75,7 +77,8 @@ class Watchdog:
     def look(
         self, given: object, now: object, target: np.ndarray
     ) -> SensorReading | None:
-        """Return the newest measurement, or None before the first.
+        """Check a new measurement and the clock; return the newest measurement, None
+        before the first.
 
         Args:
             given: what the caller has for a measurement; None where there is none.
@@ -122,7 +125,8 @@ class Watchdog:
     def check_targets(
         self, position: np.ndarray, velocity: np.ndarray, before: np.ndarray
     ) -> None:
-        """Refuse joint targets that are not finite, too fast, or too far from the last.
+        """Raise SensorFault for joint targets that are not finite, too fast, or too far
+        from the last.
 
         Args:
             position: rad, which the caller keeps within the joints' ranges.
@@ -145,8 +149,8 @@ class Watchdog:
     # --- One measurement --------------------------------------------------------------
 
     def _read(self, given: object) -> tuple[np.ndarray, float]:
-        """Return a copy of the 30 numbers of a measurement, and its time; lists of
-        numbers are read as arrays."""
+        """Return the 30 values of a measurement as an array in the bundle's joint
+        frame, and its time."""
         try:
             *parts, stamp = given  # pyright: ignore[reportGeneralTypeIssues]
             arrays = [np.asarray(part) for part in parts]
@@ -179,7 +183,8 @@ class Watchdog:
         return values, time
 
     def _compare_with_limits(self, values: np.ndarray) -> None:
-        """Compare each value with the limit of its sensor."""
+        """Raise SensorFault if a value of a measurement is beyond its sensor's
+        limit."""
         limits, q, qd = self.limits, values[Q], values[QD]
         self._judge_joints(
             "range",
@@ -223,7 +228,7 @@ class Watchdog:
         )
 
     def _accept(self, values: np.ndarray, stamp: float, target: np.ndarray) -> None:
-        """Keep a new measurement; look at its time, and at it beside the ones
+        """Store a new measurement; check its time, and compare it with the measurements
         before."""
         limits, age = self.limits, self._now - stamp
         if age < -limits.ahead:
@@ -268,18 +273,18 @@ class Watchdog:
     # --- Measurements one after another -----------------------------------------------
 
     def _begin(self, rate: np.ndarray, stamp: float) -> None:
-        """Begin a window."""
+        """Start a new window of measurements."""
         self._rate, self._travel = rate, np.zeros(15)
         self._sum, self._squares, self._count = np.zeros(72), np.zeros(72), 0
         self._began = stamp
 
     def _count_calls(self) -> None:
-        """Count the calls of `step` from now on; a pause between measurements does not
-        end the count."""
+        """Restart the count of calls of `step`, which a pause between measurements does
+        not end."""
         self._counted_from, self._ticks = self._now, 0
 
     def _find_frozen(self, stamp: float, target: np.ndarray) -> None:
-        """Refuse values that do not change: never of an IMU that works, nor of a joint
+        """Raise SensorFault for values that do not change: of the IMU, or of a joint
         whose target moves."""
         still = stamp - self._since
         for name, place in (("up", UP), ("angular_velocity", GYRO)):
@@ -303,7 +308,7 @@ class Watchdog:
         )
 
     def _require_rate(self) -> None:
-        """Compare the calls of `step` that were counted with their rate."""
+        """Raise SensorFault if `step` is called at another rate than the policy's."""
         calls = self._ticks / max(self._now - self._counted_from, 1e-9)
         if not 1.0 / self.limits.rate <= calls * self._dt <= self.limits.rate:
             raise SensorFault(
@@ -311,8 +316,8 @@ class Watchdog:
             )
 
     def _compare_changes(self) -> None:
-        """Compare speeds with changes, joints with their targets, and the calls of
-        `step` with their rate."""
+        """Check, over a window, speeds against changes of position, joints against
+        targets, and the rate of `step` calls."""
         self._require_rate()
         limits, mean = self.limits, self._sum / self._count
         variance = np.maximum(self._squares / self._count - mean * mean, 0.0)
@@ -338,8 +343,8 @@ class Watchdog:
         )
 
     def _compare_up(self, powers: np.ndarray) -> None:
-        """Compare what `up` turns by with the gyro: the power of both, and the power
-        that they share."""
+        """Compare the rotation of `up` with the gyro over a window; raise SensorFault
+        if they differ."""
         limits = self.limits
         self._turned = 0.5 * (self._turned + powers)
         up, gyro, shared = self._turned.tolist()
@@ -357,8 +362,8 @@ class Watchdog:
     def _compare_targets(
         self, joint: np.ndarray, target: np.ndarray, off: np.ndarray, aside: np.ndarray
     ) -> None:
-        """Compare joints with their targets: variances of both and of their difference,
-        and its mean."""
+        """Compare joints with their targets by variances and mean; raise SensorFault
+        for wrong or dead joints."""
         limits, swing = self.limits, self.limits.swing**2
         aside = aside / limits.off_target
         self._judge_joints(
@@ -390,23 +395,22 @@ class Watchdog:
     def _judge_joints(
         self, name: str, shares: np.ndarray, seen: Callable[[int], str]
     ) -> None:
-        """Keep the largest of the joints' shares of a limit; raise a fault where that
-        is above 1 or no number."""
+        """Record the largest of the joints' shares of a limit; raise SensorFault if it
+        is above 1 or NaN."""
         worst = int(np.argmax(shares))
         self._judge(
             name, float(shares[worst]), lambda: f"{self._joints[worst]} {seen(worst)}"
         )
 
     def _judge(self, name: str, share: float, seen: Callable[[], str]) -> None:
-        """Keep the share of a limit that is used up; raise a fault where that is above
-        1 or no number."""
+        """Record a share of a limit; raise SensorFault if it is above 1 or NaN."""
         if not share <= 1.0:
             raise SensorFault(f"{name}: {seen()}")
         self.used[name] = max(self.used.get(name, 0.0), share)
 
 
 def _number(value: object) -> float:
-    """Return a value as a float; NaN where it is none."""
+    """Convert a value to a float; NaN if that fails."""
     try:
         return float(value)  # pyright: ignore[reportArgumentType]
     except Exception:  # whatever a driver hands over, the loop goes on

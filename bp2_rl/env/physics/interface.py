@@ -23,8 +23,8 @@ from bp2_rl.robot import conventions
 
 
 def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
-    """Return how long ago each of the last targets was issued when a physics step
-    begins, s, newest first."""
+    """Return the age, s, of the last joint targets, newest first, at the start of every
+    physics step of a control step."""
     return np.add.outer(
         conventions.PHYSICS_STEP * np.arange(conventions.SUBSTEPS),
         conventions.CONTROL_STEP * np.arange(targets),
@@ -32,7 +32,7 @@ def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
 
 
 TARGET_AGES = target_ages(3)
-"""The ages of the targets in `target_history`."""
+"""Ages, s, of the targets in `target_history`, at every physics step."""
 LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remembered
 
 
@@ -72,8 +72,8 @@ class PhysicsEngine(Protocol):
 def newest_active(
     ages: Float[arrays.Array, " targets"], latency: Float[arrays.Array, "*robots"]
 ) -> Int[arrays.Array, "*robots"]:
-    """Return which of the targets of these ages the joints follow: the newest that is
-    older than the latency (s).
+    """Return the index of the target that the joints follow: the newest that is older
+    than the latency (s).
 
     NumPy and JAX arrays alike.
     """

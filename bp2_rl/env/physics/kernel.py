@@ -27,7 +27,7 @@ from bp2_rl.robot.model import foot_geom_ids
 
 
 class KernelPhysics:
-    """`robot.kernel`, on any device.
+    """The physics engine `kernel`: the fused step of `robot.kernel`, on any device.
 
     Args:
         model: the robot on flat ground, with feet as its only contacts.
@@ -68,7 +68,8 @@ class KernelPhysics:
         targets: Targets,
         robot: Randomization,
     ) -> tuple[object, object]:
-        """`custom_vmap`'s rule: what is the same for all robots is repeated."""
+        """Step a batch, as `custom_vmap`'s rule; inputs that are the same for all
+        robots are repeated."""
         arguments = [physics, targets, robot]
         whole = jax.tree.map(
             lambda x, is_batched: (
@@ -139,8 +140,8 @@ class KernelPhysics:
 
 
 def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:
-    """One of the three for each robot, by selections: a gather would go through them
-    one by one."""
+    """Return for each robot the target that `which` says, by selections: a gather would
+    go through them one by one."""
     chosen = among[:, -1]
     for i in reversed(range(among.shape[1] - 1)):
         chosen = jnp.where((which == i)[:, None], among[:, i], chosen)

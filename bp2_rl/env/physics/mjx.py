@@ -27,13 +27,13 @@ from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import foot_geom_ids
 
 SOLVER_LIMITS = 1 << 9 | 1 << 10
-"""MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only
-the extra `warp` brings."""
+"""Bits of MuJoCo Warp's warnings that the solver has run out of iterations, without
+importing the extra `warp`."""
 
 
 class MjxPhysics:
-    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of the robot's
-    motors.
+    """The physics engines `jax` and `warp`: stock `mjx.step`, under the torques of the
+    robot's motors.
 
     Before each step of 1 ms the motors' torque is computed (PD law, current loop,
     envelope, bus) and applied as `ctrl`; what resists motion (`robot.losses`) is

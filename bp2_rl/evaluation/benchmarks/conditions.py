@@ -1,4 +1,5 @@
-"""The conditions of a benchmark: speeds, the robot, and the words that describe them."""
+"""The conditions of a benchmark: which speed is commanded, which robot runs, and both
+in words for reports."""
 
 import importlib.metadata
 import math
@@ -19,16 +20,17 @@ from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
 from bp2_rl.simulation.schedule import Ramp
 
 BEYOND = 0.25, 0.7
-"""Shares of its fastest command: a robot that runs at best between them is told what it
-runs; a slower one does not run at all."""
+"""Bounds on top speed over the fastest trained command: between them a policy is told
+its own top speed, else the fastest command."""
 MOST = 1000.0
-"""Of a result on a card, SI units."""
+"""Largest number that a result on a policy's card may have, SI units."""
 CRUISE = 0.6
-"""Share of a robot's top speed."""
+"""Cruising speed over top speed, for robots other than BP2."""
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
-    """Return the command (m/s) under which the card's result was measured.
+    """Return the command for a benchmark, m/s: the one under which the result on the
+    policy's card was measured.
 
     A robot may run slower than it is told.
 
@@ -45,8 +47,8 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
 
 
 def top_speed(policy: Policy) -> float:
-    """Return a policy's own top speed, m/s: what `topspeed` left on its card, else what
-    the judge measured.
+    """Return a policy's own top speed, m/s: the `topspeed` result on its card, else the
+    judge's measurement.
 
     Of a policy that fell in the judge's launch it is the best second before. A policy
     that nobody measured gives the fastest command of its training.
@@ -57,7 +59,8 @@ def top_speed(policy: Policy) -> float:
 
 
 def cruising_speed(policy: Policy) -> float:
-    """Return a speed, m/s, at which a robot should be safe.
+    """Return a policy's cruising speed, m/s, at which the robot should run without
+    falls.
 
     Fleets, stops, pushes and rehearsals run at this speed.
 
@@ -70,7 +73,7 @@ def cruising_speed(policy: Policy) -> float:
 
 
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
-    """Return a positive number that a benchmark left on the card, if there is one.
+    """Return a benchmark's positive result from the policy's card; None without one.
 
     Results stand under their benchmark's name; what another does not say is topspeed's.
 
@@ -94,7 +97,8 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
 
 
 def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
-    """Return the robot that runs: the one asked for, or else the built one.
+    """Return the robot that a benchmark simulates: the one asked for, else the built
+    one.
 
     The card's own robot runs where that robot has no name.
     """
@@ -112,7 +116,8 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
 def conditions(
     policy: Policy, schedule: str, simulator: str, setup: Setup
 ) -> dict[str, str]:
-    """Return the conditions that repeat an evaluation, by name."""
+    """Return the conditions under which an evaluation can be repeated, in words, by
+    name."""
     return {
         "robot": describe_robot(robot_of(policy, setup)),
         "schedule": schedule,
@@ -145,8 +150,8 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
-    """Describe a robot in one line: its name, its losses, and a hash of what is not
-    published."""
+    """Describe a robot in one line: name and losses, and a hash of its settings if it
+    is not a known BP2."""
     losses, name = hardware.losses, robot_name(hardware)
     if name == "ideal":
         return (
@@ -175,28 +180,30 @@ def describe_robot(hardware: HardwareSpec) -> str:
 
 
 def _by_joint(value: ByJoint) -> str:
-    """Write a number for all joints, or the three of abad, hip and knee."""
+    """Write a joint parameter: one number for all joints, or three for abad, hip and
+    knee."""
     return " / ".join(
         f"{number:g}" for number in (value if isinstance(value, tuple) else (value,))
     )
 
 
 def title_of(hardware: HardwareSpec) -> str:
-    """Name the robot for a title."""
+    """Return a robot's name for the title of a figure or report."""
     if not hardware.is_bp2:
         return hardware.anatomy.name
     return f"{robot_name(hardware) or 'unnamed'} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:
-    """Describe in one line when the motors' torque keeps to the envelope."""
+    """Describe in one line at which times the motors' torque is kept within the
+    envelope."""
     if hardware.envelope == "throughout":
         return "motor torques computed each ms, then held, and within the envelope from its start to its end"
     return "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
 def describe_ramp(ramp: Ramp) -> str:
-    """Describe the schedule in one line."""
+    """Describe a ramp of the command in one line: speed, rise and hold."""
     return f"from a stand to {ramp.target[0]:g} m/s {describe_rise(ramp)}, then hold for {ramp.hold:g} s"
 
 
@@ -220,7 +227,7 @@ def describe_sensors(noise: RandomizationConfig, seed: int | None) -> str:
 
 
 def describe_operator(operator: HeadingHold) -> str:
-    """Describe the operator's outer loop in one line."""
+    """Describe the outer loop that steers the robot along its lane, in one line."""
     if operator.limit == 0:
         return "none: the yaw command is the schedule's"
     return (
@@ -231,7 +238,8 @@ def describe_operator(operator: HeadingHold) -> str:
 
 
 def describe_easing(control: ControlConfig) -> str:
-    """Describe how the controller eases forward commands, in one line."""
+    """Describe how the controller limits the rise and fall of forward commands, in one
+    line."""
     limits = {
         f"rises no faster than {_launching(control)}": math.isfinite(control.launching),
         f"falls no faster than {control.braking:g} m/s²": math.isfinite(
@@ -248,7 +256,7 @@ def describe_easing(control: ControlConfig) -> str:
 
 
 def _launching(of: ControlConfig | Ramp) -> str:
-    """Describe how fast a command v rises at most."""
+    """Describe the fastest rise of a command v, as a formula."""
     rate = f"{of.launching:g} m/s²"
     if math.isfinite(of.launching_speed):
         return f"{rate} x (1 - v / {of.launching_speed:g} m/s)"
@@ -258,7 +266,7 @@ def _launching(of: ControlConfig | Ramp) -> str:
 def describe_simulator(
     backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT
 ) -> str:
-    """Describe the physics of a single run in one line."""
+    """Describe the simulator of a run and its numerics in one line."""
     held = describe_limits(IDEAL if backend == "mjx" else hardware)
     if backend == "drake":
         contact = ", ".join(

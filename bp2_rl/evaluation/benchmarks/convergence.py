@@ -1,4 +1,5 @@
-"""The convergence benchmark: the top-speed run under finer physics and finer motors."""
+"""The convergence benchmark: the top-speed run repeated with smaller physics steps and
+more frequent torque updates."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -50,12 +51,14 @@ NUMERICS = {
         "four steps a ms, torques at each",
     ),
 }
-"""The numerics that are tried, the usual ones first, and what they mean."""
+"""The numerical settings that are compared, the usual ones first, each with its meaning
+in words."""
 
 
 @dataclasses.dataclass(frozen=True)
 class NumericsVariant:
-    """One run; changes are relative to the first one."""
+    """The speeds of a run with one numerical setting, and their changes from the usual
+    run."""
 
     name: str = metric("Physics", form="s")
     # over the steady window
@@ -69,7 +72,8 @@ class NumericsVariant:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConvergenceMetrics:
-    """All runs, the usual one first."""
+    """The runs of the convergence benchmark, the usual one first, and the greatest
+    change of speed."""
 
     commanded_speed: float = metric("Commanded", "m/s", card=True, shown=False)
     greatest_change: float = metric(
@@ -82,7 +86,8 @@ class ConvergenceMetrics:
 
 
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Run top speed under finer physics, and under motors as fine, and compare."""
+    """Repeat the top-speed run with finer numerics; return the changes of speed as an
+    evaluation."""
     robot = robot_of(policy, setup)
     requests = [
         RunRequest(ramp, robot, setup.operator, numerics=how, name=name)
@@ -130,7 +135,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
-    """Compare the speeds of all runs with the speeds of the first run."""
+    """Return the speeds of all runs and their relative changes from the first run."""
     first = ran[0]
     variants = tuple(
         NumericsVariant(
@@ -154,7 +159,7 @@ def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
 
 
 def summarise_convergence(metrics: ConvergenceMetrics) -> str:
-    """Say in one sentence how much finer physics changes."""
+    """Say in one sentence how much finer physics changes the speed held."""
     fallen = [one.name for one in metrics.variants if one.fell_at is not None]
     fall = f" Fell: {', '.join(fallen)}." if fallen else ""
     return f"Finer physics changes the mean speed held by {metrics.greatest_change:.2%} at most.{fall}"

@@ -1,5 +1,5 @@
-"""How many of many robots stay up, each drawn as in training, at the paper's top speed
-or another robot's cruise."""
+"""The robustness benchmark: the share of a fleet of randomised robots that runs without
+a fall."""
 
 import dataclasses
 import math
@@ -50,7 +50,7 @@ CONFIDENCE_95 = 1.959964
 
 @dataclasses.dataclass(frozen=True)
 class DrawnRobot:
-    """One robot: what was drawn for it, and what it did."""
+    """One robot of a fleet: its random properties and the measurements of its run."""
 
     friction: float  # of the feet on the ground
     latency: float  # s, from observation to new joint targets
@@ -81,7 +81,8 @@ def _within(quantiles: Quantiles | None, unit: str) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobustnessMetrics:
-    """How a fleet fared, and each of its robots; None where all fell."""
+    """The falls, speeds and lane offsets of a fleet, and each robot's; quantiles are
+    None if all fell."""
 
     duration: float  # s
     upright: int  # robots that did not fall
@@ -142,7 +143,8 @@ class RobustnessMetrics:
 
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Run the fleet and count the robots that fall."""
+    """Run a fleet of randomised robots; return falls, speeds and lane offsets as an
+    evaluation."""
     count, seed = setup.robots or NUM_ROBOTS, setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
@@ -196,8 +198,8 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
-    """Return the schedule: of BP2 the same for every policy, so that policies can be
-    compared."""
+    """Return the command ramp of the robustness benchmark, for BP2 at the same speed
+    for every policy, to compare policies."""
     if setup.backend == "mjx":
         raise UserError(
             "--backend mjx runs topspeed and sprint; robustness takes mujoco or drake"
@@ -208,7 +210,8 @@ def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
 
 
 def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> str:
-    """Describe in one line what is drawn uniformly, and what acts all the time."""
+    """Describe in one line the ranges of a fleet's random properties, and its
+    pushes."""
     low, high = (robot.friction * factor for factor in drawn.friction)
     mass, strength, gains, losses = (
         f"{least:g} to {most:g}"
@@ -224,7 +227,7 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
 
 
 def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
-    """Compute all figures of merit of a fleet."""
+    """Compute all figures of merit of a fleet from the motion of its robots."""
     upright = np.isinf(run.fell_at)
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
     offsets = np.max(np.abs(run.offset), axis=0)
@@ -255,8 +258,8 @@ def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson 1927): unlike the normal one it is of
-    use at 0 and at all of the trials."""
+    """Return the 95 % Wilson score interval of a share (Wilson 1927), valid also for no
+    and all successes."""
     z, p = CONFIDENCE_95, successes / trials
     middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
     half = (
@@ -268,7 +271,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
-    """Return the 5 % quantile, the median and the 95 % quantile; None of no values."""
+    """Return the 5 % quantile, the median and the 95 % quantile of the values; None for
+    no values."""
     if not len(values):
         return None
     return Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95))))
@@ -285,7 +289,8 @@ def summarise_fleet(metrics: RobustnessMetrics) -> str:
 
 @styled
 def robots_figure(metrics: RobustnessMetrics) -> Figure:
-    """Draw mean speed over friction, coloured by latency; falls below all others."""
+    """Draw each robot's mean speed over its friction, coloured by latency, with crosses
+    for falls."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes: Axes = figure.subplots()
     robots = [
@@ -337,7 +342,7 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
 
 @styled
 def fleet_figure(run: FleetRun) -> Figure:
-    """Draw bands of quantiles of the speed over time."""
+    """Draw the quantiles of a fleet's forward speed as bands over time."""
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Axes = figure.subplots()
     speed = moving_mean(run.speed, round(RIPPLE / conventions.CONTROL_STEP))

@@ -1,4 +1,5 @@
-"""The losses benchmark prices every loss between the ideal and the built robot.
+"""The losses benchmark: the speed that each loss between the ideal and the built robot
+costs.
 
 A robot of a file is the built one; the ideal one is that robot without its losses.
 """
@@ -43,25 +44,26 @@ from bp2_rl.simulation.schedule import Ramp
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
-"""What `bp2 paper trajectories limits --losses --robot built` found; parts by the names
-of `robot.hardware`."""
+"""File of the optimiser's greatest speeds, m/s, by part of `robot.hardware`, from `bp2
+paper trajectories limits --losses --robot built`."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Tried:
-    """How one robot ran."""
+    """The mean speed of a robot's run, and its time of fall."""
 
     speed: float  # m/s, mean while held, or up to the fall
     fell_at: float | None  # s
 
     @property
     def upright(self) -> float | None:
-        """The speed, m/s; None of a robot that fell."""
+        """Mean speed of the run, m/s; None if the robot fell."""
         return None if self.fell_at is not None else self.speed
 
 
 def price(before: Tried, after: Tried) -> float:
-    """Return what a loss costs, m/s; all of the speed where the robot falls."""
+    """Return the speed that a loss costs between two runs, m/s; all of the speed if the
+    robot falls."""
     return before.speed - (after.upright or 0.0)
 
 
@@ -73,7 +75,8 @@ def _show_speed(tried: "Tried") -> str:
 
 @dataclasses.dataclass(frozen=True)
 class PricedLoss:
-    """One loss: its price in three ways; m/s, mean speed held."""
+    """The speed that a loss costs, m/s: alone on the ideal robot, left out of the built
+    one, and added in turn."""
 
     name: str = metric("Loss", form="s")
     # on the ideal robot
@@ -92,8 +95,8 @@ class PricedLoss:
 
 @dataclasses.dataclass(frozen=True)
 class LossesMetrics:
-    """All losses in the order in which they are added, from the ideal robot to the
-    built one.
+    """The costs of all losses, in the order in which they are added from the ideal
+    robot to the built one.
 
     BP2's own speeds are compared with the built robot's: outdoors, and without air
     where BP2 ran on a treadmill.
@@ -130,13 +133,13 @@ class LossesMetrics:
 
     @property
     def without_air(self) -> Tried:
-        """The built robot in still air, as on a treadmill."""
+        """The run of the built robot without air drag, as on a treadmill."""
         return next((x.without for x in self.losses if x.name == "air"), self.built)
 
 
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Try each loss alone on the ideal robot, leave it out of the built one, and add
-    one to the other."""
+    """Measure the speed that each loss costs: alone, left out of the built robot, and
+    added in turn."""
     built = robot_of(policy, setup)
     ideal = with_parts(built, ideal_of(built), PARTS)
     parts = differing(ideal, built)
@@ -211,7 +214,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
-    """Return the schedule.
+    """Return the command ramp of the losses benchmark.
 
     Raises:
         UserError: the robot loses nothing.
@@ -225,8 +228,8 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
 
 
 def greatest_speeds() -> dict[str, float]:
-    """Return what the optimiser found, m/s: `ideal`, `ideal + part`, `built`. Empty
-    where the optimiser was not asked."""
+    """Return the optimiser's greatest speeds, m/s: `ideal`, `ideal + part`, `built`;
+    empty if not computed."""
     path = asset_path(OPTIMISER)
     return read_json(path)["speeds"] if path.is_file() else {}
 
@@ -244,7 +247,8 @@ def summarise_losses(metrics: LossesMetrics) -> str:
 
 
 def losses_picture(metrics: LossesMetrics) -> Picture:
-    """Draw the robots from the ideal one to the built one, and BP2's own speeds."""
+    """Draw the speed while losses are added from the ideal to the built robot, with
+    BP2's measured speeds."""
     own = {
         "BP2 on a treadmill": bp2.TREADMILL_TOP_SPEED,
         "BP2 outdoors": bp2.OUTDOOR_TOP_SPEED,
@@ -253,6 +257,7 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
         own = {}
     added = {loss.name: loss.added.upright for loss in metrics.losses}
     alone = {loss.name: loss.alone.upright for loss in metrics.losses}
+    cost = {loss.name: f"{loss.name} ({-loss.cost:+.2f})" for loss in metrics.losses}
     speeds = {"ideal robot": metrics.ideal.upright} | added
     speeds |= {"built robot": metrics.built.upright} | own
     series = (
@@ -262,7 +267,8 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
     panel = Panel("Mean speed held", "Speed [m/s]", series, metrics.ideal.speed)
     caption = (
         "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with "
-        f"that loss alone on the ideal robot{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
+        f"that loss alone on the ideal robot, and in brackets what it changes{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
         "axis does not begin at 0."
     )
-    return Picture("losses", caption, variants_figure([*speeds], [panel]))
+    names = [cost.get(name, name) for name in speeds]
+    return Picture("losses", caption, variants_figure(names, [panel]))

@@ -1,4 +1,4 @@
-"""The flags of the benchmarks.
+"""The command-line flags of the benchmarks.
 
 They are read before JAX is imported, so that a mistake is answered at once.
 """
@@ -57,7 +57,8 @@ class Setup(Bounded, path="--"):
     drake: DrakeContact = DrakeContact()
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
+        """Raise UserError for values out of bounds, and for Drake's flags with another
+        simulator."""
         super().__post_init__()
         if self.backend != "drake" and self.drake != DrakeContact():
             raise UserError(
@@ -79,5 +80,5 @@ class Setup(Bounded, path="--"):
         )
 
     def only(self, flags: tuple[str, ...]) -> "Setup":
-        """Return these flags alone; every other one is left to the benchmark."""
+        """Return a setup with these flags alone; all others are at their defaults."""
         return type(self)(**{name: getattr(self, name) for name in flags})

@@ -1,4 +1,5 @@
-"""The outcome of a benchmark, for the terminal, the page, the file and the card."""
+"""The outcome of a benchmark, from which terminal, HTML page, metrics.json and card are
+written."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 
 class Picture(NamedTuple):
-    """A figure of the page, and of a file of this name."""
+    """A figure of a report, with its file name and caption."""
 
     name: str
     caption: str
@@ -20,7 +21,8 @@ class Picture(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """A benchmark's outcome: what was done and what came out, for every reader."""
+    """The outcome of a benchmark: conditions, verdict, figures of merit, pictures and
+    tables."""
 
     benchmark: str
     subject: str  # who ran, for titles

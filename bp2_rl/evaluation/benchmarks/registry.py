@@ -1,4 +1,4 @@
-"""The list of the benchmarks: their schedules, their runs and their flags."""
+"""The benchmarks by name, each with its command schedule, its run and its flags."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -31,7 +31,8 @@ Flags = TypeVar("Flags", bound=Setup)
 
 @dataclasses.dataclass(frozen=True)
 class Benchmark(Generic[Flags]):
-    """One benchmark: its schedule, its measurement and its flags."""
+    """A benchmark: functions for its command schedule and its run, and the names of its
+    flags."""
 
     schedule: Callable[[Policy, Flags], Ramp]
     run: Callable[[Policy, Ramp, Flags], Evaluation]
@@ -58,7 +59,7 @@ BENCHMARKS = {
 def choose(
     name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS
 ) -> dict[str, Setup]:
-    """Return the setups of the benchmarks that `name` means, by benchmark.
+    """Return a setup for each benchmark that `name` selects, by the benchmark's name.
 
     `all` gives each benchmark the flags that the benchmark knows.
 

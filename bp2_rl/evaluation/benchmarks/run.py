@@ -1,5 +1,5 @@
-"""The benchmarks of a single run: to the top speed and hold it, and 100 m from a
-stand."""
+"""The benchmarks of a single run: `topspeed` holds the top speed, `sprint` runs 100 m
+from a stand."""
 
 import dataclasses
 import math
@@ -47,7 +47,8 @@ from bp2_rl.simulation.trajectory import Trajectory, steady_window
 def run_once(
     policy: Policy, ramp: Ramp, setup: Setup, finish: float = math.inf
 ) -> Trajectory:
-    """Run a policy as its setup says; `finish` is the distance, m, at which it ends."""
+    """Simulate a policy under a command ramp as `setup` says, until `finish` (m) at
+    most; return the trajectory."""
     request = RunRequest(
         ramp,
         robot_of(policy, setup),
@@ -62,7 +63,8 @@ def run_once(
 
 
 def run_conditions(policy: Policy, setup: Setup, schedule: str) -> dict[str, str]:
-    """Return the conditions of runs whose simulator and contact the setup names."""
+    """Return the conditions of an evaluation, with simulator and contact from
+    `setup`."""
     robot = robot_of(policy, setup)
     simulator = describe_simulator(setup.backend, robot, setup.drake)
     return conditions(policy, schedule, simulator, setup)
@@ -76,7 +78,8 @@ FOLLOWS = 0.5
 
 
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Ramp to the commanded speed, hold it, and measure the run."""
+    """Ramp to the commanded speed and hold it; return the measurements of the run as an
+    evaluation."""
     run = run_once(policy, ramp, setup)
     metrics = run.metrics
     if setup.backend == "mujoco" and metrics.hold_time >= 1.0:
@@ -113,20 +116,21 @@ def ramp_to_topspeed(
     speed: float | None = None,
     hold: float = TOPSPEED_HOLD,
 ) -> Ramp:
-    """Return the schedule; `speed` (m/s) and `hold` (s) are for a setup that leaves
-    them open."""
+    """Return the command ramp to top speed; `speed` (m/s) and `hold` (s) replace what
+    `setup` leaves open."""
     speed = setup.speed or speed or speed_to_command(policy)
     ramp = Ramp(speed, setup.acceleration or COMMAND_ACCELERATION, setup.hold or hold)
     return ramp.under(policy.card.env.control)
 
 
 def follows(metrics: RunMetrics) -> bool:
-    """Return whether the robot runs at all as it is told."""
+    """Return whether the robot's mean speed is at least `FOLLOWS` of the commanded
+    speed."""
     return metrics.mean_speed >= FOLLOWS * metrics.commanded_speed
 
 
 def summarise_topspeed(metrics: RunMetrics) -> str:
-    """Say in one sentence how the robot ran."""
+    """Say in one sentence at which speed the robot ran, or when it fell."""
     if metrics.fell_at is not None:
         return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
     if not follows(metrics):
@@ -163,12 +167,12 @@ OF_THE_RUN = (
     "leg_clearance",
     "trunk_clearance",
 )
-"""What is said of a race as of any other run: fields of `RunMetrics`."""
+"""Fields of `RunMetrics` that are also reported for a sprint."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Split:
-    """One stretch of the track."""
+    """The time and mean speed over a stretch of the track."""
 
     distance: float = metric("Distance", "m", ".0f", "at its end")
     time: float = metric("Time", "s", meaning="at its end")
@@ -177,7 +181,7 @@ class Split:
 
 @dataclasses.dataclass(frozen=True)
 class SprintLaunch:
-    """The launch: the first `LAUNCH_DISTANCE` metres of a race.
+    """The time and acceleration over the first `LAUNCH_DISTANCE` metres of a sprint.
 
     Its figures are None where the robot did not finish these metres.
 
@@ -212,7 +216,8 @@ class SprintLaunch:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SprintMetrics:
-    """The race, and the same run by the measures of any other."""
+    """The measurements of a 100-m sprint: time, splits, launch and lane, and the
+    figures of any run."""
 
     # None if it did not arrive
     time: float | None = metric(
@@ -235,7 +240,8 @@ class SprintMetrics:
 
 
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Race over 100 m and measure the run."""
+    """Run 100 m from a stand; return the measurements of the sprint as an
+    evaluation."""
     run = run_once(policy, ramp, setup, finish=TRACK)
     metrics = sprint_metrics(run, ramp.acceleration)
     own = "time", "launch", "lane", "sprint_acceleration"
@@ -271,8 +277,8 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_sprint(policy: Policy, setup: Setup) -> Ramp:
-    """Return the schedule: to the speed and the acceleration that the card names, if it
-    does; else as fast as the policy's controller launches, if it does."""
+    """Return the command ramp of a sprint, with the card's speed and acceleration if
+    any, else as the controller launches."""
     speed = setup.speed or speed_to_command(policy, "sprint")
     launching = policy.card.env.control.launching
     usual = launching if math.isfinite(launching) else SPRINT_ACCELERATION
@@ -289,12 +295,12 @@ def ramp_to_sprint(policy: Policy, setup: Setup) -> Ramp:
 
 
 def time_limit(speed: float, robot: HardwareSpec) -> float:
-    """Return the time in which a robot that is told a speed (m/s) must arrive, s."""
+    """Return the longest time allowed for the track at a commanded speed (m/s), s."""
     return TIME_LIMIT if robot.is_bp2 else max(TIME_LIMIT, SLOWNESS * TRACK / speed)
 
 
 def describe_race(ramp: Ramp) -> str:
-    """Describe the schedule of a race in one line."""
+    """Describe the command ramp of a sprint in one line."""
     return (
         f"from a stand; the command rises {describe_rise(ramp)} to {ramp.target[0]:g} m/s and stays there to "
         f"the end of {TRACK:g} m, for {ramp.duration:.3g} s at most; the clock starts when it begins to rise"
@@ -302,7 +308,8 @@ def describe_race(ramp: Ramp) -> str:
 
 
 def sprint_metrics(run: Trajectory, acceleration: float) -> SprintMetrics:
-    """Compute all figures of merit of a race; `acceleration` is the command's, m/s2."""
+    """Compute all figures of merit of a sprint; `acceleration` is the command's,
+    m/s2."""
     splits = measure_splits(run)
     return SprintMetrics(
         time=splits[-1].time if splits and splits[-1].distance == TRACK else None,
@@ -315,7 +322,7 @@ def sprint_metrics(run: Trajectory, acceleration: float) -> SprintMetrics:
 
 
 def measure_splits(run: Trajectory) -> tuple[Split, ...]:
-    """Measure the 10-m splits, as far as the robot came."""
+    """Return time and mean speed for every 10-m split that the robot finished."""
     splits, last = [], Split(0.0, 0.0, 0.0)
     for mark in map(float, MARKS):
         time = time_at(run, mark)
@@ -327,8 +334,8 @@ def measure_splits(run: Trajectory) -> tuple[Split, ...]:
 
 
 def measure_first_metres(run: Trajectory) -> SprintLaunch:
-    """Measure the first metres; nothing if the run ends less than half of `RIPPLE`
-    after them."""
+    """Measure time and acceleration over the first `LAUNCH_DISTANCE` metres; empty if
+    the run ends before or just after."""
     time = time_at(run, LAUNCH_DISTANCE)
     if time is None or time + RIPPLE / 2 > run.time[-1]:
         return SprintLaunch()
@@ -340,7 +347,7 @@ def measure_first_metres(run: Trajectory) -> SprintLaunch:
 
 
 def summarise_sprint(metrics: SprintMetrics) -> str:
-    """Say in one sentence how the race went."""
+    """Say in one sentence the time of a sprint, or the distance before a fall."""
     run = metrics.run
     if run.fell_at is not None:
         return f"Fell after {run.fell_at:.2f} s and {run.distance:.1f} m."
@@ -364,12 +371,13 @@ ENERGY = {
     "stored": "stored: motion, height, springs",
     "integration": "lost by steps of 1 ms (no loss of the robot's)",
 }
-"""What `account.CAUSES`, and the two terms beside them, are called."""
+"""Name in a report of each cause of energy loss in `account.CAUSES`, and of two further
+terms."""
 
 
 def split_tables(metrics: SprintMetrics) -> tuple[Table, ...]:
-    """Return a table of every 10 m with the world record's beside them; none of a robot
-    that did not come so far."""
+    """Return a table of the 10-m splits beside the world record's; none without a
+    finished split."""
     if not metrics.splits:
         return ()
     ours = table_of("Splits", metrics.splits)
@@ -383,8 +391,8 @@ def split_tables(metrics: SprintMetrics) -> tuple[Table, ...]:
 
 
 def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
-    """Return a table of where the energy goes, if that is known, and of every motor and
-    leg."""
+    """Return tables of the energy balance (if computed), of the motors and of the
+    legs."""
     tables = (table_of("Motors", metrics.motors), table_of("Legs", metrics.legs))
     if metrics.account is None:
         return tables
@@ -407,7 +415,7 @@ def _energy_table(power: PowerMetrics) -> Table:
 
 
 def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
-    """Draw every figure of the run."""
+    """Draw every figure of `simulation.figures` for a run."""
     return tuple(
         Picture(name, caption, draw(run), draw(run, NARROW))
         for name, (draw, caption) in FIGURES.items()

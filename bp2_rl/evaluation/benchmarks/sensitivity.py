@@ -1,4 +1,5 @@
-"""The sensitivity benchmark: one policy on robots other than the one assumed.
+"""The sensitivity benchmark: one policy on robots that differ in one property from the
+assumed robot.
 
 Physics and motors change; the policy, its reference motion and its controller stay as
 they are.
@@ -45,8 +46,8 @@ from bp2_rl.simulation.schedule import Ramp
 
 SENSITIVITY_HOLD = 5.0  # s
 COMMANDS = 1.0, 0.9, 0.8
-"""Shares of the commanded speed that each robot is told: a weak robot that is told too
-much runs slower than it can."""
+"""Commands given to each robot, as shares of the commanded speed: a weak robot may run
+faster when told less."""
 AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
@@ -59,8 +60,7 @@ ROBOTS = (
 
 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
-    """Return the robot that the policy is for, and others, each with one property
-    changed."""
+    """Return the assumed robot and variants with one property changed, by name."""
     changed = assumed.changed
 
     stop, rebound = assumed.spring_stop_stiffness, assumed.rebound_stiffness
@@ -134,7 +134,8 @@ def _show_fell(fell_at: float | None) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class RobotMetrics:
-    """One robot: held at the command under which it ran fastest, and raced."""
+    """The runs of a robot: at the command under which it ran fastest, and over 100
+    m."""
 
     name: str = metric("Robot", form="s")
     told: float = metric("Told", "m/s")
@@ -157,7 +158,8 @@ class RobotMetrics:
 
     @property
     def upright(self) -> bool:
-        """Tell whether the robot stayed upright in both runs."""
+        """Return whether the robot stayed upright, both at top speed and in the
+        sprint."""
         return self.fell_at is None and self.fell_in_sprint_at is None
 
 
@@ -166,8 +168,8 @@ Range = tuple[float, float]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SensitivityMetrics:
-    """All robots, the assumed one first; ranges are over those that did not fall, None
-    if all did."""
+    """The runs of all robots, the assumed one first; ranges cover the robots that did
+    not fall."""
 
     commanded_speed: float = metric("Commanded", "m/s", card=True, shown=False)
     upright: int = metric("Without a fall", form="d", card=True, shown=False)
@@ -181,7 +183,8 @@ class SensitivityMetrics:
 
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Run every robot at several commands, race each, and compare."""
+    """Run every variant of the robot at several commands and over 100 m; return the
+    results as an evaluation."""
     race, robot = ramp_to_sprint(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
     commands = [share * ramp.target[0] for share in COMMANDS]
@@ -257,7 +260,8 @@ def robot_metrics(
     held: Sequence[VariantRun],
     raced: VariantRun,
 ) -> RobotMetrics:
-    """Return the metrics of a robot's fastest run without a fall, and of its race.
+    """Return the measurements of a robot's fastest run without a fall, and of its
+    sprint.
 
     A robot that fell at every command is told of by its run at the first.
 
@@ -288,7 +292,8 @@ def robot_metrics(
 def compare_robots(
     robots: Sequence[RobotMetrics], commanded_speed: float
 ) -> SensitivityMetrics:
-    """Count the robots that did not fall, and give the range of what they did."""
+    """Count the robots that did not fall, and return the ranges of their speeds and
+    100-m times."""
     upright = [robot for robot in robots if robot.upright]
     return SensitivityMetrics(
         commanded_speed=commanded_speed,
@@ -315,7 +320,7 @@ def summarise_sensitivity(metrics: SensitivityMetrics) -> str:
 
 
 def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
-    """Return the ranges over the robots, then a row for each robot."""
+    """Return report rows: the ranges over the robots, then one row for each robot."""
     (slow, fast), (least, most) = (
         metrics.best_speeds or (None, None),
         metrics.times_100m or (None, None),
@@ -341,7 +346,7 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
 
 
 def _describe_runs(robot: RobotMetrics) -> str:
-    """Describe the command at top speed, or the fall there, and the sprint."""
+    """Describe a robot's command at top speed, or its fall there, and its sprint."""
     upright, arrived = robot.fell_at is None, robot.time_100m is not None
     held = f"told {robot.told:.1f}" if upright else _show_fell(robot.fell_at)
     if arrived:
@@ -352,7 +357,7 @@ def _describe_runs(robot: RobotMetrics) -> str:
 
 
 def sensitivity_picture(robots: Sequence[RobotMetrics]) -> Picture:
-    """Draw the speeds and the times of all robots."""
+    """Draw the top speeds and the 100-m times of all robots."""
     raced = [robot.time_100m for robot in robots if robot.time_100m is not None]
     full = [None if r.fell_at is not None else r.best_speed for r in robots]
     kept, left = (

@@ -1,5 +1,5 @@
-"""The pictures of a race: speed over distance, the lane from above, and the times of
-others."""
+"""The figures of a sprint: speed over distance, the lane from above, and the times of
+other athletes."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,7 +33,8 @@ POLICY = "this policy"
 
 
 def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
-    """Draw a race, and its time (s) beside the times of other athletes."""
+    """Draw the figures of a sprint, with its time (s) beside the times of other
+    athletes."""
     race = (
         f"The race: speed over distance (faint: each millisecond; bold: {RIPPLE:g}-s mean) with the mean speeds of "
         "Bolt's 10-m splits of 2009, his reaction time of 0.146 s included; and the lane seen from above."
@@ -58,7 +59,7 @@ def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
 
 @styled
 def sprint_figure(run: Trajectory) -> Figure:
-    """Draw speed over distance, and the lane."""
+    """Draw a sprint's speed over distance, and the robot's path in its lane."""
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.1))
     _draw_speed(speed, run)

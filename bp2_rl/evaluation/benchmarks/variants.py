@@ -1,4 +1,4 @@
-"""Variants of the robot or of the physics: their measurement and their picture."""
+"""Measurement and figure of runs with a variant of the robot or of the physics."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,7 +17,7 @@ HEIGHT = 0.3  # inches, of a line
 
 
 class VariantRun(NamedTuple):
-    """The measurement of a variant's run."""
+    """The figures of merit of a run with a variant of the robot or of the physics."""
 
     metrics: RunMetrics
     time_100m: float | None  # s; None if it did not come so far
@@ -25,12 +25,14 @@ class VariantRun(NamedTuple):
 
 
 def measure_variant(_: RunRequest, run: Trajectory) -> VariantRun:
-    """Measure the run of a variant."""
+    """Measure a run with a variant: figures of merit, time over 100 m, and whether the
+    lane was kept."""
     return VariantRun(run.metrics, time_at(run, TRACK), measure_lane(run).kept)
 
 
 class Dots(NamedTuple):
-    """One figure of merit of all variants; None where a variant has none."""
+    """A figure of merit for all variants, drawn as dots; None where a variant has
+    none."""
 
     label: str
     values: Sequence[float | None]
@@ -38,7 +40,8 @@ class Dots(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """An axis with the dots on it; a variant without any has a cross."""
+    """One column of the figure of variants, with its dots; a cross marks a variant
+    without any."""
 
     title: str
     label: str
@@ -49,7 +52,7 @@ class Panel(NamedTuple):
 
 @styled
 def variants_figure(names: Sequence[str], panels: Sequence[Panel]) -> Figure:
-    """Draw all variants, one below the other."""
+    """Draw the figures of merit of all variants, one row for each variant."""
     size = WIDTH, 1.1 + HEIGHT * len(names)
     figure = Figure(figsize=size, layout="constrained")
     columns = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]

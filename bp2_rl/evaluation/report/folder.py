@@ -1,4 +1,4 @@
-"""The folder of a report: its files are written and read here.
+"""Write and read the folder of an evaluation's report.
 
 metrics.json     benchmark, conditions, results and every figure of merit
 index.html       the same as one page, pictures inside; a single run plays in it, in three dimensions
@@ -34,7 +34,7 @@ METRICS = "metrics.json"
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """The content of metrics.json."""
+    """The content of a report's metrics.json."""
 
     benchmark: str
     conditions: dict[str, str]
@@ -44,8 +44,8 @@ class Report:
 
 
 def open_folder(folder: Path, benchmark: str) -> None:
-    """Make a report's folder; raises UserError where that cannot be, or where it holds
-    anything but such a report."""
+    """Make the folder of a benchmark's report; raise UserError if that fails or other
+    files are in the folder."""
     open_report(folder, METRICS, "report")
     if (folder / METRICS).is_file() and (
         old := read_report(folder).benchmark
@@ -63,8 +63,8 @@ def write_report(
     gl_library: str | None = None,
     command: str | None = None,
 ) -> str | None:
-    """Write the whole report to an open folder; `command` is what makes it again, for
-    the page.
+    """Write all files of a report into its folder; `command` is the command line shown
+    on the page.
 
     Returns the reason, in one line, if a film was asked for and could not be made.
     """
@@ -92,8 +92,8 @@ def write_report(
 
 
 def write_overview(evaluations: Sequence[Evaluation], folder: Path) -> None:
-    """Write the page and the results of several benchmarks, whose reports lie in
-    `folder` under their names."""
+    """Write page and metrics.json of several benchmarks, whose reports are subfolders
+    of `folder`."""
     first = evaluations[0].conditions
     shared = {name: first[name] for name in ("policy", "weights_sha256")}
     results = {
@@ -104,7 +104,7 @@ def write_overview(evaluations: Sequence[Evaluation], folder: Path) -> None:
 
 
 def _film(folder: Path, gl_library: str | None) -> str | None:
-    """Make the film; the reason, in one line, if that cannot be."""
+    """Film a report's run; return the reason, in one line, if that fails."""
     try:
         make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
     except NoVideo as reason:

@@ -1,4 +1,5 @@
-"""The report as a page of HTML that explains itself, pictures inside."""
+"""The report of an evaluation as a self-contained HTML page, with its figures
+inside."""
 
 import base64
 import io
@@ -42,7 +43,8 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
 
 
 def overview(evaluations: Sequence[Evaluation]) -> str:
-    """Return a page that leads to the page of every benchmark."""
+    """Return an HTML page with the verdicts of several benchmarks and links to their
+    pages."""
     return render(
         "evaluation/report/overview.html",
         evaluations=evaluations,
@@ -52,7 +54,7 @@ def overview(evaluations: Sequence[Evaluation]) -> str:
 
 
 def _tiles(evaluation: Evaluation) -> Iterator[tuple[str, str]]:
-    """Yield the labels and values that are shown large."""
+    """Yield the labels and values of the figures of merit that a page shows large."""
     shown = {row.label: row.value for row in evaluation.rows}
     return ((label, shown[label]) for label in evaluation.tiles)
 
@@ -66,7 +68,7 @@ def png(figure: Figure) -> bytes:
 
 
 def data_url(figure: Figure) -> str:
-    """Return the figure as the address of an image in a page.
+    """Return a figure as a data URL, which an HTML page shows as an image.
 
     An SVG stays sharp; what would be too large an SVG is a PNG.
     """

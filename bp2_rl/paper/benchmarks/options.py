@@ -1,4 +1,4 @@
-"""The flags of the deep benchmarks."""
+"""Flags of the paper's deep benchmarks: endurance, mechanism, efficiency, stability."""
 
 import dataclasses
 
@@ -8,7 +8,8 @@ from bp2_rl.paper.thermal_specs import MotorHeat
 
 @dataclasses.dataclass(frozen=True)
 class DeepSetup(Setup):
-    """The flags of a deep benchmark; None leaves the choice to the benchmark."""
+    """Flags of a deep benchmark (`bp2 paper eval`); None leaves the choice to the
+    benchmark."""
 
     heat: MotorHeat = MotorHeat()
     quick: bool = False

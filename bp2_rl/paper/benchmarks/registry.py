@@ -1,4 +1,5 @@
-"""The deep benchmarks: what the paper says of a gait, asked of a policy."""
+"""The deep benchmarks by name: tests of the paper's claims about BP2's gait on a
+policy."""
 
 from bp2_rl.evaluation.benchmarks.registry import Benchmark
 from bp2_rl.paper.benchmarks.efficiency.benchmark import EFFICIENCY

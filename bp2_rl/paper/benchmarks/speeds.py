@@ -42,7 +42,7 @@ class AtSpeed:
 
 
 Found = Sequence[tuple[AtSpeed, object]]
-"""Speeds that were run through, each with a dataclass of metrics."""
+"""Runs that could be measured, each with a dataclass of its metrics."""
 
 
 class SpeedMetrics(Protocol):
@@ -132,7 +132,8 @@ class SpeedBenchmark(Generic[Metrics]):
 def steady_strides(
     run: Trajectory, ramp: Ramp, most: int | None = None
 ) -> tuple[Trajectory, int] | None:
-    """Return `whole_strides` of the hold after `EASING`; None if the robot fell."""
+    """Return a run's whole strides at the held command, and their number; None after a
+    fall or without a stride."""
     steady = ramp.steady_from + min(EASING, 0.5 * ramp.hold)
     end = len(run) * run.dt
     if run.fell_at is not None or end - steady <= 2 * run.dt:
@@ -160,7 +161,8 @@ def whole_strides(
 
 
 def rows_over_speed(speeds: Sequence[AtSpeed], found: Found) -> tuple[Row, ...]:
-    """Return how many speeds were run through, and the metrics of the fastest."""
+    """Return report rows: the number of speeds run through, the first fall, and the
+    fastest run's metrics."""
     fell = [at.fell_at for at in speeds if at.fell_at is not None]
     rows = (
         Row("Speeds", f"{len(found)} of {len(speeds)}", "run through"),
@@ -192,7 +194,7 @@ def table_over_speed(
 
 
 def metrics_table(title: str, found: Found) -> Table:
-    """Return the table of all metrics over the speeds that were run through."""
+    """Return the table of all metrics, with a column for every measured run's speed."""
     columns = [{row.label: row.value for row in rows_of(each)} for _, each in found]
     return table_over_speed(title, [at.speed for at, _ in found], columns)
 
@@ -200,7 +202,8 @@ def metrics_table(title: str, found: Found) -> Table:
 def shares_table(
     title: str, found: Found, shares: Sequence[Mapping[str, float]]
 ) -> Table:
-    """Return the table of shares by cause over the speeds that were run through."""
+    """Return the table of shares by cause, with a column for every measured run's
+    speed."""
     columns = [
         {cause: f"{share:+.3f}" for cause, share in each.items()} for each in shares
     ]
@@ -208,7 +211,8 @@ def shares_table(
 
 
 def describe_speeds(ramp: Ramp, commands: Sequence[float], part: str) -> str:
-    """Say in one line how the speeds were run, and which part of a run counts."""
+    """Return a line on the commands' schedule and on the part of a run that is
+    measured."""
     told = ", ".join(f"{speed:g}" for speed in commands)
     return f"from a stand to {told} m/s {describe_rise(ramp)}, then hold for {ramp.hold:g} s; {part}"
 
@@ -217,7 +221,7 @@ def describe_speeds(ramp: Ramp, commands: Sequence[float], part: str) -> str:
 
 
 class Line(NamedTuple):
-    """One quantity over speed."""
+    """One line of a plot over speed: its label, values and looks."""
 
     label: str
     values: Sequence[float | None]
@@ -240,7 +244,8 @@ def draw_stacks(
     shares: Sequence[Mapping[str, float]],
     colors: Mapping[str, str],
 ) -> None:
-    """Draw a bar for each speed, of shares by cause; negative ones hang below zero."""
+    """Draw a bar for each speed, of shares by cause; negative shares hang below
+    zero."""
     places = np.arange(len(speeds))
     tops = np.zeros((2, len(speeds)))
     for cause, color in colors.items():

@@ -67,8 +67,8 @@ def open_figure_folder(folder: Path, name: str) -> None:
 
 
 def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
-    """Print a figure's tables and what becomes of the paper's items, and write numbers
-    and pictures to the folder that its arguments name."""
+    """Print a figure's tables and its verdicts on the paper's items, and write numbers
+    and pictures to the folder `arguments.out`."""
     from bp2_rl.base.plotting import save_figure
 
     found = drawn.results

@@ -1,5 +1,5 @@
-"""`bp2 paper figures --all`: every command with pictures or numbers of an item of the
-paper, and a page."""
+"""`bp2 paper figures --all`: run every command that reproduces an item of the paper,
+and write a page of the results."""
 
 import dataclasses
 import os
@@ -74,12 +74,12 @@ class CommandRun:
 
 
 class FailedError(Exception):
-    """A command ended otherwise than well; the message is its last line."""
+    """A command of the index failed or could not be run; the message says why."""
 
 
 def _make_all(chosen: IndexArguments) -> None:
-    """Run what has to be run, one command after the other, and write the page anew
-    after each."""
+    """Run each command whose report is missing or outdated, and rewrite the page after
+    each."""
     policy = chosen.policy or asset_path(DEFAULT_POLICY)
     for name in (policy, chosen.out):
         require_name(name)
@@ -116,7 +116,8 @@ def _open(folder: Path) -> None:
 
 
 def _make(source: Source, policy: Path, chosen: IndexArguments) -> None:
-    """Let a command leave its report in its folder, if that is not there.
+    """Run a command that writes its report to its folder, unless a current report is
+    there.
 
     Raises:
         FailedError: it cannot be run, or fails; what was in its folder stays.
@@ -160,8 +161,8 @@ def _make(source: Source, policy: Path, chosen: IndexArguments) -> None:
 
 
 def is_current(folder: Path, words: list[str], inputs: Iterable[Path]) -> bool:
-    """Return whether a folder holds this version's report of a command, made after all
-    files that count in it."""
+    """Return whether a folder holds a report by this version and command, newer than
+    all `inputs`."""
     made = folder / MADE
     try:
         run = load_config(CommandRun, made)
@@ -173,7 +174,7 @@ def is_current(folder: Path, words: list[str], inputs: Iterable[Path]) -> bool:
 
 
 def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
-    """The page and its numbers, of what there is."""
+    """Write the index page and its numbers from the reports that are there."""
     from bp2_rl.paper.index.page import Made, index_page
 
     folders = {
@@ -217,7 +218,8 @@ def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
 
 
 def policy_name(chosen: IndexArguments) -> str:
-    """The policy, wherever it lies: the one that ships, or a folder's name."""
+    """Return the policy's name on the page: its folder's, or "that ships" by
+    default."""
     return "that ships" if chosen.policy is None else chosen.policy.name
 
 

@@ -15,8 +15,8 @@ COLUMNS = 130  # of a table, at least
 
 
 def with_folder(settings: type[object], out: Path) -> type[object]:
-    """Return the arguments of a command: its `settings`, `out`, the folder where its
-    report goes, and `format`."""
+    """Return the dataclass of a command's arguments: its `settings`, the report's
+    folder `out`, and the pictures' `format`."""
     where = tyro.conf.arg(metavar="DIR", help="the report's folder")
     how = tyro.conf.arg(help="of the pictures")
     fields = (

@@ -124,7 +124,7 @@ class LimitsArguments(Bounded):
 
 
 def find_limits(arguments: LimitsArguments) -> None:
-    """Print the greatest speeds, and leave them in a file."""
+    """Print the greatest speeds of a robot's variants, and save them to a file."""
     from bp2_rl.paper.trajectories import limits
     from bp2_rl.paper.trajectories.variants import hardware_variants, loss_variants
 
@@ -156,7 +156,7 @@ def find_limits(arguments: LimitsArguments) -> None:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ComparisonArguments:
-    """The flags of both commands."""
+    """Flags that the commands `gaits` and `limbs` share."""
 
     problem: Annotated[Problem, Flat]
     robot: Robot = "ideal"
@@ -206,15 +206,14 @@ class LimbsArguments(ComparisonArguments):
 
 
 def compare_gaits(arguments: GaitsArguments) -> None:
-    """Print what each gait costs and how fast it gets, and leave the numbers."""
+    """Print and save each gait's cost over speed and its greatest speed."""
     from bp2_rl.paper.trajectories.variants import gait_variants
 
     _set_beside(arguments, gait_variants(arguments.problem), "gaits")
 
 
 def compare_limbs(arguments: LimbsArguments) -> None:
-    """Print what robots with other legs cost and how fast each gets, and leave the
-    numbers."""
+    """Print and save cost over speed and greatest speed of robots with other limbs."""
     from bp2_rl.paper.trajectories.variants import limb_variants
 
     _set_beside(arguments, limb_variants(arguments.problem), "limbs")
@@ -223,7 +222,8 @@ def compare_limbs(arguments: LimbsArguments) -> None:
 def _set_beside(
     arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str
 ) -> None:
-    """Print a table of variants, and leave its numbers anew with every variant."""
+    """Solve all variants of a problem, save the numbers after each, and print their
+    table."""
     from bp2_rl.paper.trajectories.comparison import (
         VariantComparison,
         compare_variants,
@@ -273,7 +273,8 @@ class SchemesArguments:
 
 
 def run_schemes(arguments: SchemesArguments) -> None:
-    """Print the table of schemes."""
+    """Solve a trot by each discretisation scheme on each mesh, and print the table of
+    errors."""
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.paper.trajectories.robustness import SCHEMES, SchemeRow, compare_schemes
 
@@ -307,8 +308,8 @@ class ObjectiveArguments(Bounded):
 
 
 def compare_objective_weights(arguments: ObjectiveArguments) -> None:
-    """Print the table and leave its numbers; what was solved before is not solved
-    again."""
+    """Print and save the cheapest trajectories under each F bar; solutions in the
+    folder are not solved again."""
     from bp2_rl.paper.trajectories import objective
 
     settings = arguments.settings
@@ -333,8 +334,8 @@ class CodesignArguments(Bounded):
 
 
 def run_codesign(arguments: CodesignArguments) -> None:
-    """Print the optimum on each mesh and leave it; what was solved before is not solved
-    again."""
+    """Print and save the optimal design on each mesh; solutions in the folder are not
+    solved again."""
     from bp2_rl.paper.trajectories import codesign
 
     settings = arguments.settings
@@ -366,7 +367,8 @@ class FiguresArguments(Bounded):
 
 
 def draw_figures(arguments: FiguresArguments) -> None:
-    """Draw the figures, and print what coupling does."""
+    """Draw the figures of a family of trajectories, and print the effects of inertial
+    coupling."""
     from bp2_rl.cli.trajopt import load_solutions
 
     solutions = load_solutions(arguments.path)

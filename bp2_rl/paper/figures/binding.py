@@ -1,5 +1,5 @@
-"""Limits of the optimiser over speed: what they cost, and how far a policy is from the
-optimiser."""
+"""The figure of what the optimiser's limits cost over speed, and of how far policies
+are from the optimum."""
 
 import contextlib
 import dataclasses
@@ -44,7 +44,7 @@ MOTORS = [3 * leg + joint for leg in range(len(LEGS)) for joint in (1, 2)]
 
 @dataclasses.dataclass(frozen=True)
 class BindingAtSpeed:
-    """The optimiser's trot at one speed, and what its limits cost."""
+    """The optimiser's trot at one speed, and the shadow prices of its limits."""
 
     speed: float  # m/s
     gait: GaitSummary | None  # None where no trajectory was found
@@ -63,7 +63,8 @@ class Gap:
 
 @dataclasses.dataclass(frozen=True)
 class BindingNumbers:
-    """The optimiser over speed and at its greatest speed, and policies beside it."""
+    """All numbers of the figure: shadow prices over speed, and policies beside the
+    optimiser."""
 
     robot: str
     speeds: tuple[BindingAtSpeed, ...]
@@ -73,7 +74,8 @@ class BindingNumbers:
 
 
 def price_limits(settings: BindingFigureSettings) -> BindingNumbers:
-    """Solve at each speed, find the shadow prices, and set the runs beside.
+    """Solve a trot at each speed, find its limits' shadow prices, and compare policies'
+    runs.
 
     Raises:
         UserError: a run is of another robot, or has no two strides.
@@ -139,7 +141,8 @@ def _cheapest(
 
 
 def _best(problem: Problem, before: list[Solution]) -> Solution | None:
-    """Return the cheaper of what the cold guess and the neighbour lead to."""
+    """Return the cheaper of the trots solved from a cold guess and from the nearest
+    solution."""
     near = sorted(before, key=lambda other: abs(other.problem.speed - problem.speed))
     found: list[Solution] = []
     for start in (None, *(solution.motion for solution in near[:1])):
@@ -197,7 +200,8 @@ COLORS = FRONT, FALL, *(LEG_COLORS[leg] for leg in ("RR", "RL", "FL")), INK, QUI
 
 
 def binding(settings: BindingFigureSettings) -> Drawn:
-    """Draw and tabulate what limits cost, and policies beside the optimiser."""
+    """Draw and tabulate the limits' shadow prices, and policies beside the
+    optimiser."""
     numbers = price_limits(settings)
     tables = [_price_table(numbers)]
     gaits = [gait for gap in numbers.gaps for gait in (gap.policy, gap.optimiser)]
@@ -227,7 +231,8 @@ def _price_table(numbers: BindingNumbers) -> Table:
 
 @styled
 def binding_figure(numbers: BindingNumbers) -> Figure:
-    """Draw prices of the cost over speed."""
+    """Draw over speed how the cost changes if a limit is relaxed by 1 %, for every
+    limit."""
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     over_speed = figure.subplots()
     columns = [at for at in numbers.speeds if at.gait is not None]

@@ -21,7 +21,7 @@ ON_WHITE = {
 
 
 class Drawn(NamedTuple):
-    """A figure, and all that it shows."""
+    """Pictures and tables of a figure, and all of its numbers."""
 
     # every number in pictures and tables, not rounded: a dataclass, or several by name
     results: Any
@@ -30,7 +30,7 @@ class Drawn(NamedTuple):
 
 
 def joined(form: str, between: str = " / ") -> Callable[[Sequence[float]], str]:
-    """Return the format of several numbers in one cell of a table."""
+    """Return a function that formats several numbers for one cell of a table."""
     return lambda values: between.join(f"{value:{form}}" for value in values)
 
 

@@ -1,5 +1,5 @@
-"""How the paper's numbers move with what had to be assumed, and what they leave open of
-that.
+"""The figure of how the paper's numbers depend on assumed parameters, and how far they
+determine these.
 
 The Jacobian is of logarithms: a row is a number of the paper over how well it is known,
 a column an assumption over half its range. Its singular values say by how many times
@@ -51,8 +51,8 @@ BODY_WEIGHT = CostWeights().force  # N
 
 @dataclasses.dataclass(frozen=True)
 class Assumed:
-    """A positive number that had to be assumed; its range, what published machines or
-    the paper's silence leave, is ASSUMED, too."""
+    """A positive parameter that had to be assumed. Its range, what published machines
+    or the paper's silence leave, is ASSUMED, too."""
 
     name: str
     unit: str
@@ -64,8 +64,7 @@ class Assumed:
 
     @property
     def reach(self) -> float:
-        """Half the range, as a change of the number's logarithm: one unit of the
-        analysis."""
+        """Half of the parameter's range in its logarithm: one unit of the analysis."""
         return 0.5 * math.log(self.high / self.low)
 
 
@@ -127,7 +126,7 @@ MECHANICAL = (
     Assumed("foot radius", "m", 0.01, bp2.FOOT_RADIUS, 0.04, _foot_radius),
     Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMIT_CHANGES["friction"]),
 )
-"""Of the robot and of the objective."""
+"""Assumptions about the robot's mechanics and about the optimiser's objective."""
 
 LOST = tuple(
     # BP2's joints are alike
@@ -142,7 +141,7 @@ LOST = tuple(
         ("bus power", "W", 6e3, _LOSSES.bus_power_out, 10e3),
     )
 )
-"""What a machine loses; the paper's analysis has none of it."""
+"""Assumptions about a machine's losses, which the paper's analysis leaves out."""
 
 HEAT = tuple(
     Assumed(name, unit, low, value, high, heat=field)
@@ -162,7 +161,7 @@ HEAT = tuple(
         ("magnets' loss", "1/K", 0.9e-3, _MOTOR.magnet_loss, 1.2e-3, "magnet_loss"),
     )
 )
-"""Of the motors' heat."""
+"""Assumptions about the motors' heat."""
 
 ASSUMED = (*MECHANICAL, *LOST, *HEAT)
 
@@ -180,7 +179,7 @@ SPRINT, LAUNCH, HEATING = "100 m", "launch", "heating"
 
 @dataclasses.dataclass(frozen=True)
 class Printed:
-    """A number of the paper."""
+    """A number that the paper prints, with its unit, rounding and place."""
 
     name: str
     value: float
@@ -205,7 +204,8 @@ PRINTED = (
 
 @dataclasses.dataclass(frozen=True)
 class RowNumbers:
-    """A number of the paper, ours, and how ours moves with the assumptions."""
+    """A number of the paper, our model's value, and the value's slopes over the
+    assumptions."""
 
     name: str
     unit: str
@@ -218,7 +218,8 @@ class RowNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilityNumbers:
-    """How the paper's numbers move with the assumptions, and what they leave open."""
+    """All numbers of the figure: slopes over the assumptions, and what is left of their
+    ranges."""
 
     rows: tuple[RowNumbers, ...]
     # combinations of assumptions with a singular value of one or more
@@ -241,7 +242,8 @@ class AssumptionRow:
 
 
 def identifiability(settings: IdentifiabilityFigureSettings) -> Drawn:
-    """Draw and tabulate what the paper's numbers leave open of the assumptions."""
+    """Draw and tabulate how far the paper's numbers determine the assumed
+    parameters."""
     numbers = identify(settings)
     rows = [
         AssumptionRow(
@@ -255,7 +257,8 @@ def identifiability(settings: IdentifiabilityFigureSettings) -> Drawn:
 
 
 def identify(settings: IdentifiabilityFigureSettings) -> IdentifiabilityNumbers:
-    """Solve, differentiate and decompose."""
+    """Compute the paper's numbers by the model, their slopes over the assumptions, and
+    what is left of the ranges."""
     problem = Problem(speed=settings.speed, intervals=settings.intervals)
     cruise = solve(problem)
     ours, slopes = _analysed(cruise)
@@ -291,7 +294,8 @@ def identify(settings: IdentifiabilityFigureSettings) -> IdentifiabilityNumbers:
 
 
 def jacobian(rows: tuple[RowNumbers, ...]) -> Float[np.ndarray, "rows columns"]:
-    """Return slopes in units: of half a range, and of a row's uncertainty."""
+    """Return the slopes times half the assumption's range, over the row's
+    uncertainty."""
     return np.array(
         [
             [
@@ -306,8 +310,8 @@ def jacobian(rows: tuple[RowNumbers, ...]) -> Float[np.ndarray, "rows columns"]:
 def left_of_range(
     J: Float[np.ndarray, "rows columns"],
 ) -> Float[np.ndarray, " columns"]:
-    """Return the standard deviation that the rows leave of every assumption, in units;
-    1 where nothing is learned, all being normal."""
+    """Return each assumption's standard deviation given the rows, in half ranges, all
+    being normal; 1 where nothing is learned."""
     return np.sqrt(np.diag(np.linalg.inv(np.eye(J.shape[1]) + J.T @ J)))
 
 
@@ -315,11 +319,12 @@ def left_of_range(
 
 
 Slopes = dict[str, dict[str, float]]
-"""d ln / d ln, by number of the paper and by assumption."""
+"""Slopes d ln number / d ln assumption, by number of the paper and by assumption."""
 
 
 def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
-    """Return Fig. 4's numbers and a hip's heat, and how they move."""
+    """Return the numbers of Fig. 4 and a hip's heating rate, with their slopes over the
+    assumptions."""
     network = Network.from_spec(
         MotorHeat(), next(one.value for one in HEAT if one.heat == "winding_to_case")
     )
@@ -360,8 +365,8 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
 
 
 def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
-    """Return greatest speeds of the built robot on the belt (no air) and outdoors, and
-    their d ln v / d ln p."""
+    """Return the built robot's greatest speeds on the belt (no air) and outdoors, m/s,
+    with their slopes d ln v / d ln p."""
     start = fastest(cruise)
     found = []
     for name, hardware in (
@@ -390,7 +395,8 @@ def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
 
 
 def _figures(solution: Solution) -> dict[str, float]:
-    """Return Fig. 4's numbers of a trajectory."""
+    """Return a trajectory's values of the torque, force, instant and power that the
+    paper's Figs. 4 and 5 print."""
     terms = decompose(solution)
     hips = [terms.along("main inertial", f"{leg} hip") for leg in terms.legs]
     return {
@@ -411,14 +417,15 @@ TRACK = 100.0  # m
 
 
 def sprint(speed: float, acceleration: float) -> float:
-    """Return the time for the 100 m at a constant acceleration and then a constant speed, s."""
+    """Return the time over 100 m, s, at a constant acceleration and then a constant
+    speed."""
     return TRACK / speed + 0.5 * speed / acceleration
 
 
 def of_hind(
     solution: Solution, joint: int, what: Callable[..., Float[np.ndarray, " N"]]
 ) -> Float[np.ndarray, " N"]:
-    """Return `what` of torque and speed of a hind leg's hip (0) or knee (1) along the
+    """Apply `what` to torque and speed of a hind leg's hip (0) or knee (1) along the
     cycle."""
     cycle = whole_cycle(solution)
     leg = cycle.problem.stride.legs.index(cycle.hind_leg)
@@ -447,7 +454,8 @@ def reversal(solution: Solution) -> float:
 
 
 def hip_heat(solution: Solution) -> float:
-    """Return the mean copper loss of that leg's hip, cold, W."""
+    """Return the mean copper loss of the cold hip motor of the hind leg that stands
+    first, W."""
     cycle = whole_cycle(solution)
     hardware = solution.problem.hardware
     squares = of_hind(solution, 0, lambda torque, speed: torque**2)
@@ -476,7 +484,8 @@ LINEAR = 0.1  # units: below, the map's colours are linear
 
 @styled
 def identifiability_figure(numbers: IdentifiabilityNumbers) -> Figure:
-    """Draw the Jacobian."""
+    """Draw the scaled slopes of the paper's numbers over the assumptions, as a
+    matrix."""
     figure = Figure(figsize=(1.3 * WIDTH, 5.2), layout="constrained")
     axes = figure.subplots()
     J = jacobian(numbers.rows)

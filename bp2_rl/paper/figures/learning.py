@@ -1,5 +1,5 @@
-"""How soon policies run: their speeds by the judge beside a training, over control
-steps and over time."""
+"""The figure of learning curves: the speeds that the judge measured of a training's
+policies, over control steps and time."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -24,7 +24,8 @@ COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 @dataclasses.dataclass(frozen=True)
 class CurvePoint:
-    """One policy under the judge's launches from a stand."""
+    """A policy on a learning curve: its speed and falls in the judge's launches from a
+    stand."""
 
     steps: int  # control steps before it
     seconds: float  # from when the run's settings were written until it was judged
@@ -34,7 +35,7 @@ class CurvePoint:
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """The judged policies of a training, in order."""
+    """Learning curve of a training: its judged policies by control step."""
 
     run: str
     judged: tuple[CurvePoint, ...]
@@ -42,7 +43,8 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True)
 class CurveSummary:
-    """The first policy of a training as fast as BP2 outdoors, and the fastest one."""
+    """The first policy of a training as fast as BP2 outdoors, and the fastest
+    policy."""
 
     run: str = metric("Run", form="s")
     steps: float | None = metric(f"{OUTDOOR_TOP_SPEED:g} m/s after", "M", ".1f")
@@ -53,7 +55,7 @@ class CurveSummary:
 
 
 def learning(settings: LearningFigureSettings) -> Drawn:
-    """Draw and tabulate how soon the policies of trainings run."""
+    """Draw and tabulate the learning curves of trainings."""
     if not settings.runs:
         raise UserError("--runs: name the folders of one training or more")
     curves = tuple(read_curve(run) for run in settings.runs)
@@ -64,7 +66,8 @@ def learning(settings: LearningFigureSettings) -> Drawn:
 
 
 def summarise_curve(curve: Curve) -> CurveSummary:
-    """Return when a training's policies were as fast as BP2 outdoors, and the best."""
+    """Return when a training's policies reached BP2's outdoor speed, and the fastest
+    policy."""
     reached = [one for one in curve.judged if one.speed >= OUTDOOR_TOP_SPEED]
     first = next(iter(reached), None)
     best = max(curve.judged, key=_speed)
@@ -83,7 +86,7 @@ def _speed(policy: CurvePoint) -> float:
 
 
 def read_curve(run: Path) -> Curve:
-    """Read the policies that the judge has seen beside a training.
+    """Read a training's learning curve from its judged policies.
 
     Raises:
         UserError: there is no training, or it had no judge; or its judged.json is
@@ -102,7 +105,7 @@ def read_curve(run: Path) -> Curve:
 
 @styled
 def learning_figure(curves: Sequence[Curve]) -> Figure:
-    """Speed over control steps, and over time; circles are filled where no launch
+    """Draw speed over control steps and over time; circles are filled where no launch
     fell."""
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)

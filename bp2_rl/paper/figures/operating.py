@@ -29,7 +29,8 @@ KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in ("hip", "knee"))
 
 @dataclasses.dataclass(frozen=True)
 class KindNumbers:
-    """The work of both motors of a kind in the steady part of a run."""
+    """Power, torque and speed of a kind of motor, left and right, in a run's steady
+    part."""
 
     name: str = metric("Motors", form="s")  # "hind hip"
     driving: float = metric("Peak", "W", ".0f")  # of one motor
@@ -46,7 +47,7 @@ class KindNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class RunNumbers:
-    """The work of hips and knees in one run."""
+    """Power, torque and speed of hip and knee motors in one run."""
 
     speed: float  # m/s, mean of the steady part
     commanded: float  # m/s
@@ -55,7 +56,8 @@ class RunNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class OperatingNumbers:
-    """The work of hips and knees in all runs, and the limits that are drawn."""
+    """Power, torque and speed of hip and knee motors in all runs, and the limits that
+    are drawn."""
 
     runs: tuple[RunNumbers, ...]
     peak: float  # W, that the envelope allows: peak torque at the corner speed
@@ -63,7 +65,7 @@ class OperatingNumbers:
 
 
 def operating(settings: OperatingFigureSettings) -> Drawn:
-    """Draw and tabulate where hips and knees work.
+    """Draw and tabulate torque over speed of hips and knees.
 
     Raises:
         UserError: no report, or a run without three cycles.
@@ -92,7 +94,8 @@ def operating(settings: OperatingFigureSettings) -> Drawn:
 
 
 def measure_points(run: Trajectory) -> RunNumbers:
-    """Measure the motors' work in the steady part of a run."""
+    """Measure power, torque and speed of hip and knee motors in the steady part of a
+    run."""
     steady = steady_window(run)
     near = envelope_use(steady).near
     return RunNumbers(
@@ -120,7 +123,8 @@ def _kind(run: Trajectory, near: Bool[np.ndarray, "N 12"], name: str) -> KindNum
 
 @styled
 def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figure:
-    """Draw a row for each run and a column for each kind of motor."""
+    """Draw torque over joint speed, with a row for each run and a column for each kind
+    of motor."""
     figure = Figure(figsize=(1.3 * WIDTH, 0.9 + 2.9 * len(parts)), layout="constrained")
     panels = figure.subplots(
         len(parts), len(KINDS), sharex=True, sharey=True, squeeze=False
@@ -171,7 +175,8 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
 def _draw_limits(
     axes: Axes, speeds: Float[np.ndarray, " N"], cold: Actuator, hot: Actuator
 ) -> None:
-    """Draw envelopes, cold and hot, and lines of equal power where a motor drives."""
+    """Draw cold and hot torque-speed envelopes, and lines of equal power where a motor
+    drives."""
     low, high = torque_limits(cold, speeds)
     axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
     curves = [(speeds, limit, INK, "-") for limit in (low, high)]

@@ -36,7 +36,7 @@ ATHLETES = INK, QUIET, LEG_COLORS["FL"], LEG_COLORS["RL"]
 
 
 class Profile(NamedTuple):
-    """A start from a stand, and what follows."""
+    """Time, distance and speed along a run from a stand."""
 
     time: Float[np.ndarray, " N"]  # s, since the first push, or since the command
     distance: Float[np.ndarray, " N"]  # m
@@ -66,7 +66,8 @@ class Racer:
 
 @dataclasses.dataclass(frozen=True)
 class PaperRace:
-    """The first 5 m by the paper's accelerations, and the finish."""
+    """Times over the first 5 m that the paper's accelerations imply, and the gap at the
+    finish."""
 
     # s for 5 m at the accelerations that the paper says, constant
     constant_times: dict[str, float]
@@ -124,7 +125,8 @@ def published_athletes() -> tuple[Athlete, ...]:
 
 
 def describe_race(athlete: Athlete) -> Racer:
-    """Return a racer's splits, fading and levels."""
+    """Return an athlete's or policy's race: splits, mean speeds, fading and levels by
+    Table S2."""
     distances = np.array((0.0, *athlete.distances))
     means = np.diff(distances) / np.diff(np.array((0.0, *athlete.splits)))
     return Racer(
@@ -144,8 +146,8 @@ def describe_race(athlete: Athlete) -> Racer:
 def fading(
     distances: Float[np.ndarray, " n"], means: Float[np.ndarray, " n-1"]
 ) -> float | None:
-    """Return the speed gained over the last 40 m by a line through the means there,
-    m/s; None with one mean or none.
+    """Return the speed gained over the last 40 m, m/s, by a line through the mean
+    speeds there; None with fewer than two.
 
     Args:
         distances: m, of the splits, with 0 first.
@@ -173,7 +175,8 @@ def fit_profile(athlete: Athlete) -> Profile:
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]:
-    """Read the races in reports of sprints; raises UserError for others."""
+    """Read the races in reports of the sprint benchmark; raises UserError for other
+    reports."""
     # slow to import, and mostly not needed
     from bp2_rl.paper.figures.runs import read_runs
 
@@ -183,8 +186,8 @@ def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]
 
 
 def follow_run(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
-    """Return a run's race, by the measures of the sprint benchmark: splits, and speeds
-    as means over `RIPPLE` around."""
+    """Return a simulated run as a race: its splits, and its speed as a running mean
+    over `RIPPLE` s."""
     from bp2_rl.evaluation.benchmarks.run import measure_splits
 
     splits = measure_splits(run)
@@ -218,7 +221,7 @@ def paper_profile() -> Profile:
 
 
 def check_paper() -> PaperRace:
-    """Return what the paper's accelerations make of the first 5 m."""
+    """Return the times over the first 5 m that the paper's accelerations imply."""
     constant = {
         name: math.sqrt(2.0 * LAUNCH_DISTANCE / acceleration)
         for name, acceleration in published.PUBLISHED_ACCELERATIONS.items()
@@ -235,7 +238,8 @@ def check_paper() -> PaperRace:
 
 @styled
 def race_figure(profiles: dict[str, Profile], runs: dict[str, Profile]) -> Figure:
-    """Draw BP2 beside the fastest, the trained and the untrained."""
+    """Draw speed over distance of BP2 beside the fastest, a trained and untrained
+    athletes."""
     figure = Figure(figsize=(1.6 * WIDTH, 4.4), layout="constrained")
     panels = fastest, trained, untrained = figure.subplots(1, 3).tolist()
     ours = paper_profile()

@@ -1,5 +1,5 @@
-"""The figures of the paper that are drawn here: what each is told, and the function
-that draws it.
+"""The paper's figures by name: the settings that a figure takes, and the function that
+draws it.
 
 A new figure is an entry. Nothing slow is imported before a figure is drawn: a mistaken
 flag is answered at once.
@@ -35,10 +35,11 @@ FIGURES: dict[str, tuple[type[object], str]] = {
     "trapping": (pendulum.PendulumTrappingSettings, "pendulum.trapping:find_trapping"),
     "gaits": (pendulum.PendulumGaitsSettings, "pendulum.gaits:gain_by_gait"),
 }
-"""By name: a frozen dataclass with defaults that says what is drawn, and
-MODULE:FUNCTION within `bp2_rl.paper`."""
+"""Settings (a frozen dataclass with defaults) and drawing function (MODULE:FUNCTION
+within `bp2_rl.paper`) of every figure, by name."""
 
 
 def draw(name: str, told: object) -> "Drawn":
-    """Draw a figure; its module is imported only now."""
+    """Draw the figure of this name with its settings; its module is imported only
+    now."""
     return pkgutil.resolve_name(f"bp2_rl.paper.{FIGURES[name][1]}")(told)

@@ -1,5 +1,5 @@
-"""Table S4 of the paper: base coefficients in both stages, ours beside them, and the
-schedule over speed."""
+"""Table S4 of the paper: reward coefficients of both training stages beside ours, and
+the schedule of weights over speed."""
 
 import dataclasses
 
@@ -39,13 +39,14 @@ LINES: dict[Schedule, dict[str, object]] = {
         "label": "to the letter of Table S4",
     },
 }
-"""How the readings of the schedule are drawn; the weight of imitation is what is left
-of c_J + c_V."""
+"""Line styles of the schedule's readings. The weight of imitation is c_J + c_V less the
+weight of tracking."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """The weight of tracking in the imitation stage by one reading of the schedule."""
+    """Weight of velocity tracking at three speeds, by one reading of the paper's
+    schedule."""
 
     at_rest: float
     at_half: float
@@ -54,7 +55,8 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class RewardsNumbers:
-    """The coefficients of Table S4 and ours, and the readings of its schedule."""
+    """Reward coefficients of Table S4 and ours, and two readings of the table's
+    schedule."""
 
     paper: dict[str, dict[str, float]]  # coefficients, by stage and row
     ours: dict[str, dict[str, float]]
@@ -63,7 +65,8 @@ class RewardsNumbers:
 
 
 def rewards(settings: RewardsFigureSettings) -> Drawn:
-    """Draw the weight of tracking over speed, and tabulate Table S4."""
+    """Draw the weight of velocity tracking over speed, and tabulate the reward
+    coefficients."""
     numbers = read_coefficients()
     head = (
         "Term",
@@ -88,7 +91,7 @@ def rewards(settings: RewardsFigureSettings) -> Drawn:
 
 
 def read_coefficients() -> RewardsNumbers:
-    """Return the coefficients of the paper and ours, and both readings of the
+    """Return the reward coefficients of the paper and ours, and both readings of the
     schedule."""
     paper, ours = (
         {
@@ -105,8 +108,8 @@ def read_coefficients() -> RewardsNumbers:
 def weights(
     stage: Stage, schedule: Schedule, share: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "2 N"]:
-    """Return c_m and c_v of the paper's coefficients; `share` is the commanded speed
-    over the greatest."""
+    """Return the weights of imitation, c_m, and tracking, c_v, by the paper's
+    coefficients; `share` is the commanded speed over the greatest."""
     config = PAPER[stage]
     pairs = [
         speed_schedule(

@@ -30,7 +30,8 @@ LOOKS = 2  # group of the geoms that are looks
 
 @dataclasses.dataclass(frozen=True)
 class RobotNumbers:
-    """The dimensions of the robot, and Table S3."""
+    """Dimensions and mass of the modelled robot, and its parameters in the paper's
+    Table S3."""
 
     standing_height: float  # m, of the hips' axes, settled on its springs
     length: float  # m, of the trunk that collides
@@ -58,7 +59,7 @@ def robot(settings: RobotFigureSettings) -> Drawn:
 
 
 def measure_robot(hardware: HardwareSpec) -> RobotNumbers:
-    """Measure the compiled model as it stands."""
+    """Measure dimensions and mass of the compiled MuJoCo model."""
     model, data = standing(hardware)
     trunk = [int(model.geom(name).id) for name in ("trunk_right", "trunk_left")]
     reach = max(data.geom_xpos[g][0] + model.geom_size[g][:2].sum() for g in trunk)
@@ -82,7 +83,8 @@ def measure_robot(hardware: HardwareSpec) -> RobotNumbers:
 
 
 def standing(hardware: HardwareSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return the model with its looks, in the pose in which it rests on its feet."""
+    """Return the model with its visual geoms, in the pose in which it rests on its
+    feet."""
     model = load_model(hardware)
     data = mujoco.MjData(model)
     data.qpos[:] = settled([RobotSetup(EnvConfig(hardware=hardware))]).qpos[0]
@@ -137,7 +139,7 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
 
 
 class SilhouettePart(NamedTuple):
-    """One geom as it is seen along an axis."""
+    """Outline of a geom of the model, seen along an axis."""
 
     outline: Float[np.ndarray, "K 2"]  # m
     nearness: float  # m, towards the eye
@@ -198,7 +200,7 @@ def draw_outlines(
 def extent(
     parts: list[SilhouettePart],
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Return the least and the greatest coordinates of parts, m."""
+    """Return the least and the greatest coordinates of silhouette parts, m."""
     points = np.concatenate([part.outline for part in parts])
     return points.min(axis=0), points.max(axis=0)
 

@@ -1,5 +1,5 @@
-"""Runs of policies that a figure is told to show, from folders that eval.py leaves; and
-three cycles of a run."""
+"""Policies' runs for the figures, read from report folders of eval.py, and the three
+cycles of a run that are drawn."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from bp2_rl.simulation.trajectory import Trajectory, best_window
 
 
 class Run(NamedTuple):
-    """One report, and what ran."""
+    """A policy's run: a name of its own, the report, and the trajectory."""
 
     name: str  # no other run's
     report: Report
@@ -24,8 +24,8 @@ class Run(NamedTuple):
 
 
 def read_runs(folders: Sequence[Path], benchmark: str) -> tuple[Run, ...]:
-    """The runs in reports of a benchmark, named by their robots, and policies of
-    others: those alike by folders, too.
+    """Read the runs in a benchmark's report folders, each with a name by robot and
+    policy, and by folder where those repeat.
 
     Raises:
         UserError: a folder holds no report of this benchmark, or no trajectory.
@@ -69,8 +69,8 @@ LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper
 
 
 def cycles(run: Trajectory) -> Trajectory:
-    """The last three cycles that begin within the best second, from touchdown to
-    touchdown; else the run's last.
+    """Return the last three gait cycles that begin within the run's best second, or
+    without one the run's last three.
 
     Raises:
         UserError: there are no three.

@@ -40,12 +40,13 @@ GROUPS = {
     "BP2, measured": ("*", FALL),
     "BP2, simulated": ("*", FRONT),
 }
-"""Marks and colours of robots."""
+"""Marks and colours of the groups of robots."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ComparedRobot:
-    """A robot in the figure."""
+    """A robot's speed beside the law of animals, and its power demand beside its
+    motors' envelope."""
 
     name: str = metric("Robot", form="s")
     mass: float = metric("Mass", "kg", "g")
@@ -63,8 +64,8 @@ class ComparedRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """The paper's "typically distributed between 0.6 and 0.8", counted: Table S1
-    without BP2, with the paper's g."""
+    """Distribution of the power ratio over Table S1 without BP2, with the paper's g, to
+    check its "typically distributed between 0.6 and 0.8"."""
 
     number: int  # robots with motor data
     within: tuple[str, ...]  # of them, in the band
@@ -74,7 +75,7 @@ class Spread:
 
 @dataclasses.dataclass(frozen=True)
 class Species:
-    """A mammal in the figure."""
+    """A mammal's mass and top speed, and the share of the law's speed."""
 
     name: str
     mass: float  # kg
@@ -103,7 +104,8 @@ class ScalingNumbers:
 
 
 def scaling(settings: ScalingFigureSettings) -> Drawn:
-    """Draw and tabulate robots beside the law and their motors."""
+    """Draw and tabulate robots' speeds beside the law of animals, and their power
+    demands."""
     numbers = compare_robots(settings)
     placed = sorted(numbers.everyone, key=lambda robot: -robot.share)
     title = f"Robots beside the law of animals; {NOT_MEASURED}: not published"
@@ -112,7 +114,8 @@ def scaling(settings: ScalingFigureSettings) -> Drawn:
 
 
 def compare_robots(settings: ScalingFigureSettings) -> ScalingNumbers:
-    """Read the tables and the reports, and place robots and mammals beside the law."""
+    """Read tables and reports, and compare robots and mammals with the law of
+    animals."""
     robots = read_robots()
     own = next(robot for robot in robots if robot.robot == BP2)
     speed = bp2.TREADMILL_TOP_SPEED
@@ -129,7 +132,7 @@ def compare_robots(settings: ScalingFigureSettings) -> ScalingNumbers:
 
 
 def place_robot(robot: PublishedRobot) -> ComparedRobot:
-    """Return a robot beside the law and its motors."""
+    """Return a robot's speed as a share of the law of animals, and its power demand."""
     law = float(speed_law(robot.mass))
     return ComparedRobot(
         robot.robot,
@@ -145,14 +148,15 @@ def place_robot(robot: PublishedRobot) -> ComparedRobot:
 
 
 def place_mammal(mammal: Mammal) -> Species:
-    """Return a mammal beside the law."""
+    """Return a mammal's speed as a share of the law of animals."""
     speed = mammal.top_speed / KMH
     share = speed / float(speed_law(mammal.mass))
     return Species(mammal.species, mammal.mass, speed, share)
 
 
 def count_band(robots: Sequence[PublishedRobot]) -> Spread:
-    """Count the robots within the paper's band."""
+    """Return the distribution of robots' power ratios, and which lie in the paper's
+    band."""
     known = {
         robot.robot: demand
         for robot in robots
@@ -172,8 +176,8 @@ def count_band(robots: Sequence[PublishedRobot]) -> Spread:
 
 
 def shipped() -> tuple[PublishedRobot, ...]:
-    """Return the policy that ships, as its card has it: on the built robot, and of the
-    model's mass; none without results."""
+    """Return the shipped policy as a robot with BP2's mass and the top speed on its
+    card; empty without results."""
     results = load_policy(asset_path("policies/built")).card.results.get(BENCHMARK, {})
     if not (speed := results.get("best_speed")):
         return ()
@@ -184,7 +188,8 @@ def shipped() -> tuple[PublishedRobot, ...]:
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
-    """Return the robots of topspeed reports, at their best seconds.
+    """Return the robots in reports of the topspeed benchmark, with their best speeds
+    over 1 s.
 
     Raises:
         UserError: no such report, or its robot ran no whole second.

@@ -11,8 +11,7 @@ from bp2_rl.robot.hardware import RobotName
 
 @dataclasses.dataclass(frozen=True)
 class ScalingFigureSettings:
-    """Draw greatest speed over body mass, and what is asked of the motors (paper, Fig.
-    1 and its inset).
+    """Figure of greatest speeds over body mass, and of motor demands (paper, Fig. 1).
 
     Shown are the robots of the paper's Table S1, the law of animals, and the policy
     that ships, as its card has it.
@@ -27,8 +26,7 @@ class ScalingFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class RaceFigureSettings:
-    """Draw speed over distance of BP2 and of athletes, their starts and their times
-    (paper, Fig. 6 B-D, Table S2).
+    """Figure of speed over distance, BP2 beside athletes (paper, Fig. 6 B-D, Table S2).
 
     Shown are Bolt's splits, what the paper says of the others, and the runs of
     policies.
@@ -43,16 +41,14 @@ class RaceFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class RobotFigureSettings:
-    """Draw the robot as it is modelled, with its dimensions (paper, Fig. 2, Fig. S1,
-    Table S3)."""
+    """Figure of the modelled robot with dimensions (paper, Figs. 2, S1, Table S3)."""
 
     robot: RobotName = "built"
 
 
 @dataclasses.dataclass(frozen=True)
 class RewardsFigureSettings(Bounded, path="--"):
-    """Draw how the weights of imitation and of tracking go with the commanded speed
-    (paper, Table S4)."""
+    """Figure of the weight of velocity tracking over speed (paper, Table S4)."""
 
     speed: Annotated[float, Within(0.1, 100.0)] = 15.5
     """the greatest command, m/s"""
@@ -60,7 +56,7 @@ class RewardsFigureSettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class StridesFigureSettings:
-    """Draw three cycles of a run's gait as keyframes (paper, Fig. 5 A)."""
+    """Figure of three gait cycles of a run as keyframes (paper, Fig. 5 A)."""
 
     runs: tuple[Path, ...] = ()
     """folder of a report of eval.py --benchmark topspeed"""
@@ -68,8 +64,7 @@ class StridesFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class OperatingFigureSettings:
-    """Draw where hips and knees work, torque over speed, in three cycles of every run
-    (paper, Fig. 5 E)."""
+    """Figure of hip and knee torque over speed, three gait cycles (paper, Fig. 5 E)."""
 
     runs: tuple[Path, ...] = ()
     """folders of reports of eval.py --benchmark topspeed, one a speed; comparisons are
@@ -78,8 +73,7 @@ class OperatingFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class LearningFigureSettings:
-    """Draw how soon the policies of trainings run, over control steps and over time, as
-    their judge saw it."""
+    """Figure of learning curves: judged speeds over control steps and over time."""
 
     runs: tuple[Path, ...] = ()
     """folders of trainings, each with a judge (--run.judged)"""
@@ -87,8 +81,8 @@ class LearningFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class WearFigureSettings(Bounded, path="--"):
-    """Draw speed over how hard soles land, of policies on the built robot, and whether
-    they need strong brakes."""
+    """Figure of policies' speeds over how hard the built robot's soles land.
+    It also shows which policies need motors that brake harder than they drive."""
 
     policies: tuple[Path, ...] = (Path("built"), Path("gentle"))
     """policies that ship, by name, or of your runs"""
@@ -98,8 +92,7 @@ class WearFigureSettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilityFigureSettings(Bounded, path="--"):
-    """Draw which of the numbers that had to be assumed the paper's own numbers pin
-    down, and which nothing does.
+    """Figure of how far the paper's numbers determine parameters that were assumed.
 
     Takes some minutes: trajectories are optimised again with each assumption a little
     larger and smaller.
@@ -116,8 +109,7 @@ class IdentifiabilityFigureSettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class BindingFigureSettings:
-    """Draw which limits hold the optimiser's trots back at each speed, and how far a
-    policy's gait is from them.
+    """Figure of what holds back the optimiser's trots, beside policies' gaits.
 
     Shown is, too, what a little more of each limit would bring. Takes some minutes:
     trajectories are solved.

@@ -27,7 +27,7 @@ FADED = 0.35
 
 @dataclasses.dataclass(frozen=True)
 class StridesNumbers:
-    """The gait over the cycles that are drawn."""
+    """Speed, stride frequency and duty factor over the gait cycles that are drawn."""
 
     name: str = metric("Three cycles", form="s")  # what ran
     speed: float = metric("Speed", "m/s")
@@ -54,7 +54,7 @@ def strides(settings: StridesFigureSettings) -> Drawn:
 
 
 def describe_cycles(name: str, part: Trajectory) -> StridesNumbers:
-    """Return the gait of the cycles in `part`."""
+    """Return speed, stride frequency and duty factor of the gait cycles in `part`."""
     standing = contacts(part)
     return StridesNumbers(
         name=name,
@@ -67,7 +67,7 @@ def describe_cycles(name: str, part: Trajectory) -> StridesNumbers:
 
 @styled
 def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
-    """Draw keyframes, a row for each cycle."""
+    """Draw keyframes of the robot, with a row for each gait cycle."""
     model = load_model(part.hardware)
     data = mujoco.MjData(model)
     figure = Figure(figsize=(1.3 * WIDTH, 5.0), layout="constrained")

@@ -1,5 +1,5 @@
-"""The wear of a robot in a fast run: speed over how hard soles land, and whether it needs
-strong brakes."""
+"""The figure of the wear of a robot in a fast run: speed over how hard soles land, and
+whether it needs strong brakes."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from bp2_rl.simulation.trajectory import Trajectory, steady_window
 
 HOLD = 5.0  # s
 WEAK = dataclasses.replace(BUILT, braking_speed=BUILT.no_load_speed)
-"""The built robot with brakes no better than its drives."""
+"""The built robot with motors that brake no harder than they drive."""
 COLORS = (QUIET, *LEG_COLORS.values())
 
 
 @dataclasses.dataclass(frozen=True)
 class Wear:
-    """The wear of a policy's run on the built robot; means and extremes of the time
+    """Loads on the built robot in a policy's run: means and extremes while the speed is
     held."""
 
     policy: str = metric("Policy", form="s")
@@ -53,7 +53,7 @@ class Wear:
 
 
 def wear(settings: WearFigureSettings) -> Drawn:
-    """Draw and tabulate the wear of policies."""
+    """Draw and tabulate the loads that policies put on the built robot."""
     found = tuple(
         wear_of(str(path), load_policy(path), settings.speed)
         for path in settings.policies
@@ -63,7 +63,8 @@ def wear(settings: WearFigureSettings) -> Drawn:
 
 
 def wear_of(name: str, policy: Policy, speed: float) -> Wear:
-    """Run a policy from a stand, told to run `speed`, m/s."""
+    """Return the loads on the built robot in a policy's run from a stand to `speed`,
+    m/s."""
     ramp = Ramp(speed, hold=HOLD).under(policy.card.env.control)
     run, weak = simulate(
         policy, [RunRequest(ramp, hardware=robot) for robot in (BUILT, WEAK)]
@@ -74,7 +75,7 @@ def wear_of(name: str, policy: Policy, speed: float) -> Wear:
 def measure_wear(
     name: str, landing_reward: float, run: Trajectory, weak_fell_at: float | None
 ) -> Wear:
-    """Measure the wear of a run in its steady part."""
+    """Measure the loads on the robot in the steady part of a run."""
     metrics = run.metrics
     steady = account(steady_window(run))
     return Wear(
@@ -93,8 +94,8 @@ def measure_wear(
 
 @styled
 def wear_figure(policies: Sequence[Wear]) -> Figure:
-    """Speed over the soles' landing speed; circles are filled where weak brakes do not
-    make the robot fall."""
+    """Draw speed over the soles' landing speed; circles are filled where weak brakes do
+    not make the robot fall."""
     figure = Figure(figsize=(6.0, 4.0), layout="constrained")
     axes = figure.subplots()
     rewards = sorted({one.landing_reward for one in policies})

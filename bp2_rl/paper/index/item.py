@@ -1,5 +1,5 @@
-"""A row of the index: an item of the paper, the command that makes ours, and what has
-to hold for "same"."""
+"""Items of the paper in the index: the command that reproduces an item, and the checks
+that decide "same" or "differs"."""
 
 import contextlib
 import dataclasses
@@ -19,8 +19,8 @@ Stated = Literal["same", "differs", "not comparable", "needs hardware"]
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A number of ours that has to lie between two of the paper's, or words that have
-    to be the paper's."""
+    """A check of our result: a number within bounds from the paper, or the paper's
+    words."""
 
     at: str  # SOURCE:PATH
     least: float = -math.inf
@@ -36,8 +36,9 @@ class Check:
 
 @dataclasses.dataclass(frozen=True)
 class Item:
-    """One item of the paper. Numbers in `ours` and `because` stand as
-    {SOURCE:PATH|FORMAT}, and come from its file."""
+    """One item of the paper, such as a panel, a table or a claim, and what ours says.
+    Numbers in `ours` and `because` stand as {SOURCE:PATH|FORMAT}, read from the
+    source's file."""
 
     number: str  # as the paper has it
     shows: str  # in our words
@@ -53,7 +54,7 @@ class Item:
 
     @property
     def id(self) -> str:
-        """The row's anchor on the page: fig-4-a, table-s1, eq-3, movie-s2, or
+        """HTML anchor of the item's row: fig-4-a, table-s1, eq-3, movie-s2, or
         beyond-SOURCE."""
         return (
             f"beyond-{self.source}"
@@ -63,18 +64,19 @@ class Item:
 
     @property
     def source(self) -> str:
-        """The command whose numbers and picture are ours; empty where there is none."""
+        """Name of the command that reproduces the item; empty where there is none."""
         return self.place.partition("/")[0]
 
     @property
     def picture(self) -> str:
-        """The file in the source's folder; empty where none is shown."""
+        """Name of the item's picture in the source's folder; empty where none is
+        shown."""
         return self.place.partition("/")[2]
 
 
 def read_items() -> dict[str, tuple[Item, ...]]:
-    """Return all items by heading, in the order of the paper, and then what goes beyond
-    it: those of items.toml."""
+    """Read items.toml: all items by heading, in the paper's order, then what goes
+    beyond the paper."""
     with Path(__file__).with_name("items.toml").open("rb") as file:
         return {
             heading: tuple(from_json(Item, entry) for entry in entries)
@@ -83,7 +85,7 @@ def read_items() -> dict[str, tuple[Item, ...]]:
 
 
 class ReportNumber(NamedTuple):
-    """A number of the page, and where it comes from."""
+    """A number on the index page: its text, its value, and its place in a report."""
 
     text: str  # as shown
     value: Any  # as in the file
@@ -91,7 +93,8 @@ class ReportNumber(NamedTuple):
 
 
 class IndexRow(NamedTuple):
-    """An item with its numbers filled in."""
+    """A row of the index page: an item, its verdict, and its texts with the numbers
+    filled in."""
 
     item: Item
     verdict: Verdict
@@ -111,12 +114,14 @@ class Statement:
 
 
 Reports = Mapping[str, Any]
-"""What is in the files of numbers, by source; those that were not run are not in it."""
+"""Contents of the files of numbers, by source; sources that were not run are left
+out."""
 _NUMBER = re.compile(r"\{(\w+:[^|{}]+)\|([^{}]*)\}")
 
 
 def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> IndexRow:
-    """The item's row.
+    """Return an item's row of the index page, with verdict and numbers from the
+    reports.
 
     Args:
         item: of the paper.
@@ -150,8 +155,8 @@ def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> IndexRow:
 
 
 def statements_of(source: str, report: Mapping[str, Any]) -> tuple[Statement, ...]:
-    """Return what becomes of a source's items, of those whose numbers its report alone
-    has."""
+    """Return the verdicts on a source's items, for items that need no other source's
+    report."""
     found = []
     for item in (item for items in read_items().values() for item in items):
         if item.source == source:
@@ -176,12 +181,12 @@ def _text(parts: tuple[str | ReportNumber, ...]) -> str:
 
 
 def places(item: Item) -> tuple[str, ...]:
-    """Where the item's numbers come from."""
+    """Return the places, SOURCE:PATH, of all numbers in an item's texts."""
     return tuple(match[1] for match in _NUMBER.finditer(f"{item.ours} {item.because}"))
 
 
 def look_up(reports: Reports, at: str) -> Any:
-    """The value at SOURCE:PATH.
+    """Return the value at SOURCE:PATH in the reports.
 
     A path's steps are separated by /: a key, a place in a list, or KEY=VALUE for the
     entry of a list that has it.
@@ -212,7 +217,8 @@ def _same(value: Any, wanted: str) -> bool:
 
 
 def _filled(text: str, reports: Reports) -> tuple[str | ReportNumber, ...]:
-    """Return a text's words and, at their places, its numbers."""
+    """Return a text in parts: its words and, in place of {SOURCE:PATH|FORMAT}, its
+    numbers."""
     words, *rest = _NUMBER.split(text)
     parts: list[str | ReportNumber] = [words]
     for at, form, words in zip(rest[::3], rest[1::3], rest[2::3], strict=True):

@@ -1,5 +1,5 @@
-"""The index as one page of HTML: every item of the paper, what is ours, and the
-pictures and films inside."""
+"""The index as one HTML page: every item of the paper beside ours, with pictures and
+films."""
 
 import base64
 from collections.abc import Iterable, Mapping
@@ -36,7 +36,7 @@ def index_page(
     missing: Mapping[str, str],
     said: str,
 ) -> str:
-    """The page.
+    """Return the index page as HTML.
 
     Args:
         groups: rows by heading.

@@ -1,4 +1,4 @@
-"""The commands whose numbers and pictures the index shows, and their words."""
+"""The commands whose numbers and pictures the index of the paper shows."""
 
 import dataclasses
 from pathlib import Path
@@ -8,7 +8,7 @@ from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """One command, which leaves a folder with its numbers and pictures."""
+    """A command of the index, which writes its numbers and pictures to a folder."""
 
     name: str  # of its folder
     words: tuple[str, ...]  # of the command, after `bp2`
@@ -21,7 +21,7 @@ class Source:
 
     @property
     def command(self) -> str:
-        """As a user types it."""
+        """The command line as a user types it."""
         return " ".join(
             ("bp2", *self.words, *(("--runs", "REPORT ...") if self.runs else ()))
         )
@@ -77,7 +77,8 @@ SOURCES = (
     _deeply_evaluated("efficiency"),
     _deeply_evaluated("endurance"),
 )
-"""In the order in which they run: one that is told others' reports comes after them."""
+"""All commands of the index, in the order of running: a command comes after those whose
+reports it reads."""
 
 
 def arguments(
@@ -88,7 +89,7 @@ def arguments(
     quick: bool = False,
     film: bool = True,
 ) -> list[str]:
-    """Return the words of a command, after `bp2`, but for where its report goes.
+    """Return a command's words after `bp2`, without the flag for the report's folder.
 
     Args:
         source: the command.

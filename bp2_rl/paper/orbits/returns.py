@@ -28,7 +28,8 @@ class Fit:
 
 
 def radius(matrix: Float[np.ndarray, "D D"]) -> float:
-    """Return the size of the largest multiplier."""
+    """Return the spectral radius of a map's matrix: its largest multiplier in
+    magnitude."""
     return float(np.max(np.abs(np.linalg.eigvals(matrix))))
 
 
@@ -60,7 +61,8 @@ def bootstrap(
     draws: int,
     seed: int = 0,
 ) -> Float[np.ndarray, " draws"]:
-    """Return radii of maps fitted anew, with the fitted map's residuals dealt out anew.
+    """Return bootstrap samples of the map's spectral radius: fits to resampled
+    residuals.
 
     States before stay: drawn with replacement, hardly more different ones than
     coordinates would remain. Residuals are enlarged by sqrt(N / (N - D - 1)), as a fit

@@ -21,12 +21,12 @@ import numpy as np
 from jaxtyping import Float
 
 CHI_SQUARE_95 = 7.814727903251179
-"""Below it lie 95 % of the squared Mahalanobis distances of Gaussian points in three
-dimensions."""
+"""Squared Mahalanobis distance below which 95 % of Gaussian points in three dimensions
+lie."""
 LEAST_POINTS = 6
-"""A section of fewer has no thirds to speak of."""
+"""Least number of points of a section whose drift is measured."""
 LEAST_EVENTS = 3
-"""Fewer events have no jitter."""
+"""Least number of events whose jitter is measured."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,15 +99,15 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
 
 
 def _chi_square_5(x: float) -> float:
-    """Return the chi-square distribution of five degrees of freedom at x."""
+    """Return the cumulative chi-square distribution of five degrees of freedom at x."""
     return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
         -x / 2.0
     ) * (1.0 + x / 3.0)
 
 
 TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
-"""Covariance of a three-dimensional Gaussian within its 95 % bound, over that of all of
-it."""
+"""Covariance of a three-dimensional Gaussian within its 95 % bound, over the whole
+Gaussian's."""
 
 
 def mahalanobis(
@@ -138,7 +138,8 @@ def sample(
 
 @dataclasses.dataclass(frozen=True)
 class Jitter:
-    """How regularly an event comes that happens once a cycle."""
+    """Regularity of an event that happens once a cycle: its phase, jitter and
+    frequency."""
 
     events: int
     phase: float  # cycles, mean place in the clock's cycle, 0 to 1
@@ -155,7 +156,8 @@ def jitter(
     period: float,
     sampling: float,
 ) -> Jitter:
-    """Measure how events keep time with a clock.
+    """Measure phase and jitter of events against a clock, and the spread of their
+    frequency.
 
     Args:
         times: of the events, s.

@@ -1,2 +1,2 @@
-"""Huygens' pendulums: what hangs from one beam and moves it (paper, "Huygens' coupled
-pendulum")."""
+"""Huygens' coupled pendulums, which hang from one beam and move it (paper, "Huygens'
+coupled pendulum")."""

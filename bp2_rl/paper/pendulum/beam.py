@@ -1,6 +1,5 @@
-"""Pendulums that hang from a sliding beam: their equations, energies, what they keep,
-the torques that move them, and how they swing when they are let go at rest (SciPy's
-DOP853 at tight tolerances).
+"""Pendulums that hang from a sliding beam: equations of motion, energies, momentum,
+torques, and their free motion from rest (SciPy's DOP853 at tight tolerances).
 
 Everything is dimensionless, as in the paper: time in 1 / w0 = sqrt(l / g), the beam's
 displacement in l, energy and torque in m g l. The mass ratio R is the beam's mass over
@@ -37,8 +36,8 @@ class Energies(NamedTuple):
 def accelerations(
     theta: Angles, rate: Angles, torque: Angles, mass_ratio: Many
 ) -> tuple[Float[np.ndarray, "*many"], Angles]:
-    """The beam's and the pendulums' accelerations under the motors' torques (paper, Eq.
-    dimensionless)."""
+    """Return the beam's and the pendulums' accelerations under the motors' torques
+    (paper, Eq. dimensionless)."""
     sin, cos = np.sin(theta), np.cos(theta)
     force = np.sum(sin * rate**2 + sin * cos - cos * torque, axis=-1)
     # At least R: the beam always has inertia of its own.
@@ -47,14 +46,15 @@ def accelerations(
 
 
 def fixed_torque(theta: Angles, acceleration: Angles) -> Angles:
-    """The torque that a motion takes where the beam cannot move (paper, u~)."""
+    """Return the torque that a motion takes where the beam cannot move (paper, u~)."""
     return acceleration + np.sin(theta)
 
 
 def coupled_torque(
     theta: Angles, rate: Angles, acceleration: Angles, mass_ratio: Many
 ) -> Angles:
-    """The torque that a free beam adds to a motion (paper, u^c in Eq. active torque)."""
+    """Return the torque that a free beam adds to a motion (paper, u^c in Eq. active
+    torque)."""
     sin, cos = np.sin(theta), np.cos(theta)
     push = np.sum(sin * rate**2 - cos * acceleration, axis=-1) / (
         mass_ratio + theta.shape[-1]
@@ -65,7 +65,8 @@ def coupled_torque(
 def momentum(
     theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many
 ) -> Float[np.ndarray, "*many"]:
-    """The horizontal momentum, in m l w0: kept, whatever the motors do."""
+    """Return the horizontal momentum of beam and pendulums, in m l w0: kept, whatever
+    the motors do."""
     return np.asarray(
         (mass_ratio + theta.shape[-1]) * beam_rate
         + np.sum(np.cos(theta) * rate, axis=-1)
@@ -75,7 +76,8 @@ def momentum(
 def energies(
     theta: Angles, rate: Angles, beam_rate: Many, mass_ratio: Many
 ) -> Energies:
-    """The energies of pendulums and beam; they add up to what the motors have put in."""
+    """Return the energies of pendulums and beam; they add up to what the motors have
+    put in."""
     sin, cos = np.sin(theta), np.cos(theta)
     kinetic = ((beam_rate[..., None] + cos * rate) ** 2 + (sin * rate) ** 2) / 2.0
     return Energies(
@@ -91,8 +93,7 @@ NATURAL_PERIOD = 2.0 * math.pi
 
 @dataclasses.dataclass(frozen=True)
 class SwingMotion:
-    """Systems of pendulums over time; time first, then the systems, then the pendulums
-    of each."""
+    """Motion of systems of pendulums; axes are time, then systems, then pendulums."""
 
     mass_ratio: Float[np.ndarray, "*many"]
     time: Float[np.ndarray, " samples"]  # in 1 / w0
@@ -103,7 +104,7 @@ class SwingMotion:
 
     @property
     def energies(self) -> Energies:
-        """The energies at each time."""
+        """Energies of pendulums and beam at each time, in m g l."""
         return energies(self.theta, self.rate, self.beam_rate, self.mass_ratio)
 
     @property
@@ -124,7 +125,8 @@ def swing(
     time: Float[np.ndarray, " samples"],
     tolerance: float = 1e-12,
 ) -> SwingMotion:
-    """Let pendulums go at these angles, at rest.
+    """Release pendulums at rest from the angles `released`, and return their free
+    motion.
 
     Args:
         released: angles, rad.

@@ -15,8 +15,8 @@ def small_torque_ratio(
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
 ) -> Float[np.ndarray, "*many"]:
-    """Return the peak torque of small swings a phase apart, with the beam free over
-    with the beam fixed.
+    """Return the ratio of peak torques, beam free over beam fixed, of small swings a
+    phase apart.
 
     Infinite at W = 1, where a fixed beam asks for no torque.
     """
@@ -27,16 +27,16 @@ def small_torque_ratio(
 
 
 def boundary_frequency(mass_ratio: float) -> float:
-    """Return the W above which a free beam lowers the torque of small swings, and below
-    which it raises it, whatever the phase."""
+    """Return the frequency W above which a free beam lowers the torque of small swings,
+    and below which a free beam raises the torque, whatever the phase."""
     return math.sqrt((mass_ratio + 2.0) / (mass_ratio + 1.0))
 
 
 def small_gait_ratio(
     order: Float[np.ndarray, "*#many"], frequency: float, mass_ratio: float, legs: int
 ) -> Float[np.ndarray, "*many"]:
-    """Return the root mean square torque (over time and legs) of many legs' small
-    swings, free over fixed.
+    """Return the ratio of root mean square torques (over time and legs), beam free over
+    fixed, of many legs' small swings.
 
     It hangs on the gait by the order parameter alone, |mean e^(i phi)|.
     """

@@ -25,7 +25,8 @@ SAMPLES = 100  # of a natural period
 EVEN = 0.05  # of m g l: means that differ by less are called even
 PAPER_PERIODS = 6.0
 PAPER_MEAN = 0.25
-"""The paper's: "near-equipartition, about 0.25, within roughly six natural periods"."""
+"""Mean energy of a pendulum in the paper: "near-equipartition, about 0.25, within
+roughly six natural periods"."""
 COLORS = {"pendulum 1": FRONT, "pendulum 2": FALL, "beam": LEG_COLORS["RR"]}
 
 
@@ -48,7 +49,7 @@ class Sharing:
 
 @dataclasses.dataclass(frozen=True)
 class Exchange:
-    """One mass ratio over time; arrays by sample."""
+    """Energies of two pendulums and their beam over time, at one mass ratio."""
 
     sharing: Sharing
     time: Float[np.ndarray, " samples"]  # in T0
@@ -59,7 +60,7 @@ class Exchange:
 def exchanges(
     amplitude: float, mass_ratios: Sequence[float], periods: float
 ) -> list[Exchange]:
-    """Let one pendulum go at `amplitude` and watch both for some natural periods, for
+    """Return the energies of two pendulums after one is released at `amplitude`, for
     each mass ratio."""
     time = np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * SAMPLES) + 1)
     motion = swing(
@@ -69,7 +70,8 @@ def exchanges(
 
 
 def _exchange(motion: SwingMotion, system: int) -> Exchange:
-    """Return the exchange of energy in one of several systems."""
+    """Return the energies in a single system of pendulums, by its index among
+    several."""
     time = motion.time
     mass_ratio = motion.mass_ratio[system]
     state = (
@@ -104,7 +106,8 @@ def _exchange(motion: SwingMotion, system: int) -> Exchange:
 def _running_mean(
     time: Float[np.ndarray, " samples"], values: Float[np.ndarray, "samples ..."]
 ) -> Float[np.ndarray, "samples ..."]:
-    """Average from the release to each time; at the release the value itself."""
+    """Return the mean of `values` from the release to each time; at the release, the
+    value."""
     so_far = time[1:].reshape(-1, *(1,) * (values.ndim - 1))
     return np.concatenate(
         (values[:1], cumulative_simpson(values, x=time, axis=0) / so_far)
@@ -116,7 +119,8 @@ def _pair(values: Float[np.ndarray, " 2"]) -> tuple[float, float]:
 
 
 def study_exchange(settings: PendulumExchangeSettings) -> Drawn:
-    """Study how evenly two pendulums share the energy of the released pendulum."""
+    """Draw and tabulate how evenly two pendulums share the energy after one is
+    released."""
     runs = exchanges(settings.amplitude, settings.mass_ratio, settings.periods)
     rows = tuple(run.sharing for run in runs)
     table = table_of("", rows)

@@ -1,4 +1,5 @@
-"""From two pendulums to four legs: what a gait's phases leave of the beam's help.
+"""Four legs as pendulums on a beam: how much torque a free beam saves, by a gait's
+phases.
 
 A leg's push on the beam, S th'^2 - C th'', is odd in its angle. So two legs in
 antiphase cancel, at any amplitude, and a gait whose legs come in such pairs leaves the
@@ -40,7 +41,7 @@ a gathered gallop the hind legs come sooner than half a cycle after the fore leg
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitTorque:
-    """The torques of a gait's legs, beam free over beam fixed."""
+    """Ratios of the torques of a gait's legs, beam free over beam fixed."""
 
     gait: str = metric("Gait", form="s")
     phases: tuple[float, ...] = metric("FR FL RR RL", "cycles", joined(".2f", " "))
@@ -57,14 +58,16 @@ class GaitTorque:
 def order_parameter(
     phases: Float[np.ndarray, "*many legs"],
 ) -> Float[np.ndarray, "*many"]:
-    """Return how much legs move as one; phases in cycles."""
+    """Return the order parameter of leg phases (cycles): 1 if legs move as one, 0 if
+    they balance."""
     return np.asarray(np.abs(np.mean(np.exp(2j * np.pi * phases), axis=-1)))
 
 
 def gait_torques(
     mass_ratio: float, amplitude: float, frequency: float
 ) -> tuple[GaitTorque, ...]:
-    """Return the torques of every gait on a beam; `frequency` over w0."""
+    """Return the torque ratios, beam free over fixed, of every gait; `frequency` is
+    over w0."""
     phases = np.array(list(GAITS.values()))
     cycle = drive(
         2.0 * np.pi * phases,
@@ -93,7 +96,7 @@ def gait_torques(
 
 
 def gain_by_gait(settings: PendulumGaitsSettings) -> Drawn:
-    """Study what each gait gains of four legs on a free beam."""
+    """Draw and tabulate how much torque a free beam saves four legs, by gait."""
     frequency = driven_frequency(settings.frequency, settings.length)
     found = [
         gait_torques(ratio, settings.amplitude, frequency)
@@ -109,7 +112,8 @@ def gain_by_gait(settings: PendulumGaitsSettings) -> Drawn:
 
 @styled
 def gaits_figure(found: Sequence[Sequence[GaitTorque]]) -> Figure:
-    """Draw torques by gait, beam free over beam fixed; a panel for every mass ratio."""
+    """Draw torque ratios by gait, beam free over beam fixed; a panel for every mass
+    ratio."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0].tolist()
     for gaits, axes in zip(found, panels, strict=True):

@@ -1,5 +1,5 @@
-"""When a free beam lowers the peak torque of two pendulums, and when it raises it: over
-phase, frequency, amplitude."""
+"""Where a free beam lowers the peak torque of two pendulums, and where it raises it:
+maps over phase, frequency, amplitude."""
 
 import dataclasses
 import math
@@ -41,7 +41,7 @@ LEAST, MOST = 0.2, 1.5  # of the colours: at W = 1 the ratio has a pole
 
 @dataclasses.dataclass(frozen=True)
 class Reduction:
-    """The boundary at a mass ratio; a ratio is of peak torques, beam free over fixed."""
+    """Frequency above which a free beam lowers the peak torque, at one mass ratio."""
 
     mass_ratio: float = metric("R", form=".3g")
     frequency: float = metric("W of the map over amplitudes", form=".3g")
@@ -59,7 +59,8 @@ class Reduction:
 
 @dataclasses.dataclass(frozen=True)
 class Maps:
-    """The maps at a mass ratio; rows by frequency or amplitude, columns by phase."""
+    """Maps of the ratio of peak torques, beam free over fixed, at one mass ratio; rows
+    by frequency or amplitude, columns by phase."""
 
     reduction: Reduction
     phases: Float[np.ndarray, " phases"]  # rad
@@ -75,8 +76,8 @@ def peak_ratio(
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
 ) -> Float[np.ndarray, "*many"]:
-    """Return the greater peak torque of two pendulums a phase apart, beam free over
-    beam fixed."""
+    """Return the ratio of the greater peak torques of two pendulums a phase apart, beam
+    free over beam fixed."""
     phases = np.stack(np.broadcast_arrays(0.0, phase), axis=-1)
     cycle = drive(phases, amplitude, frequency, mass_ratio)
     return np.asarray(
@@ -85,7 +86,8 @@ def peak_ratio(
 
 
 def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
-    """Map one mass ratio over frequency and, at the W `frequency`, over amplitude."""
+    """Return a mass ratio's maps over frequency and, at the W `frequency`, over
+    amplitude."""
     phases = np.linspace(0.0, np.pi, PHASES)
     frequencies, amplitudes = (_between(*ends) for ends in (FREQUENCIES, AMPLITUDES))
     ratio = np.array(mass_ratio)
@@ -110,7 +112,8 @@ def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
 
 
 def _between(low: float, high: float) -> Float[np.ndarray, " rows"]:
-    """Centres of equal intervals: so none is at W = 1, where the ratio has a pole."""
+    """Return centres of equal intervals: so none is at W = 1, where the ratio has a
+    pole."""
     return low + (np.arange(ROWS) + 0.5) * ((high - low) / ROWS)
 
 
@@ -133,7 +136,8 @@ def _boundary(phase: float, mass_ratio: float) -> float:
 
 
 def map_reduction(settings: PendulumMapSettings) -> Drawn:
-    """Study where a free beam helps, for each mass ratio and for BP2."""
+    """Draw and tabulate where a free beam lowers the peak torque, for each mass ratio
+    and for BP2."""
     frequency = driven_frequency(settings.frequency, settings.length)
     robot = reduced_frequency(STRIDE_FREQUENCY, LEG_LENGTH)
     maps = [reduction_maps(ratio, frequency) for ratio in settings.mass_ratio]
@@ -145,8 +149,8 @@ def map_reduction(settings: PendulumMapSettings) -> Drawn:
 
 @styled
 def reduction_figure(maps: Sequence[Maps]) -> Figure:
-    """Peak torque of two pendulums, beam free over beam fixed; a column for each mass
-    ratio, BP2's last.
+    """Draw maps of peak torque of two pendulums, beam free over beam fixed; a column
+    for each mass ratio, BP2's last.
 
     The dashed line is the boundary in closed form, the black curve that of the map; a
     star is BP2's trot.

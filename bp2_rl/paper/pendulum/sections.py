@@ -29,7 +29,8 @@ _show_angles = joined("+.2f", " to ")
 
 @dataclasses.dataclass(frozen=True)
 class Path:
-    """A section in numbers: its angles, and how far apart the two paths are."""
+    """Numbers of a Poincare section: its angles, and how far apart the pendulums' paths
+    are."""
 
     mass_ratio: float = metric("R", form="g")
     points: int = metric("Points", form="d")
@@ -45,7 +46,7 @@ class Path:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """The points of the section at a mass ratio."""
+    """Points of the Poincare section at one mass ratio."""
 
     path: Path
     theta: Float[np.ndarray, "points 2"]
@@ -55,8 +56,8 @@ class Section:
 def sections(
     amplitude: float, mass_ratios: Sequence[float], periods: float
 ) -> list[Section]:
-    """Let one of two pendulums go and look at both whenever the beam turns from left to
-    right, for each mass ratio."""
+    """Release one of two pendulums, and return angles and rates of both whenever the
+    beam turns from left to right, for each mass ratio."""
     time = np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * SAMPLES) + 1)
     released = np.tile((amplitude, 0.0), (len(mass_ratios), 1))
     motion = swing(released, np.array(mass_ratios), time, tolerance=1e-10)
@@ -64,7 +65,8 @@ def sections(
 
 
 def _section(motion: SwingMotion, system: int) -> Section:
-    """Return the section of a system, by its place among several."""
+    """Return the Poincare section of a single system of pendulums, by its index among
+    several."""
     beam_acceleration, acceleration = (
         values[:, system] for values in motion.accelerations
     )
@@ -93,7 +95,8 @@ def _ends(values: Float[np.ndarray, " points"]) -> tuple[float, float]:
 
 
 def cut_sections(settings: PendulumSectionsSettings) -> Drawn:
-    """Study how far apart the paths of two pendulums are."""
+    """Draw and tabulate Poincare sections of two pendulums, and how far apart their
+    paths are."""
     found = sections(settings.amplitude, settings.mass_ratio, settings.periods)
     paths = tuple(section.path for section in found)
     table = table_of("", paths)
@@ -102,7 +105,7 @@ def cut_sections(settings: PendulumSectionsSettings) -> Drawn:
 
 @styled
 def sections_figure(sections: Sequence[Section]) -> Figure:
-    """Angle and rate of both pendulums at each instant of the section (paper, Fig.
+    """Draw angle and rate of both pendulums at each instant of the section (paper, Fig.
     3 D)."""
     columns = min(COLUMNS, len(sections))
     rows = -(-len(sections) // columns)

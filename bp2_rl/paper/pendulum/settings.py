@@ -17,15 +17,16 @@ from bp2_rl.robot import bp2, conventions
 MASS_RATIO = (
     4.0 * bp2.TRUNK_QUARTER_MASS / (bp2.THIGH_MASS + bp2.SHANK_MASS + bp2.TOE_MASS)
 )
-"""Trunk over leg."""
+"""Mass of BP2's trunk over the mass of one leg."""
 LEG_LENGTH = bp2.THIGH_LENGTH
-"""m, of the pendulum that a leg stands for. ASSUMED: the leg's mass is in its thigh,
-folded up to its knee."""
+"""Length of the pendulum that a leg stands for, m. ASSUMED: the leg's mass is in its
+thigh, folded up to its knee."""
 STRIDE_FREQUENCY = 3.2
-"""Hz, DERIVED: the period of the shipped library's trot at 10 m/s is 0.315 s."""
+"""Stride frequency, Hz, DERIVED: the period of the shipped library's trot at 10 m/s is
+0.315 s."""
 HIP_AMPLITUDE = 0.6
-"""rad, ASSUMED. In that trot a hip swings by 0.75 rad either way; a wider swing gains
-less."""
+"""Amplitude of a hip's swing, rad, ASSUMED. In the library's trot at 10 m/s a hip
+swings by 0.75 rad either way; a wider swing gains less."""
 
 
 def reduced_frequency(frequency: float, length: float) -> float:
@@ -44,10 +45,10 @@ MassRatio = Annotated[float, Within(0.05, 1e4)]
 """The beam's mass over one pendulum's. A lighter beam whirls so fast that the
 integration takes minutes."""
 Angle = Annotated[float, Within(1e-3, 3.1), tyro.conf.arg(metavar="RAD")]
-"""To which a pendulum is lifted, or swings."""
+"""Angle to which a pendulum is lifted, or swings."""
 Swing = Annotated[float, Within(0.3, 1.5), tyro.conf.arg(metavar="RAD")]
-"""Below, an exchange takes hundreds of periods and the search minutes; above, the law
-is no guide for it."""
+"""Amplitude whose trapping is studied. Below the bounds, an exchange takes hundreds of
+periods and the search minutes; above, the law is no guide for it."""
 Periods = Annotated[float, Within(2.0, 1000.0), tyro.conf.arg(metavar="T0")]
 """How long a motion is watched, in periods of one small swing."""
 Hertz = Annotated[float, Within(0.01, 1000.0), tyro.conf.arg(metavar="HZ")]
@@ -56,8 +57,7 @@ Length = Annotated[float, Within(0.001, 1000.0), tyro.conf.arg(metavar="M")]
 
 @dataclasses.dataclass(frozen=True)
 class PendulumExchangeSettings:
-    """Let one of two pendulums go, the other hanging: who has the energy over time
-    (paper, Fig. 3C)."""
+    """Figure of two pendulums' energies after one is released (paper, Fig. 3C)."""
 
     mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)
     """the beam's mass over one pendulum's; a row of the picture each, at most 6"""
@@ -73,8 +73,7 @@ class PendulumExchangeSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumSectionsSettings:
-    """Let one of two pendulums go and look at both once a cycle: Poincare sections by
-    mass ratio (paper, Fig. 3D)."""
+    """Figure of Poincare sections of two pendulums, by mass ratio (paper, Fig. 3D)."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 5.0, 20.0, 25.0, 100.0)
     """the beam's mass over one pendulum's; a panel each, at most 12"""
@@ -90,8 +89,7 @@ class PendulumSectionsSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTorqueSettings:
-    """Move two pendulums as the paper does: their torques with the beam free and with
-    it fixed (paper, Fig. 3E)."""
+    """Figure of two pendulums' torques, beam free and beam fixed (paper, Fig. 3E)."""
 
     mass_ratio: MassRatio = 1.0
     """the beam's mass over one pendulum's"""
@@ -112,8 +110,7 @@ class PendulumTorqueSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumMapSettings:
-    """Map where a free beam lowers the peak torque of two pendulums, and where it
-    raises it; BP2 comes last."""
+    """Figure of where a free beam lowers two pendulums' peak torque, and BP2's."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
     """the beam's mass over one pendulum's; a column each beside BP2's, at most 4"""
@@ -131,8 +128,7 @@ class PendulumMapSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTrappingSettings:
-    """Search for the mass ratio above which a swing stays with the pendulum that has it
-    (beyond the paper)."""
+    """Figure of how heavy a beam keeps a swing in its pendulum (beyond the paper)."""
 
     thresholds: tuple[Swing, ...] = (0.5, 0.6, 0.8, math.pi / 3.0, 1.2, 1.4)
     """amplitudes whose threshold is searched for; at most 12"""
@@ -145,8 +141,7 @@ class PendulumTrappingSettings:
 
 @dataclasses.dataclass(frozen=True)
 class PendulumGaitsSettings:
-    """Hang four legs from a beam: what each gait's phases leave of the beam's help
-    (beyond the paper)."""
+    """Figure of torque that a free beam saves four legs, by gait (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (MASS_RATIO, 1.0)
     """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
@@ -165,8 +160,7 @@ class PendulumGaitsSettings:
 
 
 def _check_list(flag: str, values: Sequence[float], most: int) -> None:
-    """Refuse an empty list, one longer than a picture holds, and one that says
-    something twice."""
+    """Refuse a flag's list that is empty, longer than `most`, or has a value twice."""
     if not 1 <= len(values) <= most:
         raise UserError(f"{flag} takes 1 to {most} values, got {len(values)}")
     if len(set(values)) < len(values):
@@ -176,7 +170,7 @@ def _check_list(flag: str, values: Sequence[float], most: int) -> None:
 
 
 def driven_frequency(frequency: float, length: float) -> float:
-    """Return `reduced_frequency` of a motion that is driven.
+    """Return `reduced_frequency` of a driven motion, which must not be at resonance.
 
     Raises:
         UserError: it is the pendulum's own, where a fixed beam asks for hardly any

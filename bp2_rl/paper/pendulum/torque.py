@@ -25,7 +25,7 @@ from bp2_rl.paper.pendulum.settings import (
 )
 
 SAMPLES = 256
-"""Of a cycle. A peak between two of them is found to 1e-7 of it."""
+"""Samples of a cycle. A peak between two samples is found to 1e-7 of its height."""
 # W at which gravity is a part in 1e12 of inertia: the limit of long pendulums
 FASTEST = 1e6
 TAKES, ADDS = "#BFE3D6", "#F5D2BC"  # colours of what coupling takes and adds
@@ -34,7 +34,8 @@ PENDULUMS = FRONT, FALL
 
 @dataclasses.dataclass(frozen=True)
 class PendulumCycle:
-    """One cycle of a motion; systems, then time, then pendulums."""
+    """Angles, rates and torques of pendulums over one cycle of a motion; axes are
+    systems, then time, then pendulums."""
 
     angle: Float[np.ndarray, " samples"]  # W t, rad
     theta: Float[np.ndarray, "*many samples pendulums"]
@@ -46,7 +47,7 @@ class PendulumCycle:
 
     @property
     def free(self) -> Float[np.ndarray, "*many samples pendulums"]:
-        """The torque with the beam free, u."""
+        """Torque of every pendulum with the beam free, u, in m g l."""
         return self.fixed + self.coupled
 
 
@@ -113,7 +114,7 @@ def root_mean_square(
 
 @dataclasses.dataclass(frozen=True)
 class LengthRow:
-    """Torques of both pendulums at a length, beam free over beam fixed."""
+    """Torque ratios of both pendulums at one length, beam free over beam fixed."""
 
     length: float = metric("Length", "m", "g")  # infinite for the limit
     frequency: float = metric("W", form=".2f")
@@ -125,7 +126,8 @@ class LengthRow:
 
 @dataclasses.dataclass(frozen=True)
 class Prescribed:
-    """One motion: its cycle at one length, and the ratios at several lengths."""
+    """A prescribed motion: its cycle at one pendulum length, and the torque ratios at
+    several."""
 
     cycle: PendulumCycle
     rows: tuple[LengthRow, ...]  # at the length shown, at BP2's leg, and in the limit
@@ -134,7 +136,8 @@ class Prescribed:
 def prescribe(
     mass_ratio: float, amplitude: float, phase: float, hertz: float, length: float
 ) -> Prescribed:
-    """Move two pendulums alike, the second ahead by `phase`, `hertz` times a second."""
+    """Return the torques of two pendulums that swing alike at `hertz`, the second ahead
+    by `phase`."""
     printed = list(dict.fromkeys((length, LEG_LENGTH)))  # once, if they are the same
 
     def at(frequency: Float[np.ndarray, "*many"]) -> PendulumCycle:
@@ -151,7 +154,7 @@ def prescribe(
 def _row(
     length: float, frequency: float, at: Callable[[np.ndarray], PendulumCycle]
 ) -> LengthRow:
-    """Return the ratios of the motion that `at` makes at a W."""
+    """Return the torque ratios of the motion that `at` makes at a frequency W."""
     cycle = at(np.array(frequency))
     peaks, root_mean_squares = (
         (float(one), float(two))
@@ -164,7 +167,7 @@ def _row(
 
 
 def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
-    """Study what a free beam takes off the torques of a prescribed motion."""
+    """Draw and tabulate how a free beam changes the torques of a prescribed motion."""
     case = prescribe(
         settings.mass_ratio,
         settings.amplitude,
@@ -178,8 +181,8 @@ def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
 
 @styled
 def torque_figure(case: Prescribed) -> Figure:
-    """Draw torques over a cycle, shaded where coupling adds or takes (paper, Fig.
-    3 E)."""
+    """Draw torques over a cycle, shaded where coupling adds to or takes from the torque
+    (paper, Fig. 3 E)."""
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     pair = figure.subplots(1, 2).tolist()
     cycle = case.cycle

@@ -31,7 +31,7 @@ BEATS = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Threshold:
-    """The mass ratio from which on a swing of an amplitude is trapped."""
+    """Mass ratio above which a swing of an amplitude stays with its pendulum."""
 
     amplitude: float = metric("Amplitude", "rad", ".3f")
     # the greatest mass ratio at which it was seen to leave its pendulum
@@ -43,7 +43,8 @@ class Threshold:
 
 
 def thresholds(amplitudes: Sequence[float]) -> Iterator[Threshold]:
-    """Find the thresholds of amplitudes, between mass ratios a percent apart."""
+    """Yield for each amplitude the mass ratio above which a swing is trapped, to about
+    a percent."""
     for amplitude in amplitudes:
         law = exact.trapping_ratio(amplitude)
         low, high = (share * law for share in BRACKET)
@@ -58,7 +59,8 @@ def thresholds(amplitudes: Sequence[float]) -> Iterator[Threshold]:
 def are_trapped(
     amplitude: float, mass_ratios: Float[np.ndarray, " ratios"], periods: float
 ) -> Bool[np.ndarray, " ratios"]:
-    """Let one of two pendulums go; is it ahead of the other in every natural period?
+    """Return for each mass ratio whether a released pendulum has more energy than the
+    other in every natural period.
 
     Args:
         amplitude: from which it is let go, rad.
@@ -74,7 +76,7 @@ def are_trapped(
 
 
 def find_trapping(settings: PendulumTrappingSettings) -> Drawn:
-    """Study from which mass ratio on a swing stays with its pendulum."""
+    """Draw and tabulate the mass ratio above which a swing stays with its pendulum."""
     found = tuple(thresholds(sorted(settings.thresholds)))
     table = table_of("", found)
     return Drawn({"thresholds": found}, (table,), {"trapping": trapping_figure(found)})
@@ -82,7 +84,7 @@ def find_trapping(settings: PendulumTrappingSettings) -> Drawn:
 
 @styled
 def trapping_figure(thresholds: Sequence[Threshold]) -> Figure:
-    """The mass ratio from which on a swing is trapped, over the amplitude."""
+    """Draw the mass ratio from which on a swing is trapped, over the amplitude."""
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     axes = figure.subplots()
     amplitudes = [one.amplitude for one in thresholds]

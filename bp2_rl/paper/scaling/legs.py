@@ -103,7 +103,8 @@ def read_legs() -> tuple[PublishedLegs, ...]:
 
 
 def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
-    """Return a robot of a mass, kg, on these legs.
+    """Return a rigid robot of `mass` kg with legs and motors from a row of published
+    numbers.
 
     Raises:
         UserError: the legs leave the trunk nothing.

@@ -1,4 +1,5 @@
-"""The greatest speed of a robot's trot by the optimiser, and its gains by limit."""
+"""The greatest speed of a robot's trot by the optimiser, and how far each limit holds
+it back."""
 
 import concurrent.futures
 import contextlib
@@ -25,17 +26,15 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 
 STARTS = 4.0, 2.5, 1.5
-"""m/s for BP2's size: speeds of the trots from which the greatest speed is looked
-for."""
+"""Speeds of the trots from which the greatest speed is searched, m/s at BP2's size."""
 ENOUGH = 2
-"""Of those, the first that there are."""
+"""Number of starting trots that are used, the first that are found."""
 COARSE = 8
-"""Intervals a segment, for those."""
+"""Intervals a segment, at most, of the mesh on which starting trots are solved."""
 SPRUNG = 3
-"""Times the intervals of a rigid robot: toes swing on their springs."""
+"""Factor on the mesh's intervals for robots whose toes swing on springs."""
 RISE = bp2.PEAK_TORQUE / Problem().torque_rate
-"""s, in which a motor reaches its peak torque at the earliest: BP2's, of every
-robot."""
+"""Shortest time in which a motor reaches its peak torque, s: BP2's, for every robot."""
 CHANGES: dict[str, Change] = {
     "joint speed": times_fields("hardware.corner_speed", "hardware.no_load_speed"),
     "torque": times_fields("hardware.peak_torque"),
@@ -43,14 +42,16 @@ CHANGES: dict[str, Change] = {
     "friction": times_fields("hardware.friction"),
     "landing impact": times_fields("form.greatest_impact"),
 }
-"""The limits of which one binds first, each by a factor."""
+"""Limits that may bind, by name: each a change that multiplies the limit by a
+factor."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimit:
-    """A robot's fastest trot."""
+    """A robot's fastest trot by the optimiser, and how much more each limit would
+    gain."""
 
     speed: float  # m/s
     period: float  # s
@@ -60,20 +61,20 @@ class SpeedLimit:
 
     @property
     def binds(self) -> str:
-        """The limit of which one per cent more brings most."""
+        """Name of the limit of which 1 % more raises the speed most."""
         return max(self.gains, key=lambda name: self.gains[name])
 
 
 @dataclasses.dataclass(frozen=True)
 class Rules:
-    """The rules by which the limits of robots are found."""
+    """Mesh and greatest landing impact of the search for robots' greatest speeds."""
 
     intervals: int = 16  # a segment; `SPRUNG` times as many where there are springs
     greatest_impact: float = MOST_IMPACT  # of the weight, that landings bear
 
     def problem(self, hardware: HardwareSpec) -> Problem:
-        """Return the trot of a robot with all that its motors and the ground give, and
-        nothing left for feedback."""
+        """Return the problem of a robot's trot that may use all that its motors and the
+        ground give, and keeps no reserve for feedback."""
         problem = Problem(
             intervals=self.intervals * (SPRUNG if hardware.anatomy.sprung else 1)
         ).sized(hardware)
@@ -86,8 +87,8 @@ class Rules:
 def find_limits(
     robots: Mapping[Key, HardwareSpec], rules: Rules, workers: int
 ) -> Iterator[tuple[Key, SpeedLimit]]:
-    """Yield the limits of robots, as they are found; a robot without any trot is left
-    out."""
+    """Yield robots' names and fastest trots as they are found; a robot without any trot
+    is left out."""
     with spawned(workers) as pool:
         searches = {
             pool.submit(find_limit, robot, rules): name
@@ -99,7 +100,7 @@ def find_limits(
 
 
 def find_limit(hardware: HardwareSpec, rules: Rules) -> SpeedLimit:
-    """Return the fastest trot of a robot: the best that several starts lead to.
+    """Return the fastest trot of a robot: the fastest that several starts lead to.
 
     Raises:
         NotSolved: no start led to a trot.
@@ -118,7 +119,8 @@ def find_limit(hardware: HardwareSpec, rules: Rules) -> SpeedLimit:
 
 
 def _fastest_from_cold(problem: Problem) -> list[Solution]:
-    """Return the fastest trots that trots of several speeds lead to."""
+    """Return the fastest trots found from trots at several speeds, solved from cold
+    starts."""
     found: list[Solution] = []
     for speed in STARTS:
         if len(found) < ENOUGH:
@@ -140,7 +142,8 @@ def _fastest_of_library() -> Solution:
 
 
 def _refine(start: Solution, problem: Problem) -> SpeedLimit:
-    """Return the limit that a solution leads to on the mesh of a problem."""
+    """Return the fastest trot on the mesh of `problem`, searched from the solution
+    `start`."""
     near = dataclasses.replace(
         start, problem=problem, motion=resample(start.problem, start.motion, problem)
     )

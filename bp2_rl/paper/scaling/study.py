@@ -1,5 +1,5 @@
-"""Are published speeds within what legs and motors allow, and what does that make of
-BP2's?
+"""The scaling study: robots' published and learned speeds beside the greatest speed
+that their legs and motors allow.
 
 For each legged robot of Table S1 whose legs and motors are published, and for each that
 ships as a file, the greatest speed of its trot by the optimiser stands beside its
@@ -43,7 +43,8 @@ class LearnedSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class LimitSearch:
-    """Whose limits are looked for, by name, and by which rules."""
+    """A search for greatest speeds: robots and BP2's variants by name, and the
+    rules."""
 
     robots: dict[str, HardwareSpec]
     variants: dict[str, HardwareSpec]
@@ -52,7 +53,8 @@ class LimitSearch:
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimits:
-    """The limits that the optimiser found, by name; None where it found no trot."""
+    """The speed limits that the optimiser found, by robot and variant; None where it
+    found no trot."""
 
     command: str
     rules: Rules
@@ -62,7 +64,8 @@ class SpeedLimits:
 
 @dataclasses.dataclass(frozen=True)
 class LimitedRobot:
-    """A robot's speeds, m/s."""
+    """A robot's published and learned speeds, m/s, and its speed limit by the
+    optimiser."""
 
     robot: str
     mass: float  # kg
@@ -73,19 +76,18 @@ class LimitedRobot:
 
     @property
     def fastest(self) -> float:
-        """The fastest that the robot is known to run, on the ground or in
-        simulation."""
+        """Greatest published or learned speed of the robot, m/s."""
         return max(self.published, *self.learned, 0.0)
 
     @property
     def ratio(self) -> float:
-        """The limit over the published speed."""
+        """Speed limit by the optimiser over the published speed."""
         return self.limit.speed / self.published
 
 
 @dataclasses.dataclass(frozen=True)
 class LimitedVariant:
-    """A variant of BP2."""
+    """A variant of BP2: its legs' share of mass and length, and its speed limit."""
 
     variant: str
     leg_share: float  # of the mass, in thighs and below
@@ -95,7 +97,7 @@ class LimitedVariant:
 
 @dataclasses.dataclass(frozen=True)
 class ScalingStudy:
-    """All that is shown."""
+    """All results of the study: robots and BP2's variants with their speed limits."""
 
     # the least ratio of limit to published speed first
     robots: tuple[LimitedRobot, ...]
@@ -106,7 +108,8 @@ class ScalingStudy:
 
 
 def find_robots() -> dict[str, HardwareSpec]:
-    """Return the robots that have a limit, by their names in Table S1."""
+    """Return the hardware of all robots whose speed limit is studied, by name in Table
+    S1."""
     masses = {robot.robot: robot.mass for robot in read_robots()}
     files = {
         robot.name: robot.hardware
@@ -118,7 +121,7 @@ def find_robots() -> dict[str, HardwareSpec]:
 
 
 def find_variants() -> dict[str, HardwareSpec]:
-    """Return BP2 and its variants, by name."""
+    """Return the hardware of BP2 and its variants, by name."""
     return bp2_variants(
         {
             robot.name: robot.hardware
@@ -157,7 +160,8 @@ def choose_robots(
 def simulate(
     search: LimitSearch, workers: int, begun: SpeedLimits | None = None
 ) -> Iterator[SpeedLimits]:
-    """Search robots' limits, and yield all found so far whenever one is found.
+    """Search for robots' speed limits, and yield all limits found yet after each new
+    one.
 
     Args:
         search: whose limits are found.
@@ -185,7 +189,7 @@ def simulate(
 
 
 def read_limits(path: Path | None = None) -> SpeedLimits:
-    """Return the limits in a file, by default in that which ships.
+    """Read the speed limits in a file, by default the file that ships.
 
     Raises:
         UserError: it cannot be read.
@@ -198,7 +202,7 @@ def compare_limits(
     published: Sequence[PublishedRobot],
     learned: Sequence[LearnedSpeed],
 ) -> ScalingStudy:
-    """Place limits beside published and learned speeds."""
+    """Return the study: speed limits beside published and learned speeds."""
     table = {robot.robot: robot for robot in published}
     variants = find_variants()
     assumed = {legs.robot for legs in read_legs() if not legs.links_published}
@@ -244,7 +248,8 @@ def compare_limits(
 
 
 def read_learned() -> tuple[LearnedSpeed, ...]:
-    """Return learned speeds: the table that ships, and BP2's policy by its card."""
+    """Return the speeds that policies learned: the table that ships, and BP2's policy
+    by its card."""
     own = (
         LearnedSpeed(BP2, robot.top_speed, "the policy that ships")
         for robot in shipped()
@@ -256,8 +261,8 @@ def read_learned() -> tuple[LearnedSpeed, ...]:
 
 
 def refutations(study: ScalingStudy) -> list[str]:
-    """Return a line for each robot that runs faster than its limit, on the ground
-    first."""
+    """Return a line for each robot that runs faster than its speed limit, published
+    speeds first."""
     lines = [
         f"{robot.robot} runs {speed:.2f} m/s ({kind}), and its limit is {robot.limit.speed:.2f} m/s: the model is wrong"
         for kind in ("published", "learned")
@@ -275,7 +280,7 @@ def refutations(study: ScalingStudy) -> list[str]:
 
 
 def tables(study: ScalingStudy) -> tuple[Table, ...]:
-    """Return the robots beside their limits, and BP2's variants."""
+    """Return the tables of robots beside their speed limits, and of BP2's variants."""
     robots = [
         (
             robot.robot + ("" if robot.links_published else " *"),
@@ -335,7 +340,8 @@ def tables(study: ScalingStudy) -> tuple[Table, ...]:
 
 
 def _binding(limit: SpeedLimit) -> str:
-    """Return the limits that matter, the first first, and what the verifier says."""
+    """Return a cell's text: the limits that matter, by gain, and the verifier's
+    objections."""
     ranked = sorted(limit.gains.items(), key=lambda gain: -gain[1])
     said = ", ".join(f"{name} {gain:.2f}" for name, gain in ranked if gain >= 0.05)
     return "; ".join((said, *limit.unsound))

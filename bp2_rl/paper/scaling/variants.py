@@ -1,5 +1,5 @@
-"""BP2 at its own motors, without its springs and on other robots' legs: what springs
-and heavy legs buy."""
+"""Variants of BP2 with the same motors: other thighs, rigid shanks, rigid legs of other
+robots."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ BP2, RIGID, ON_LEGS = "BP2", "rigid shanks", "rigid, legs of "
 
 
 def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
-    """Return BP2, BP2 with other thighs, with rigid shanks, and on rigid legs of other
-    robots, by name."""
+    """Return the hardware of BP2, with other thighs, with rigid shanks, and on rigid
+    legs of other robots, by name."""
     rigid = rigid_shanks(BUILT)
     found = {BP2: BUILT}
     for factor in THIGHS:
@@ -78,14 +78,14 @@ def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
 
 
 def leg_share(anatomy: Anatomy) -> float:
-    """Return the share of a robot's mass that thighs and shanks are."""
+    """Return the share of a robot's mass that is in its legs from the thighs down."""
     return (
         sum(link.mass for leg in anatomy.legs for link in leg.links[1:]) / anatomy.mass
     )
 
 
 def _scaled(link: Link, length: float, mass: float) -> Link:
-    """Return a link with its lengths and its mass multiplied."""
+    """Return a link with its lengths multiplied by `length` and its mass by `mass`."""
     x, y, z = (length * c for c in link.com)
     xx, yy, zz, xy, xz, yz = (mass * length**2 * i for i in link.inertia)
     return Link(mass * link.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))

@@ -50,8 +50,8 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 
 @dataclasses.dataclass(frozen=True)
 class DesignBounds:
-    """Least and greatest values of the parameters; the shortest leg holds shank, toe
-    and the spring's travel."""
+    """Least and greatest values of the design parameters; the shortest leg holds shank,
+    toe and the spring's travel."""
 
     gear_ratio: tuple[float, float] = (5.0, 14.0)
     # m; see CodesignSettings
@@ -74,13 +74,14 @@ class DesignBounds:
                     raise UserError(f"bounds.{name} {ends}: {error}") from error
 
     def of(self, names: Iterable[Parameter]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of some parameters."""
+        """Return the bounds of the named design parameters."""
         return {name: getattr(self, name) for name in names}
 
 
 @dataclasses.dataclass(frozen=True)
 class CodesignSettings(Bounded):
-    """The problem whose design is found, the bounds, and the effort.
+    """Settings of the co-design: the problem, the bounds of its design parameters, and
+    the effort.
 
     Cost and dynamics alone do not decide the design: a leg weighs nothing more for
     being longer, long legs move their joints slower, and slow joints allow any gear.
@@ -161,15 +162,15 @@ def solve_chain(chain: Chain, folder: Path) -> Solution | None:
 
 
 def read_solution(chain: Chain, folder: Path) -> Solution | None:
-    """Read what `solve_chain` left of a chain's last problem; None where IPOPT
+    """Read what `solve_chain` stored of a chain's last problem; None where IPOPT
     failed."""
     path = _path(chain, folder)
     return load_solution(path) if is_saved(path) else None
 
 
 def solve_chains(chains: Sequence[Chain], folder: Path, workers: int) -> None:
-    """Solve what is not in `folder` yet in `workers` processes, or in this one if it is
-    one."""
+    """Solve the chains that are not in `folder` yet in `workers` processes, or in this
+    process if `workers` is 1."""
     with contextlib.ExitStack() as stack:
         run = map if workers == 1 else stack.enter_context(spawned(workers)).map
         for done, _ in enumerate(run(solve_chain, chains, itertools.repeat(folder))):
@@ -201,8 +202,8 @@ def keep_best(
     tries: Sequence[Callable[[], Solution]],
     worth: Callable[[Solution], float],
 ) -> Solution | None:
-    """Return the solution that is kept at `path`, or else the worthiest of the tries,
-    which is then kept."""
+    """Return the solution stored at `path`, or else the best of all `tries` by `worth`,
+    which is then stored."""
     if is_saved(path):
         return load_solution(path)
     found: list[Solution] = []
@@ -224,7 +225,7 @@ def _path(chain: Chain, folder: Path) -> Path:
 
 @dataclasses.dataclass(frozen=True)
 class DesignRow:
-    """The optimum on one mesh."""
+    """The optimal design on one mesh, and its gait."""
 
     intervals: int = metric("Intervals", form="d")  # of each segment of the mesh
     gear_ratio: float = metric("Gear")
@@ -241,7 +242,7 @@ class DesignRow:
 
 @dataclasses.dataclass(frozen=True)
 class Codesign:
-    """The optimum on finer and finer meshes."""
+    """The optimal designs on finer and finer meshes."""
 
     settings: CodesignSettings
     meshes: tuple[DesignRow, ...]
@@ -250,7 +251,7 @@ class Codesign:
 def find_designs(
     settings: CodesignSettings, folder: Path, workers: int = 1
 ) -> list[tuple[Chain, Solution]]:
-    """Return the optima from every start, cheapest first, on the mesh of
+    """Return the optimal designs from every start, cheapest first, on the mesh of
     `settings.problem`.
 
     The first start is BP2 and the cold guess; the others have designs drawn from within
@@ -274,7 +275,7 @@ def optimise_design(
     settings: CodesignSettings, folder: Path, workers: int = 1
 ) -> tuple[DesignRow, ...]:
     """Solve the cheapest of `find_designs` again on the meshes of `settings.confirm`,
-    the parameters still free, and return what it is on each.
+    the parameters still free, and return the design on each mesh.
 
     Raises:
         NotSolved: no start led to a trajectory, or the finest mesh lost it.
@@ -292,7 +293,7 @@ def optimise_design(
 
 
 def start_chain(settings: CodesignSettings, seed: int) -> Chain:
-    """Return the free problem by itself, from a start of its own for each seed."""
+    """Return a chain of the co-design problem alone, from a start drawn by `seed`."""
     problem = settings.problem
     if seed > 0:
         draw = np.random.default_rng(seed).uniform

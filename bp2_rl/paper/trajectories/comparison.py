@@ -33,8 +33,8 @@ GREATEST = "greatest"  # name of the file
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitSummary(StrideSummary):
-    """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along
-    the track and up."""
+    """Metrics of a gait at one speed, the optimiser's or a policy's; hips and knees,
+    forces along the track and up."""
 
     speed: float = metric("Speed", "m/s")
     rms_torque: float = metric("RMS torque", "Nm", ".1f")
@@ -78,8 +78,8 @@ def running_cost(
     hardware: HardwareSpec,
     weights: CostWeights,
 ) -> Float[np.ndarray, "..."]:
-    """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and
-    forces as shares of the greatest."""
+    """Return the running cost R (paper, Eq. R) at each instant without its smoothness:
+    powers, torques and forces as shares of the greatest."""
     tau = torque / hardware.joint_peak_torque
     load = force / weights.force
     power = tau * qd / hardware.joint_no_load_speed
@@ -124,7 +124,8 @@ def compare_variants(
     what: str,
     workers: int = 1,
 ) -> Iterator[list[ComparisonRow]]:
-    """Yield the rows of every variant: of all speeds, then of its greatest speed.
+    """Yield the rows of every variant: its gaits at all speeds, then at its greatest
+    speed.
 
     Each is the cheaper of two searches, from the cold guess and from the speed before;
     a greatest speed is the better of what the last two speeds lead to. Solutions are

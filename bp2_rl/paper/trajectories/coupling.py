@@ -79,15 +79,15 @@ def keep_harmonics(
 
 
 HARMONICS = (2, 4, 8)
-"""Torques are looked at up to these harmonics of the stride; a toe on its spring, 17
-Hz, is the fifth or sixth."""
+"""Numbers of the stride's harmonics to which torques are kept; a toe on its spring, 17
+Hz, is the fifth or sixth harmonic."""
 PAPER_INSTANT = 0.21  # T, at which the paper has the hip reverse
 
 
 @dataclasses.dataclass(frozen=True)
 class Torque:
-    """The torque of a kind of motor over a cycle, u, and what it would be on a trunk
-    that is not accelerated, u~."""
+    """Peak and RMS torque of a kind of motor over a cycle, u, and on a trunk that is
+    not accelerated, u~."""
 
     name: str = metric("Motors", form="s")
     peak: float = metric("Peak of u", "Nm", ".1f")
@@ -101,7 +101,8 @@ class Torque:
 
 @dataclasses.dataclass(frozen=True)
 class Cutoff:
-    """The hips' main inertial torque kept to the first harmonics of the stride."""
+    """Greatest main inertial torque of the hips, kept to the first harmonics of the
+    stride."""
 
     harmonics: int
     largest: dict[str, float]  # Nm, by end
@@ -109,8 +110,8 @@ class Cutoff:
 
 @dataclasses.dataclass(frozen=True)
 class VelocityForce:
-    """The vertical force of velocities, C_z, over the weight; instants are shares of
-    the cycle from a touchdown on."""
+    """Vertical centrifugal and Coriolis force, C_z, over the weight; instants are
+    shares of the cycle from a touchdown on."""
 
     peak: float
     instant: float
@@ -119,7 +120,7 @@ class VelocityForce:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CouplingAccount:
-    """The effect of coupling at one speed: shares are of the hips' main inertial
+    """Effects of inertial coupling at one speed. Shares are of the hips' main inertial
     torque, mean over its peaks."""
 
     speed: float = metric("Speed", "m/s", "g")
@@ -145,7 +146,7 @@ class CouplingAccount:
 
 
 def account_coupling(solution: Solution) -> CouplingAccount:
-    """Return the effect of coupling at one speed."""
+    """Return the effects of inertial coupling in a solution."""
     terms = decompose(solution)
     sources = split_planar(terms)
     cycle = terms.cycle
@@ -181,7 +182,7 @@ def account_coupling(solution: Solution) -> CouplingAccount:
 
 
 def account_family(solutions: Sequence[Solution]) -> list[CouplingAccount]:
-    """Return the effect of coupling over speed.
+    """Return the effects of inertial coupling in each solution, by ascending speed.
 
     Raises:
         UserError: there are no solutions, or they differ in more than speed, scheme and
@@ -231,7 +232,7 @@ def _velocity_force(terms: Decomposition) -> VelocityForce:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ShownStride(StrideSummary):
-    """The trajectory that is drawn, in the numbers of its panels and of the trends."""
+    """Numbers of the trajectory that the figures show, and of the trends over speed."""
 
     speed: float  # m/s
     closure: float  # N or Nm, of the equations of motion
@@ -255,7 +256,8 @@ class FigureNumbers:
 def number_shown(
     solution: Solution, terms: Decomposition, trends: Trends
 ) -> ShownStride:
-    """Return the numbers of the trajectory that is drawn, and of the trends."""
+    """Return the numbers of the trajectory that the figures show, and of the trends
+    over speed."""
     weights = terms.cycle.weights.ravel()
     ground = TERMS.index("ground reaction")
     x, z = (terms.coordinates.index(name) for name in ("x", "z"))

@@ -51,8 +51,8 @@ PROMINENCE = 0.2  # of the largest magnitude: a peak counts that stands out by a
 
 @dataclasses.dataclass(frozen=True)
 class Decomposition:
-    """All terms along a gait cycle. T terms (`TERMS`), N instants, n coordinates, K
-    touchdowns."""
+    """All terms of the equations of motion along a gait cycle. T terms (`TERMS`), N
+    instants, n coordinates, K touchdowns."""
 
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
@@ -85,19 +85,19 @@ class Decomposition:
         ) / self.along("gravity", "z")
 
     def leg_at(self, front: bool) -> str:
-        """Return the first of the legs at the front or behind; left and right are
-        mirror images."""
+        """Return the name of the first front or hind leg; left and right are mirror
+        images."""
         return next(leg for leg in self.legs if leg.startswith("F") == front)
 
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
-        """Return a term of a coordinate along the cycle, N or Nm."""
+        """Return one term at one coordinate along the cycle, N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """Main and coupled inertial torque at the peaks of a joint's main one. P peaks, all
-    legs' together.
+    """Main and coupled inertial torque at the peaks of a joint's main torque. P peaks,
+    all legs' together.
 
     Where there is no peak, the shares are nan.
     """
@@ -107,21 +107,21 @@ class Coupling:
 
     @property
     def opposing(self) -> float:
-        """Share of the peaks at which the coupled inertial torque has the opposite
-        sign."""
+        """Share of the peaks at which main and coupled inertial torque have opposite
+        signs."""
         return _mean(self.main * self.coupled < 0.0)
 
     @property
     def covered(self) -> float:
-        """Share of the main inertial torque that the coupled one makes up for: mean
-        over the peaks, less than zero where it adds to the burden."""
+        """Share of the main inertial torque that the coupled torque balances: mean over
+        the peaks, less than zero where the coupled torque adds to the burden."""
         return _mean(-self.coupled / self.main)
 
 
 @dataclasses.dataclass(frozen=True)
 class Trends:
-    """Average forces over speed. S speeds, T terms (`TERMS`), the columns of
-    `KINDS`."""
+    """Average forces at each speed, and their shares. S speeds, T terms (`TERMS`), the
+    columns of `KINDS`."""
 
     speeds: Float[np.ndarray, " S"]  # m/s, ascending
     average: Float[np.ndarray, "S T kinds"]  # N, Nm (paper, Eq. average force)
@@ -138,8 +138,8 @@ class TermMeans:
 
 
 def decompose(solution: Solution) -> Decomposition:
-    """Return the terms at every mesh point of a whole gait cycle, and the impulses of
-    touchdowns.
+    """Return all terms of the equations of motion at every mesh point of a gait cycle,
+    and the impulses of touchdowns.
 
     Raises:
         UserError: CasADi is not installed.
@@ -207,13 +207,14 @@ def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
 
 
 def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "... T n"]:
-    """Return each term's share of the sum of all average forces (paper, Eq. force
-    ratio)."""
+    """Return each term's share of the sum of all terms' average forces (paper, Eq.
+    force ratio)."""
     return average / np.sum(average, axis=-2, keepdims=True)
 
 
 def peak_velocity_force(decomposition: Decomposition) -> float:
-    """Return the largest `Decomposition.velocity_force`: the paper's C_y / (m g)."""
+    """Return the largest vertical velocity force over the weight: the paper's C_y / (m
+    g)."""
     return float(np.max(np.abs(decomposition.velocity_force)))
 
 
@@ -253,7 +254,7 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
 
 
 def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:
-    """Return the average forces and their shares at each speed, by name."""
+    """Return the average forces and their shares at each speed, by kind and term."""
     return tuple(
         TermMeans(float(speed), _named(average), _named(share))
         for speed, average, share in zip(
@@ -271,7 +272,7 @@ def _named(values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
 
 
 def comparable(solutions: Sequence[Solution]) -> list[Solution]:
-    """Return solutions by ascending speed.
+    """Return solutions by ascending speed; refuse solutions that cannot be compared.
 
     Raises:
         UserError: there are none, two have one speed, or they differ in gait or
@@ -308,7 +309,8 @@ def evaluate(
 def split_inertia(
     M: Float[np.ndarray, "K n n"], a: Float[np.ndarray, "K n"]
 ) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, "K n"]]:
-    """Return M_ii a_i and sum_{j != i} M_ij a_j of accelerations or jumps in velocity."""
+    """Return main and coupled inertial forces, M_ii a_i and sum_{j != i} M_ij a_j, of
+    accelerations or velocity jumps."""
     main = np.einsum("kii,ki->ki", M, a)
     return main, np.einsum("kij,kj->ki", M, a) - main
 
@@ -332,12 +334,13 @@ def periodic_peaks(
 
 
 def _mean(values: Shaped[np.ndarray, " P"]) -> float:
-    """Return the mean, nan of nothing."""
+    """Return the mean of values, nan where there are none."""
     return float(np.mean(values)) if len(values) else math.nan
 
 
 def _by_kind(decomposition: Decomposition) -> Float[np.ndarray, "T kinds"]:
-    """Average forces of the columns of `KINDS`: a joint's is the mean over the legs."""
+    """Return average forces by term and kind of coordinate; a joint's is the mean over
+    the legs."""
     average = average_force(decomposition)
     columns = [
         [

@@ -62,8 +62,8 @@ KIND_TITLES = {"x": "Horizontal", "z": "Vertical", "hip": "Hip", "knee": "Knee"}
 
 @styled
 def decomposition_figure(decomposition: Decomposition, trends: Trends) -> Figure:
-    """Who balances whom, at one speed and over speed (paper, Fig. robot_model_analysis,
-    A to L).
+    """Draw the terms of the equations of motion at one speed, and their averages over
+    speed (paper, Fig. robot_model_analysis, A to L).
 
     A to C stack the terms with the sign that makes them add up to zero: what stands
     above the line balances what hangs below. D is the motion, E to H the average forces
@@ -143,8 +143,8 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends) -> Figure
 def stack(
     axes: Axes, cycle: Cycle, parts: Sequence[tuple[str, Float[np.ndarray, " N"]]]
 ) -> None:
-    """Parts along a cycle, each with its colour, positive ones stacked upwards and
-    negative ones downwards."""
+    """Draw parts along a cycle, each with its colour, positive parts stacked upwards
+    and negative parts downwards."""
     fine = np.linspace(0.0, 1.0, 12 * len(cycle.problem.points) + 1)
     share = (
         (cycle.starts[:, None] + cycle.motion.durations[:, None] * fine) / cycle.period
@@ -259,7 +259,7 @@ def _by_source(axes: Axes, terms: Decomposition, sources: Sources) -> None:
     stack(axes, terms.cycle, list(named.values()))
     axes.set_title(f"Hip {leg}, by source")
     handles = [Patch(color=color, label=name) for name, (color, _) in named.items()]
-    _legend_inside(axes, 3, handles)
+    _legend_inside(axes, 2, handles)
 
 
 def _fixed_trunk(
@@ -288,7 +288,7 @@ def _fixed_trunk(
 
 
 def _harmonics(axes: Axes, terms: Decomposition) -> None:
-    """Draw a hip's main torque kept to the stride's first harmonics."""
+    """Draw a hip's main inertial torque kept to the stride's first harmonics."""
     leg = terms.cycle.hind_leg
     main = terms.along("main inertial", f"{leg} hip")
     share = terms.time / terms.cycle.period
@@ -302,7 +302,7 @@ def _harmonics(axes: Axes, terms: Decomposition) -> None:
 
 
 def _velocity_force(axes: Axes, terms: Decomposition) -> None:
-    """Draw C_z over the weight along the cycle, and the value that the paper prints."""
+    """Draw C_z over the weight along the cycle, and the value in the paper."""
     over_weight = terms.velocity_force
     shade_stance(axes, terms.cycle, terms.legs)
     axes.plot(
@@ -319,7 +319,7 @@ def _velocity_force(axes: Axes, terms: Decomposition) -> None:
 def _legend_inside(
     axes: Axes, columns: int, handles: Sequence[Patch] | None = None
 ) -> None:
-    """Put a legend above the data, on space of its own."""
+    """Put a legend above the data, in extra space at the top of the panel."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
     axes.legend(

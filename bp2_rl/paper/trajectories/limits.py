@@ -1,4 +1,5 @@
-"""The greatest speed that the model has a trajectory for, and what it depends on."""
+"""The greatest speed at which a robot has a trajectory, and how it depends on hardware
+and losses."""
 
 import concurrent.futures
 import contextlib
@@ -32,7 +33,8 @@ class GreatestSpeeds:
 def greatest_speeds(
     variants: Mapping[str, Problem], workers: int = 2
 ) -> Iterator[FastestVariant]:
-    """Yield the greatest speeds of variants as they are found, beside the first variant.
+    """Yield the greatest speeds of variants as they are found; the first variant is the
+    base.
 
     Each is the better of two searches: from the problem's own solution and from one of
     another speed.
@@ -79,8 +81,8 @@ def greatest_speeds_by_loss(
 
 
 def _search(problem: Problem) -> list[Solution]:
-    """Return the fastest solutions that those at two speeds lead to, each followed by
-    the one it came from."""
+    """Return the fastest solutions found from solutions at two speeds, each followed by
+    its start."""
     from bp2_rl.optimiser.collocation import fastest, solve
 
     found: list[Solution] = []
@@ -92,7 +94,8 @@ def _search(problem: Problem) -> list[Solution]:
 
 
 def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
-    """Return the fastest solutions that the motions of other problems lead to."""
+    """Return the fastest solutions of `problem` found from solutions of other
+    problems."""
     from bp2_rl.optimiser.collocation import fastest
 
     found: list[Solution] = []
@@ -107,7 +110,7 @@ def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
 
 
 def _starts(found: list[Solution]) -> list[Solution]:
-    """Return the fastest of what `_search` found, and what its first came from."""
+    """Return the fastest solution that `_search` found, and the start of its first."""
     best = _best(found)
     return [] if best is None else [best, *found[1:2]]
 

@@ -1,4 +1,5 @@
-"""Trajectories and designs under F bars of one, two and three body weights.
+"""Trajectories and designs under three weights of force in the cost: an F bar of one,
+two and three body weights.
 
 The paper has one cost for analysis and co-design and leaves open what forces are
 divided by (`CostWeights.force`). The library is made with one body weight, co-design
@@ -37,7 +38,7 @@ ROBOTS = AS_IS, WITH_RESERVE, FREE = (
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveSettings(Bounded):
-    """Speeds and weights of forces that are compared."""
+    """Speeds, and weights of force in the cost, that are compared."""
 
     speeds: tuple[Speed, ...] = (10.0, 8.0)  # m/s
     # F bar
@@ -48,7 +49,8 @@ class ObjectiveSettings(Bounded):
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveRow:
-    """The cheapest trajectory of a robot under an F bar."""
+    """The cheapest trajectory of a robot under one F bar, what forces are divided by in
+    the cost."""
 
     robot: str = metric("Robot", form="s")
     speed: float = metric("Speed", "m/s", "g")
@@ -68,7 +70,7 @@ class ObjectiveRow:
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """All rows of a comparison of F bars."""
+    """All rows of a comparison of F bars, what forces are divided by in the cost."""
 
     settings: ObjectiveSettings
     rows: tuple[ObjectiveRow, ...]
@@ -103,7 +105,7 @@ def compare_objectives(
 def describe_objective(
     robot: str, body_weights: float, solved: Sequence[Solution]
 ) -> ObjectiveRow:
-    """Describe the cheapest of several solutions of a problem."""
+    """Return the row of the cheapest of several solutions of a problem."""
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
         decompose,
@@ -134,7 +136,8 @@ def describe_objective(
 def _chains(
     settings: ObjectiveSettings, speed: float, body_weights: float
 ) -> dict[str, list[Chain]]:
-    """Return ways to the cheapest trajectories of all robots."""
+    """Return the chains of problems that lead to each robot's cheapest trajectories, by
+    robot."""
     bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
     family = FamilyConfig().problem
     reserved = dataclasses.replace(

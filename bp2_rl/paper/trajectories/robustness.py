@@ -17,7 +17,7 @@ from bp2_rl.optimiser.verify import StrideSummary, summarise, verify
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
-    """The end of a cold start."""
+    """Result of a single solve at one speed from a cold start."""
 
     speed: float  # m/s
     start: int  # 0 is the cold guess itself, others are varied
@@ -28,7 +28,7 @@ class Attempt:
 def sweep_speeds(
     problem: Problem, speeds: Sequence[float], starts: int, workers: int = 2
 ) -> Iterator[Attempt]:
-    """Solve from every start at every speed; yield each attempt as it ends."""
+    """Solve from every cold start at every speed; yield each attempt as it ends."""
     with spawned(workers) as pool:
         attempts = [
             pool.submit(_attempt, problem.at(speed), start)
@@ -40,7 +40,7 @@ def sweep_speeds(
 
 
 def _attempt(problem: Problem, start: int) -> Attempt:
-    """Solve once, and say how it ended."""
+    """Solve a problem from one cold start, and return the attempt."""
     from bp2_rl.optimiser.collocation import cold_guess, solve
 
     try:
@@ -57,7 +57,7 @@ SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SchemeRow(StrideSummary):
-    """One solve by a scheme on a mesh."""
+    """Gait and errors of a solution by one discretisation scheme on one mesh."""
 
     scheme: Scheme = metric("Scheme", form="s")
     intervals: int = metric("Intervals", form="d")  # of each segment

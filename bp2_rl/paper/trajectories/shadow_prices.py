@@ -1,4 +1,4 @@
-"""Shadow prices: the gain by a little more of a trajectory's limits.
+"""Shadow prices: how much a little more of a limit gains a trajectory.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
@@ -27,12 +27,12 @@ from bp2_rl.robot.hardware import times
 
 STEP = 1e-4  # relative, of a parameter, to either side
 Change = Callable[[Problem, float], Problem]
-"""A problem with a parameter times a factor."""
+"""Function that returns a problem with one parameter multiplied by a factor."""
 
 
 def times_fields(*fields: str, law: Callable[[float, Any], Any] = times) -> Change:
-    """Return the change that multiplies fields of a problem, or applies another law of
-    factor and value to them."""
+    """Return a change that multiplies the named fields of a problem by a factor, or
+    applies another law of factor and value to them."""
 
     def changed(config: Any, field: str, factor: float) -> Any:
         name, _, inner = field.partition(".")
@@ -65,7 +65,7 @@ LIMIT_CHANGES: dict[str, Change] = {
     "foot clearance": times_fields("clearance"),
     "pitch limit": times_fields("pitch_limit"),
 }
-"""What a designer or a problem's settings may change, each by a factor."""
+"""Changes of limits that a designer or a problem's settings may choose, by name."""
 
 LOSS_CHANGES: dict[str, Change] = {
     "drag area": times_fields("hardware.losses.drag_area"),
@@ -81,7 +81,7 @@ LOSS_CHANGES: dict[str, Change] = {
         "hardware.losses.bus_power_out", "hardware.losses.bus_power_in"
     ),
 }
-"""What is scaled of a robot that has losses."""
+"""Changes of a robot's losses, by name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +97,8 @@ class ShadowPrices:
 def find_shadow_prices(
     start: Solution, changes: Mapping[str, Change], *, greatest: bool = False
 ) -> ShadowPrices:
-    """Find the optimum next to a solution, and what changes of its problem are worth.
+    """Find the optimum next to a solution, and the shadow prices of changes of its
+    problem.
 
     Args:
         start: where the search begins; a solution that is at its optimum stays there.
@@ -139,8 +140,8 @@ def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float
 def _bound_term(
     multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds
 ) -> float:
-    """Return the part of the bounds: each bound's shift by the multiplier of the side
-    that holds."""
+    """Return the bounds' part of the slope: each bound's shift by the multiplier of the
+    side that holds."""
     lower, upper = (
         np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a))
         for a, b in zip(less, more, strict=True)

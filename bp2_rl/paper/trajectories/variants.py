@@ -41,7 +41,8 @@ LIMBS: dict[str, tuple[str, float]] = {
     )
     for factor in factors
 }
-"""A field of the hardware, and by what it is multiplied."""
+"""Variants of the limbs by name: a field of the hardware, and the factor on its
+value."""
 HARDWARE_CHANGES: dict[str, dict[str, float]] = {
     "BP2 as specified": {},
     "straight-line envelope (corner at 0)": {"corner_speed": 0.0},
@@ -79,14 +80,14 @@ class LossVariant(NamedTuple):
 
 
 def gait_variants(problem: Problem) -> dict[str, Problem]:
-    """Return the problem in all gaits."""
+    """Return the problem in every gait, by the gait's name."""
     return {
         name: dataclasses.replace(problem, gait=gait) for name, gait in GAITS.items()
     }
 
 
 def limb_variants(problem: Problem) -> dict[str, Problem]:
-    """Return the problem, and its variants on robots with other limbs."""
+    """Return the problem, and variants on robots with other limbs, by name."""
     changed = {
         name: problem.on(**{field: factor * problem.hardware.parameter(field)})
         for name, (field, factor) in LIMBS.items()
@@ -95,7 +96,8 @@ def limb_variants(problem: Problem) -> dict[str, Problem]:
 
 
 def hardware_variants(problem: Problem) -> dict[str, Problem]:
-    """Return the problem, and variants with one thing about the robot changed."""
+    """Return the problem, and variants with one thing about the robot changed, by
+    name."""
     changed = {name: problem.on(**change) for name, change in HARDWARE_CHANGES.items()}
     return {
         **changed,
@@ -104,8 +106,8 @@ def hardware_variants(problem: Problem) -> dict[str, Problem]:
 
 
 def loss_variants(problem: Problem) -> dict[str, LossVariant]:
-    """The robot without any of its losses, that with each alone, the robot itself, and
-    that without each.
+    """Return the problem by name: on the robot without losses, with each loss alone,
+    with all, and with all but one.
 
     Raises:
         UserError: the robot loses nothing that the model knows.

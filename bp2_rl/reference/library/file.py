@@ -27,10 +27,9 @@ from bp2_rl.settings.reference import MEND
 
 FORMAT = 1
 LARGEST = 1e6
-"""Of any number of a library, SI units: the largest of BP2's is an acceleration of
-2,258 rad/s2."""
+"""Largest number in a library, SI units: BP2's is an acceleration of 2,258 rad/s2."""
 SHORTEST = 1e-4
-"""s, of a segment: of BP2's 9 ms."""
+"""Shortest segment in a library, s: BP2's lasts 9 ms."""
 
 TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
 PERIODIC = 1e-4  # m or rad, by which segments may fail to join
@@ -44,7 +43,8 @@ ARRAYS = {
     "force": ArraySpec(np.floating, ("speeds", 2, "points", 8)),
     "impulse": ArraySpec(np.floating, ("speeds", 2, 8)),
 }
-"""The arrays of a file; what they are is said at the fields of `MotionLibrary`."""
+"""Types and shapes of the arrays in a library's file; the fields of `MotionLibrary`
+explain them."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,25 +127,25 @@ def load_library(path: Path) -> MotionLibrary:
 
 
 def broken(path: Path, fault: str) -> UserError:
-    """A library that is not as it must be, in one line."""
+    """Return the error that names a fault of a motion library, in one line."""
     return UserError(f"motion library {path} {fault}: {MEND}")
 
 
 def by_leg(coordinates: ArrayT) -> ArrayT:
-    """Return coordinates (..., 12) by leg, (..., 4, 3)."""
+    """Return coordinates (..., 12) reshaped by leg, (..., 4, 3)."""
     return coordinates.reshape(*coordinates.shape[:-1], 4, 3)
 
 
 def mirror(legs: ArrayT) -> ArrayT:
-    """Return legs' numbers (..., 4, n) with left and right in each other's place."""
+    """Return the legs' numbers (..., 4, n) with left and right legs exchanged."""
     xp = legs.__array_namespace__()
     pairs = legs.reshape(*legs.shape[:-2], 2, 2, legs.shape[-1])
     return xp.flip(pairs, axis=-2).reshape(legs.shape)
 
 
 def _fault(library: MotionLibrary) -> str:
-    """Name what keeps trajectories from being periodic trots of ascending speeds, if
-    anything does."""
+    """Return, in words, what keeps trajectories from being periodic trots of ascending
+    speeds; empty if nothing does."""
     speeds, durations, q = library.speeds, library.durations, library.q
     if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
         return "holds speeds that do not ascend from above 0"

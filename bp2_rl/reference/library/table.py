@@ -15,8 +15,8 @@ from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
 ON_GROUND = 0.028
-"""By which a standing foot may miss the ground, over half a leg's length: legs 2 %
-longer miss it by more."""
+"""Largest distance of a standing foot from the ground, over half a leg's length; with
+legs 2 % longer it is more."""
 
 
 class LibraryTable(NamedTuple):
@@ -34,14 +34,14 @@ class LibraryTable(NamedTuple):
 
     @property
     def speeds(self) -> Float[np.ndarray, " S"]:
-        """Ascending, m/s."""
+        """Speeds of the library's motions, ascending, m/s."""
         return self.strides[:, 0]
 
 
 @functools.lru_cache(maxsize=8)
 def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
-    """The table of a library of this robot, whose standing feet are on the ground with
-    its legs.
+    """Return a motion library as a table for interpolation; raise `UserError` if robot
+    or legs are not the library's.
 
     Raises:
         UserError: the file cannot be read, or its motions are another robot's.
@@ -88,8 +88,8 @@ def _cubics(
     v: Float[np.ndarray, "S 2 K 15"],
     tau: Float[np.ndarray, "S 2 K 8"],
 ) -> Float[np.ndarray, "S 2 N 4 23"]:
-    """Coefficients in each of the N = K - 1 intervals: Hermite's cubics of q and v,
-    straight lines of tau."""
+    """Return polynomial coefficients in each of the N = K - 1 intervals: Hermite's
+    cubics of q and v, straight lines of tau."""
     h = (durations / (q.shape[2] - 1))[..., None, None]
     cubic = hermite_coefficients(
         h, q[:, :, :-1], q[:, :, 1:], v[:, :, :-1], v[:, :, 1:]
@@ -102,7 +102,7 @@ def _cubics(
 def _in_the_middle(
     cubics: Float[np.ndarray, "... N 4 n"],
 ) -> Float[np.ndarray, "... n"]:
-    """Evaluate the cubics of a segment in its middle."""
+    """Return the values of a segment's cubics in the middle of the segment."""
     interval, share = divmod(0.5 * cubics.shape[-3], 1.0)
     powers = share ** np.arange(4)[:, None]
     return np.sum(cubics[..., int(interval), :, :] * powers, axis=-2)
@@ -113,8 +113,8 @@ def _with_feet(
     v: Float[np.ndarray, "*points 15"],
     legs: LegGeometry,
 ) -> tuple[Float[np.ndarray, "*points 15"], Float[np.ndarray, "*points 15"]]:
-    """Coordinates and rates with hip and knee replaced by (x, z) of the foot's centre
-    and its rate."""
+    """Return coordinates and rates with hip and knee replaced by (x, z) of the foot's
+    centre, and its rate."""
     (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
         np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
     )
@@ -139,8 +139,8 @@ def foot_in_plane(
     rates: tuple[Any, Any, Any, Any],
     legs: LegGeometry,
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-    """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee
-    and length of the lower leg.
+    """Return the legs' ends from the trunk's centre, (x, z), and their rates, from
+    pitch, hip, knee and length of the lower leg.
 
     These are the numbers of `optimiser.links`, but not to the last bit: policies were
     trained with this arithmetic.

@@ -46,7 +46,7 @@ from bp2_rl.settings.reference import CollocationConfig
 
 @dataclasses.dataclass(frozen=True)
 class CollocationGait(CollocationConfig):
-    """The `ReferenceMotion` that a motion library holds.
+    """The trots of a motion library, blended over speed, as a `ReferenceMotion`.
 
     The motion is that of the robot for which the library was made; of `hardware`, name
     and legs must be that robot's, and standing still takes mass and springs into
@@ -62,13 +62,13 @@ class CollocationGait(CollocationConfig):
         return min(self._table.height, _stand(self.hardware).height)
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Cycles per second at this command."""
+        """Return the frequency of the gait at a command, cycles per second."""
         return 0.5 / self._stride(command).half
 
     def __call__(
         self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
     ) -> Reference:
-        """The reference at this command and phase (see `ReferenceMotion`)."""
+        """Return the reference at a command and a phase (see `ReferenceMotion`)."""
         stride, stepping, stand = (
             self._stride(command),
             self.stepping(command),
@@ -123,14 +123,15 @@ class CollocationGait(CollocationConfig):
         return load_table(self.file, self.hardware.anatomy)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Forward speed of the motion, m/s: that commanded, up to the library's
-        greatest."""
+        """Return the forward speed of the motion, m/s: the commanded speed, up to the
+        library's greatest."""
         return jnp.minimum(
             command[..., 0], self._table.speeds[-1].astype(command.dtype)
         )
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
+        """Return the size of the steps: 0 when standing, 1 from `stepping_speed` on,
+        with a continuous derivative."""
         y = jnp.minimum(
             square_speed(command, foot_circle(self.hardware)) / self.stepping_speed**2,
             1.0,
@@ -138,7 +139,8 @@ class CollocationGait(CollocationConfig):
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_BlendedStride":
-        """Where the command lies between the library's speeds, and the stride there.
+        """Return the stride at a command, blended from the library's strides at the two
+        neighbouring speeds.
 
         The mean speed of motions blended with weights w is that of their strides' sums,
         (w_0 s_0 + w_1 s_1) / (w_0 T_0 + w_1 T_1) with s = u T: it is the one wanted, u,
@@ -176,8 +178,8 @@ class CollocationGait(CollocationConfig):
         since: Float[Array, "..."],
         mirrored: Bool[Array, "..."],
     ) -> tuple["_BlendedPose", "_BlendedPose"]:
-        """The blended motion `since` seconds after a touchdown, and its rates, with
-        left and right in their places."""
+        """Return the blended pose `since` seconds after a touchdown, and its rates,
+        with left and right exchanged where `mirrored`."""
         cubics = jnp.asarray(self._table.cubics, dtype=since.dtype)
         intervals = cubics.shape[1]
         in_flight = since >= stride.stance
@@ -208,8 +210,8 @@ class CollocationGait(CollocationConfig):
         stepping: Float[Array, "..."],
         since_touchdown: Float[Array, "... 4"],
     ) -> tuple[Float[Array, "... 4 2"], Float[Array, "... 4 2"]]:
-        """How far each foot is, seen from above, from where the library has it, m, and
-        its rate.
+        """Return the horizontal displacement of every foot from its place in the
+        library's motion, m, and its rate.
 
         In stance, what the ground does beyond the library's speed; in the swing, the
         cubic that joins its ends.
@@ -267,8 +269,8 @@ class CollocationGait(CollocationConfig):
         moment: "_BlendedPose",
         displaced: Float[Array, "... 4 2"],
     ) -> Float[Array, "... 4 3"]:
-        """Joint angles that put the feet between standing and the library's motion, and
-        `displaced`, within reach."""
+        """Return joint angles for feet between standing and the library's motion, moved
+        by `displaced` (m) within reach."""
         stand = _stand(self.hardware)
         x, z = moment.feet[..., 0], moment.feet[..., 1]
         at_rest = jnp.asarray(stand.feet, x.dtype)
@@ -287,7 +289,7 @@ class CollocationGait(CollocationConfig):
 
 
 class _BlendedStride(NamedTuple):
-    """A stride between two of the library's speeds."""
+    """A stride blended from the library's strides at two speeds."""
 
     rows: Array  # (..., 2) indices of the two speeds
     weights: Array  # (..., 2)
@@ -299,7 +301,7 @@ class _BlendedStride(NamedTuple):
 
 
 class _BlendedPose(NamedTuple):
-    """The library's motion at one time, or its rates."""
+    """A pose blended from the library's motions at one time, or its rates."""
 
     x: Array  # (...) m
     height: Array  # (...) m
@@ -311,8 +313,8 @@ class _BlendedPose(NamedTuple):
 
 
 class _Stand(NamedTuple):
-    """Standing still: the robot's pose on legs without mass, each of which bears a
-    quarter of the weight."""
+    """The robot's standing pose, on legs without mass that bear a quarter of the weight
+    each."""
 
     feet: Float[np.ndarray, "4 3"]  # m, centres of the feet from the trunk's centre
     sag: Float[np.ndarray, "4"]  # m; zero of rigid shanks
@@ -344,7 +346,8 @@ def _stand(hardware: HardwareSpec) -> _Stand:
 def _moment(
     values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]
 ) -> _BlendedPose:
-    """The parts of a row of the table."""
+    """Return a row of the library's table as a pose, with left and right exchanged
+    where `mirrored`."""
 
     def placed(legs: Array) -> Array:
         return jnp.where(mirrored[..., None, None], mirror(legs), legs)
@@ -367,8 +370,8 @@ def _within_reach(
     compression: Float[Array, "... 4"],
     hardware: HardwareSpec,
 ) -> Float[Array, "... 4 3"]:
-    """Feet displaced from `anyway` towards `wanted`, from the trunk's centre, with no
-    knee beyond its range.
+    """Return feet displaced from `anyway` towards `wanted` (m, from the trunk's
+    centre), with no knee beyond its range.
 
     A displacement that takes more than half of what is left of the reach gets the other
     half only by and by; so no leg straightens in a jerk. Legs that have no reach left
@@ -404,7 +407,8 @@ def _within_reach(
 def _mix(
     share: Float[Array, "..."], zero: Any, one: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """From `zero` to `one`, in the precision of `one`."""
+    """Return the value at a share of the way from `zero` to `one`, in the precision of
+    `one`."""
     zero = jnp.asarray(zero, one.dtype)
     return zero + share * (one - zero)
 
@@ -412,7 +416,8 @@ def _mix(
 def _from_level(
     p: Float[Array, "... 4 3"], pitch: Float[Array, "..."]
 ) -> Float[Array, "... 4 3"]:
-    """p, of legs, from a level frame to one pitched by `pitch`, nose down."""
+    """Return points p of the legs, given in a level frame, in a frame pitched by
+    `pitch`, nose down."""
     c, s = jnp.cos(pitch)[..., None], jnp.sin(pitch)[..., None]
     return jnp.stack(
         [c * p[..., 0] - s * p[..., 2], p[..., 1], c * p[..., 2] + s * p[..., 0]],

@@ -1,5 +1,5 @@
-"""Arrowhead matrices, which couple each leg to the trunk alone, and how equations with
-them are solved.
+"""Arrowhead matrices, in which each leg is coupled to the trunk alone, and the solution
+of equations with them.
 
 A block is a list of rows, a row a list of numbers: each entry is an array over robots,
 or over legs and robots.
@@ -23,16 +23,16 @@ class GeneralizedVector(NamedTuple):
     legs: list[Number]  # of abad, hip, knee and spring, (4, N) each
 
     def in_world(self, rotation: Rotation) -> "GeneralizedVector":
-        """Return the vector in the world's axes; in MuJoCo's coordinates the trunk
-        turns about its own axes."""
+        """Return the vector with the trunk's rotation in the world's axes, from
+        MuJoCo's, the trunk's own axes."""
         x, y, z, *turn = self.trunk
         return GeneralizedVector(
             [x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs
         )
 
     def in_mujoco(self, rotation: Rotation) -> "GeneralizedVector":
-        """Return the vector in MuJoCo's coordinates, where the trunk turns about its
-        own axes."""
+        """Return the vector with the trunk's rotation in MuJoCo's, the trunk's own
+        axes, from the world's axes."""
         x, y, z, *turn = self.trunk
         return GeneralizedVector(
             [x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs
@@ -40,8 +40,8 @@ class GeneralizedVector(NamedTuple):
 
 
 class ArrowheadMatrix(NamedTuple):
-    """A symmetric matrix by the lower halves of its blocks: legs are coupled to the
-    trunk, and not to each other."""
+    """A symmetric matrix, as the lower halves of its blocks, in which legs are coupled
+    to the trunk but not to each other."""
 
     trunk: Block  # 6 x 6, (N,)
     coupling: Block  # leg's coordinate x the trunk's six, (4, N)
@@ -54,8 +54,8 @@ def solve(
     right: GeneralizedVector,
     more: ArrowheadMatrix | None = None,
 ) -> GeneralizedVector:
-    """x of (matrix + more) x = right, positive definite: Cholesky with the legs first,
-    the trunk last.
+    """Solve (matrix + more) x = right, which is positive definite, by Cholesky, legs
+    first; return x.
 
     The trunk's part of `more` is yet to be summed over the legs.
     """
@@ -82,15 +82,15 @@ def _sum(these: Block, those: Block) -> Block:
 
 
 def _border(factor: Block, coupling: Block, right: list[Number]) -> Block:
-    """L^-1 times the coupling, and times the legs' right-hand side in the last
-    column."""
+    """Return L^-1 times the coupling and, in the last column, times the legs'
+    right-hand side, for the legs' factor L."""
     return _forward(factor, [[*row, x] for row, x in zip(coupling, right, strict=True)])
 
 
 def _schur(
     own: Block, more: Block | None, border: Block, right: list[Number]
 ) -> tuple[Block, list[Number]]:
-    """The trunk's matrix and right-hand side when the legs are eliminated."""
+    """Return the trunk's matrix and right-hand side after the legs are eliminated."""
     less = [
         [sum(leg[i] * leg[j] for leg in border) for j in range(i + 1)] for i in range(6)
     ]
@@ -123,7 +123,8 @@ def _solve_legs(factor: Block, border: Block, trunk: list[Number]) -> list[Numbe
 
 
 def _cholesky(matrix: Block) -> Block:
-    """The lower factor; its diagonal holds the reciprocals."""
+    """Return the lower Cholesky factor of a block, with the reciprocals of its
+    diagonal."""
     factor: Block = []
     for i, entries in enumerate(matrix):
         row: list[Number] = []
@@ -141,7 +142,7 @@ def _cholesky(matrix: Block) -> Block:
 
 
 def _forward(factor: Block, right: Block) -> Block:
-    """Y of L Y = right, for several right-hand sides."""
+    """Solve L Y = right for several right-hand sides, and return Y."""
     out: Block = []
     for i, entries in enumerate(right):
         row = list(entries)
@@ -152,7 +153,7 @@ def _forward(factor: Block, right: Block) -> Block:
 
 
 def _backward(factor: Block, right: list[Number]) -> list[Number]:
-    """x of L' x = right."""
+    """Solve L' x = right, and return x."""
     size = len(right)
     out: list[Number] = [0.0] * size
     for i in reversed(range(size)):

@@ -24,7 +24,7 @@ class Inertia(NamedTuple):
     yz: Number
 
     def times(self, v: Vector) -> Vector:
-        """I v."""
+        """Return the inertia times a vector v."""
         xx, yy, zz, xy, xz, yz = self
         return dot((xx, xy, xz), v), dot((xy, yy, yz), v), dot((xz, yz, zz), v)
 
@@ -33,7 +33,7 @@ class Inertia(NamedTuple):
         return Inertia(*(a + b for a, b in zip(self, other, strict=True)))
 
     def about_x(self, cos: Number, sin: Number) -> "Inertia":
-        """Return the inertia of what is turned about x by an angle with this cosine and
+        """Return the inertia after a rotation about x by an angle with this cosine and
         sine."""
         xx, yy, zz, xy, xz, yz = self
         cc, ss, cs = cos * cos, sin * sin, cos * sin
@@ -48,7 +48,7 @@ class Inertia(NamedTuple):
         )
 
     def about_y(self, cos: Number, sin: Number) -> "Inertia":
-        """Return the inertia of what is turned about y by an angle with this cosine and
+        """Return the inertia after a rotation about y by an angle with this cosine and
         sine."""
         return self._axes_renamed().about_x(cos, sin)._axes_renamed()._axes_renamed()
 
@@ -58,21 +58,23 @@ class Inertia(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A rigid part, or parts alike of all legs."""
+    """Mass, centre of mass and inertia of a rigid part, or of the corresponding part of
+    all legs."""
 
     mass: Number  # kg
     com: Vector  # m, its centre of mass
     inertia: Inertia  # about the centre of mass
 
     def times(self, factor: Number) -> "Body":
-        """Return a body as large whose mass is this many times as great."""
+        """Return the body with mass and inertia times a factor."""
         return Body(
             self.mass * factor, self.com, Inertia(*(x * factor for x in self.inertia))
         )
 
 
 class Composite(NamedTuple):
-    """Bodies as one: mass (kg), and first moment (kg m) and inertia about a point."""
+    """Bodies joined rigidly: mass (kg), and first moment (kg m) and inertia about a
+    point."""
 
     mass: Number
     moment: Vector
@@ -80,12 +82,13 @@ class Composite(NamedTuple):
 
     @classmethod
     def of(cls, body: Body) -> "Composite":
-        """Return a body, about the point that its centre of mass is measured from."""
+        """Return a body as a composite about the point that its centre of mass is
+        measured from."""
         return cls(body.mass, NOWHERE, body.inertia).moved(body.com)
 
     def moved(self, by: Vector) -> "Composite":
-        """Return the composite about another point, from which the present one lies at
-        `by`."""
+        """Return the composite about another point, from which the present point lies
+        at `by`."""
         (x, y, z), old = by, self.moment
         new = add(old, scaled(self.mass, by))
         xx, yy, zz = x * (old[0] + new[0]), y * (old[1] + new[1]), z * (old[2] + new[2])
@@ -101,13 +104,15 @@ class Composite(NamedTuple):
         )
 
     def about_x(self, cos: Number, sin: Number) -> "Composite":
-        """Return the composite turned about x by an angle with this cosine and sine."""
+        """Return the composite after a rotation about x by an angle with this cosine
+        and sine."""
         return Composite(
             self.mass, about_x(self.moment, cos, sin), self.inertia.about_x(cos, sin)
         )
 
     def plus(self, other: "Composite") -> "Composite":
-        """Return both as one, about the point and in the axes that they share."""
+        """Return the sum of two composites about the same point and in the same
+        axes."""
         return Composite(
             self.mass + other.mass,
             add(self.moment, other.moment),

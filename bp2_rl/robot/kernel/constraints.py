@@ -1,4 +1,4 @@
-"""The floor under the feet and the joints' stops, and the accelerations that obey them.
+"""Contacts of the feet and limits of the joints, and the accelerations that obey them.
 
 MuJoCo's convex cost over accelerations x,
 
@@ -43,18 +43,18 @@ from bp2_rl.robot.kernel.vectors import (
 )
 
 STEPS_ON_GPU = 4
-"""Newton's steps of every robot in a fused GPU kernel: Triton crashes on a loop that
-ends when robots have settled."""
+"""Newton steps of every robot in a fused GPU kernel: Triton crashes on a loop that ends
+when robots have settled."""
 MOST_STEPS = 10
-"""After so many of Newton's steps a robot counts as settled; on a CPU `COMMON_STEPS`
-come before."""
+"""Newton steps, on a CPU after `COMMON_STEPS`, after which a robot counts as
+settled."""
 COMMON_STEPS, SHARE = 2, 8
-"""On a CPU all robots take so many steps together; those that have not settled go on,
-an eighth of all at a time."""
+"""Newton steps that all robots take together on a CPU; robots that have not settled
+then go on in batches of 1/`SHARE` of all."""
 
 
 class Floor(NamedTuple):
-    """The feet's rows, (4, N)."""
+    """Constraint rows of the feet on the floor, arrays (4, N) over legs and robots."""
 
     lever: Vector  # from the trunk's origin to the point of contact, m, world's axes
     # velocity of that point at unit rate of each coordinate of the leg, world's axes
@@ -65,13 +65,15 @@ class Floor(NamedTuple):
     references: tuple[Number, ...]
 
     def edges(self, point: Vector) -> tuple[Number, ...]:
-        """A velocity or acceleration of the point along the pyramid's edges."""
+        """Return a velocity or acceleration of the contact points along the edges of
+        the friction pyramid."""
         x, y, z = point
         x, y = self.friction * x, self.friction * y
         return z + y, z - y, z - x, z + x
 
     def point(self, at: GeneralizedVector) -> Vector:
-        """Return the acceleration of the point of contact."""
+        """Return the velocity or acceleration of the contact points, from the robot's
+        generalised vector."""
         a, turn = (
             (at.trunk[0], at.trunk[1], at.trunk[2]),
             (at.trunk[3], at.trunk[4], at.trunk[5]),
@@ -83,8 +85,8 @@ class Floor(NamedTuple):
         )
 
     def force(self, edges: tuple[Number, ...]) -> Vector:
-        """Return the sum, in the world's axes, of forces along the edges of the
-        friction pyramid."""
+        """Return the contact forces in the world's axes, from forces along the edges of
+        the friction pyramid."""
         left, right, back, front = edges
         return (
             self.friction * (front - back),
@@ -94,8 +96,8 @@ class Floor(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """Rows of the joints' stops, (4, N) for abad, hip and knee: the nearer end of a
-    range."""
+    """Constraint rows of the joints' limits, (4, N) for abad, hip and knee: each at the
+    nearer end of its range."""
 
     signs: tuple[Number, ...]  # 1 at the lower end
     stiffness: tuple[Number, ...]  # D, 0 within the range
@@ -103,20 +105,22 @@ class Stops(NamedTuple):
 
 
 class RowValues(NamedTuple):
-    """Something of every row, each (4, N): of the feet's edges, and of the stops."""
+    """A value for every constraint row, each (4, N): for the edges of the feet's
+    friction pyramids, and for joint limits."""
 
     edges: tuple[Number, ...]
     stops: tuple[Number, ...]
 
 
 class Constraints(NamedTuple):
-    """All rows of the constraints' Jacobian J, with D and aref."""
+    """All constraint rows: Jacobian J, stiffness D and reference acceleration aref."""
 
     floor: Floor
     stops: Stops
 
     def residuals(self, at: GeneralizedVector) -> RowValues:
-        """Return J x - aref at accelerations x; a row pushes where it is negative."""
+        """Return J x - aref of every row at accelerations x; a row pushes where it is
+        negative."""
         edges = self.floor.edges(self.floor.point(at))
         on_floor = tuple(
             edge - ref for edge, ref in zip(edges, self.floor.references, strict=True)
@@ -127,7 +131,8 @@ class Constraints(NamedTuple):
     def add_forces(
         self, force: GeneralizedVector, rows: RowValues
     ) -> GeneralizedVector:
-        """Return force + J' f for forces f along the rows."""
+        """Return the generalised force + J' f, with forces f along the constraint
+        rows."""
         on_foot = self.floor.force(rows.edges)
         on_trunk = *on_foot, *cross(self.floor.lever, on_foot)
         legs = [
@@ -144,8 +149,8 @@ class Constraints(NamedTuple):
         )
 
     def curvature(self, rows: RowValues) -> ArrowheadMatrix:
-        """J' diag(D) J of the rows' stiffness D, before the trunk's is summed over the
-        legs."""
+        """Return J' diag(D) J for the rows' stiffness D, before the trunk's block is
+        summed over the legs."""
         left, right, back, front = rows.edges
         mu = self.floor.friction
         # The stiffness of a contact, a symmetric matrix without xy.
@@ -189,7 +194,7 @@ class Constraints(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """The cost that is minimised."""
+    """Inertia, force and constraints of the cost that the solver minimises."""
 
     inertia: ArrowheadMatrix
     force: GeneralizedVector
@@ -197,7 +202,7 @@ class _Problem(NamedTuple):
 
 
 class _Iterate(NamedTuple):
-    """Where Newton's method is."""
+    """State of Newton's method after some steps."""
 
     steps: Array
     x: GeneralizedVector
@@ -214,8 +219,8 @@ def solve_constraints(
     constraints: Constraints,
     guess: GeneralizedVector,
 ) -> GeneralizedVector:
-    """Find the acceleration that obeys the constraints, from a guess, say the
-    acceleration of the step before."""
+    """Return the accelerations that obey the constraints, by Newton's method from a
+    guess, such as the last step's."""
     problem = _Problem(inertia, force, constraints)
     if barriers.always is None:
 
@@ -237,8 +242,8 @@ def solve_constraints(
 def _newton(
     barriers: FusionBarriers, most: int, problem: _Problem, guess: GeneralizedVector
 ) -> tuple[GeneralizedVector, Array]:
-    """Take Newton's steps until all robots have settled, at most `steps`; return `x`
-    and `changed`."""
+    """Take Newton steps until all robots have settled, at most `most`; return the
+    accelerations and `changed`."""
     inertia, force, constraints = problem
 
     def unsettled(at: _Iterate) -> Array:
@@ -265,7 +270,8 @@ def _newton(
 
 
 def _changed(before: RowValues, after: RowValues) -> Array:
-    """Return 1 for legs of which other rows push than before, else 0, (4, N)."""
+    """Return 1 for legs on which other constraint rows push than before, else 0, (4,
+    N)."""
     rows = zip(
         (*before.edges, *before.stops), (*after.edges, *after.stops), strict=True
     )
@@ -277,8 +283,8 @@ def _changed(before: RowValues, after: RowValues) -> Array:
 def _settle_the_rest(
     barriers: FusionBarriers, problem: _Problem, x: GeneralizedVector, changed: Array
 ) -> GeneralizedVector:
-    """Go on with the robots that have not settled, picked from all into smaller
-    batches."""
+    """Take further Newton steps with the robots that have not settled, in smaller
+    batches; return all accelerations."""
     robots = changed.shape[-1]
 
     def pick(
@@ -311,8 +317,8 @@ def _settle_the_rest(
 def _newton_right_side(
     constraints: Constraints, force: GeneralizedVector, x: GeneralizedVector
 ) -> tuple[GeneralizedVector, RowValues]:
-    """Newton's right-hand side, f + J' D aref over the rows that push at x; and those
-    rows' D."""
+    """Return the right-hand side of a Newton step, f + J' D aref over the rows that
+    push at x, and D of these rows."""
     floor, stops = constraints
     on_floor, on_stops = constraints.residuals(x)
     pushing = RowValues(
@@ -337,7 +343,7 @@ def find_constraints(
     coordinates: list[Number],
     velocity: GeneralizedVector,
 ) -> tuple[Constraints, Array]:
-    """Return all rows, and the heights of the feet's centres, m.
+    """Return all constraint rows in a state, and the heights of the feet's centres, m.
 
     The state is the pose, the height of the trunk's origin, the legs' coordinates, and
     velocities in MuJoCo's coordinates.
@@ -357,8 +363,8 @@ def _floor_rows(
     friction: Number,
     velocities: GeneralizedVector,
 ) -> tuple[Floor, Array]:
-    """Return the feet's rows and their centres' heights, m; `height` is the trunk
-    origin's."""
+    """Return the feet's constraint rows and the heights of their centres, m; `height`
+    is the trunk origin's, m."""
     rotation, legs = pose
     anchor = rotation.to_world(design.anchor)
     x_axis = rotation.x[0], rotation.y[0], rotation.z[0]
@@ -396,8 +402,8 @@ def _floor_rows(
 
 
 def _stop_rows(design: Design, angles: list[Number], rates: list[Number]) -> Stops:
-    """The rows of joints at these angles (rad) and rates (rad/s): abad, hip and
-    knee."""
+    """Return the constraint rows of the limits of abad, hip and knee at these angles
+    (rad) and rates (rad/s)."""
     rows: list[tuple[Number, Number, Number]] = []
     for angle, rate, (low, high), weight in zip(
         angles, rates, design.ranges, design.range_weights, strict=True
@@ -415,7 +421,7 @@ def _stop_rows(design: Design, angles: list[Number], rates: list[Number]) -> Sto
 def _reference_and_stiffness(
     softness: Softness, distance: Number, weight: Number
 ) -> tuple[Number, Number, Number]:
-    """(K I r, B, D) of MuJoCo's constraint at this distance; D is 0 where it is
+    """Return (K I r, B, D) of MuJoCo's constraint at the distance r; D is 0 where r is
     positive."""
     x = jnp.abs(distance) / softness.width
     curve = jnp.where(x < 0.5, 2.0 * x * x, 1.0 - 2.0 * (1.0 - x) * (1.0 - x))

@@ -26,8 +26,8 @@ UNLIMITED = 1e6  # rad, where no joint ever is
 
 
 class Softness(NamedTuple):
-    """How a constraint yields, from MuJoCo's solref and solimp: K, B and the impedance
-    over its depth."""
+    """Compliance of a constraint, from MuJoCo's solref and solimp: K, B and the
+    impedance over its depth."""
 
     stiffness: Number  # 1/s2
     damping: Number  # 1/s
@@ -39,7 +39,8 @@ class Softness(NamedTuple):
 @jax.tree_util.register_pytree_node_class
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """A robot as designed; lengths in m. `Design.of(model)` reads it.
+    """A robot's masses, lengths (m), springs, limits and contacts, as
+    `Design.of(model)` reads them.
 
     A number is `ZERO` or a float if it is the same for all legs, and known when a
     program is traced; otherwise (4, 1).
@@ -59,7 +60,8 @@ class Design:
     damping: tuple[Number, ...]  # Nm s/rad and N s/m
     stiffness: Number  # of the spring, N/m
     stops: tuple[tuple[Number, Number, Number], ...]
-    """of the spring: N/m, and the least and greatest compression without force"""
+    """stops of the spring: stiffness, N/m, and the least and greatest compression
+    without force"""
     ranges: tuple[tuple[Number, Number], ...]  # of abad, hip and knee, rad
     range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0 of abad, hip and knee
     range_softness: Softness
@@ -68,7 +70,7 @@ class Design:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":
-        """Return the design of a model in which only feet and floor touch.
+        """Read the design from a compiled model in which only feet and floor touch.
 
         Raises:
             UserError: it has something that the kernel does not know.
@@ -116,8 +118,8 @@ class Design:
         )
 
     def tree_flatten(self) -> tuple[list[Any], Any]:
-        """Return the arrays, and all that is known when a program is traced, for
-        JAX."""
+        """Return the design's arrays, and the parts that are known when JAX traces a
+        program."""
         numbers, structure = jax.tree.flatten(
             [getattr(self, field.name) for field in dataclasses.fields(self)]
         )
@@ -126,7 +128,7 @@ class Design:
 
     @classmethod
     def tree_unflatten(cls, known: Any, arrays: Any) -> "Design":
-        """Return a design of what `tree_flatten` returned."""
+        """Return the design from the parts that `tree_flatten` returned."""
         rest: Iterator[Any] = iter(arrays)
         return cls(
             *jax.tree.unflatten(
@@ -136,7 +138,7 @@ class Design:
 
 
 class Masses(NamedTuple):
-    """Masses and inertias of the bodies in one draw of robots."""
+    """Masses and inertias of trunk and links in a batch of randomised robots."""
 
     trunk: Body
     links: tuple[Body, ...]
@@ -148,8 +150,8 @@ class Masses(NamedTuple):
         factors: Float[Array, "bodies N"],
         com_offset: Float[Array, "3 N"],
     ) -> "Masses":
-        """Return the bodies of a design with their masses times factors, in MuJoCo's order,
-        and the trunk's centre moved."""
+        """Return the design's bodies with masses times `factors`, in MuJoCo's order,
+        and the trunk's centre of mass moved."""
         trunk, links = (
             design.trunk.times(factors[1]),
             factors[2:].reshape(4, -1, factors.shape[-1]),
@@ -185,7 +187,8 @@ def _softness(
 
 
 def _of_legs(model: mujoco.MjModel) -> tuple[Int[np.ndarray, " n"], ...]:
-    """The ids of the legs' bodies, joints and coordinates, leg by leg."""
+    """Return the ids of the legs' bodies, joints and velocity coordinates, leg by
+    leg."""
     return (
         np.arange(2, model.nbody),
         np.arange(1, model.njnt),
@@ -194,7 +197,8 @@ def _of_legs(model: mujoco.MjModel) -> tuple[Int[np.ndarray, " n"], ...]:
 
 
 def _stops(model: mujoco.MjModel) -> Float[np.ndarray, "stops 4 3"]:
-    """Stiffness and range without force of the tendons along the legs' springs."""
+    """Return stiffness and range without force of the tendons along the legs'
+    springs."""
     along = model.wrap_objid[model.tendon_adr]
     order = np.argsort(along, kind="stable")
     stops = np.c_[model.tendon_stiffness, model.tendon_lengthspring][order]
@@ -218,7 +222,8 @@ def _body(model: mujoco.MjModel, parts: Int[np.ndarray, " n"]) -> Body:
 
 
 def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
-    """Refuse what the equations leave out."""
+    """Raise `UserError` if a model has something that the kernel's equations leave
+    out."""
     tree = "the tree of its bodies"
     _require(
         model.nbody in (14, 18)
@@ -314,7 +319,7 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
 
 
 def _alike(x: np.ndarray) -> bool:
-    """Return whether all rows are equal."""
+    """Return whether all rows of an array are equal."""
     return bool(np.all(x == x[:1]))
 
 
@@ -326,12 +331,14 @@ def _require(known: Any, what: str) -> None:
 
 
 def _number(x: Float[np.ndarray, " n"]) -> Number:
-    """Return a number of a body, or the numbers of the four legs' bodies."""
+    """Return a number for each leg as `ZERO` or a float if all legs have it, else as an
+    array (4, 1)."""
     return _shared(x) if np.any(x) else ZERO
 
 
 def _shared(x: Float[np.ndarray, " n"]) -> Array | float:
-    """As `_number`, where the program compares and cannot do without a 0."""
+    """Return a number for each leg as a float if all legs have it, else as an array (4,
+    1); unlike `_number`, never `ZERO`."""
     # NumPy's until a program takes it
     return float(x[0]) if np.ptp(x) == 0 else cast(Array, x[:, None])
 

@@ -33,7 +33,7 @@ from bp2_rl.robot.kernel.vectors import (
 def inertia_matrix(
     barriers: FusionBarriers, robots: Robots, pose: RobotPose
 ) -> ArrowheadMatrix:
-    """The inertia matrix, kg, kg m and kg m2."""
+    """Return the mass matrix of the robots, kg, kg m and kg m2."""
     (design, masses, _), (rotation, legs) = robots, pose
     moved = barriers(Legs.composites, legs)
     momenta = barriers(Legs.momenta, legs, moved)
@@ -54,8 +54,8 @@ def smooth_force(
     velocity: GeneralizedVector,
     applied: GeneralizedVector,
 ) -> GeneralizedVector:
-    """All forces but the constraints': applied ones, springs, damping, gravity and what
-    velocities cost, N and Nm.
+    """Return all forces but the constraints', N and Nm: applied forces, springs,
+    damping, gravity, centrifugal and Coriolis forces.
 
     The legs' coordinates in rad and m; velocities and applied forces in MuJoCo's
     coordinates.
@@ -113,8 +113,8 @@ def _trunk_block(
 def _coupling(
     design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation
 ) -> Block:
-    """Return each joint's momentum about the trunk's origin at unit rate, in the
-    world's axes."""
+    """Return the coupling block of the mass matrix: each joint's momentum at unit rate,
+    about the trunk's origin in the world's axes."""
     rows: Block = []
     for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)
@@ -141,8 +141,8 @@ def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Bl
 def _bias(
     design: Design, masses: Masses, pose: RobotPose, spin: Vector, rates: list[Number]
 ) -> tuple[list[Number], list[Number]]:
-    """The forces that keep every coordinate unaccelerated, world's axes: on the trunk's
-    six, and on each leg's own."""
+    """Return the forces that keep all coordinates unaccelerated: on the trunk (6,
+    world's axes), and on each leg's coordinates."""
     rotation, legs = pose
     # gravity is as if all were accelerated upwards
     upward = scaled(design.gravity, rotation.z)
@@ -192,14 +192,14 @@ class _AngularMotion(NamedTuple):
     acceleration: Vector
 
     def pitched(self, rate: Number) -> "_AngularMotion":
-        """Return the motion of a part that turns about y at this rate relative to this
-        one."""
+        """Return the motion of a part that turns about y at this rate relative to the
+        part with this motion."""
         (x, y, z), (ax, ay, az) = self
         return _AngularMotion((x, y + rate, z), (ax - z * rate, ay, az + x * rate))
 
     def relative_acceleration(self, lever: Vector) -> Vector:
-        """The acceleration of a point of the part relative to the point at the lever's
-        other end, m/s2."""
+        """Return the acceleration of a point of the part, m/s2, relative to the point
+        at the lever's other end."""
         return add(
             cross(self.acceleration, lever),
             cross(self.velocity, cross(self.velocity, lever)),
@@ -209,8 +209,8 @@ class _AngularMotion(NamedTuple):
 def _wrench(
     body: Body, motion: _AngularMotion, acceleration: Vector
 ) -> tuple[Vector, Vector]:
-    """Return what a body's motion needs, from the acceleration of the point that its
-    centre of mass is measured from.
+    """Return the force and torque that a body's motion needs, at an acceleration of the
+    point that its centre of mass is measured from.
 
     Force, N, and torque about that point, Nm.
     """

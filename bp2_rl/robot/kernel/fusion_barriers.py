@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool
 
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
-"""Robots that a block of threads computes on a GPU, by so many warps: a thread a
+"""Robots in a block of threads on a GPU, and the block's warps: a thread for each
 leg."""
 
 
@@ -30,20 +30,20 @@ class FusionBarriers(NamedTuple):
 
     @classmethod
     def of(cls, friction: Any) -> "FusionBarriers":
-        """Return barriers for CPUs, whose condition is that the floor's friction is not
-        negative; none on GPUs."""
+        """Return barriers for CPUs, with the condition that the floor's friction is not
+        negative; no barriers for GPUs."""
         return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
 
     def __call__(self, function: Callable[..., T], *inputs: Any) -> T:
-        """Return function(*inputs), behind a barrier."""
+        """Return function(*inputs), computed behind a fusion barrier."""
         if self.always is None:
             return function(*inputs)
         return jax.lax.cond(self.always, function, _zeros_like(function), *inputs)
 
 
 def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
-    """Return function(*inputs), computed on a GPU by one kernel: all between stays in
-    registers.
+    """Return function(*inputs), computed on a GPU by one kernel, with intermediate
+    values in registers.
 
     Of all arrays, in and out, the last axis is the robots', or 1; a first one is the
     legs'. Robots may not depend on each other. The function may close over numbers, but

@@ -1,5 +1,5 @@
-"""Where the legs are, how they turn the trunk's frame into theirs, and the momentum of
-each of their joints.
+"""Pose of the legs, rotations between the trunk's frame and theirs, and the momentum of
+each joint.
 
 A leg's frame is the trunk's, turned about x by the abduction angle; in it, thigh, shank
 and toe turn about y. Three frames are used, each where it has the fewest products: the
@@ -26,7 +26,7 @@ from bp2_rl.robot.kernel.vectors import (
 
 
 class Rotation(NamedTuple):
-    """From the trunk's axes to the world's, by its rows."""
+    """Rotation matrix from the trunk's axes to the world's, as its rows."""
 
     x: Vector
     y: Vector
@@ -34,7 +34,7 @@ class Rotation(NamedTuple):
 
     @classmethod
     def of(cls, quaternion: tuple[Number, Number, Number, Number]) -> "Rotation":
-        """Return the rotation of a quaternion of length 1."""
+        """Return the rotation matrix of a unit quaternion w-x-y-z."""
         w, x, y, z = quaternion
         return cls(
             (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -43,17 +43,17 @@ class Rotation(NamedTuple):
         )
 
     def to_world(self, v: Vector) -> Vector:
-        """A vector of the trunk in the world's axes."""
+        """Return a vector given in the trunk's axes in the world's axes."""
         return dot(self.x, v), dot(self.y, v), dot(self.z, v)
 
     def to_trunk(self, v: Vector) -> Vector:
-        """A vector of the world in the trunk's axes."""
+        """Return a vector given in the world's axes in the trunk's axes."""
         return add(scaled(v[0], self.x), scaled(v[1], self.y), scaled(v[2], self.z))
 
 
 class Momentum(NamedTuple):
-    """The momentum of all that a joint moves at unit rate: linear, and angular about
-    the abduction joint."""
+    """Momentum of all that a joint moves, at unit rate: linear, and angular about the
+    abduction joint."""
 
     linear: Vector
     angular: Vector
@@ -75,7 +75,7 @@ class Legs(NamedTuple):
 
     @classmethod
     def of(cls, design: Design, masses: Masses, coordinates: list[Number]) -> "Legs":
-        """Return the pose at these coordinates: abad, hip and knee in rad, spring in
+        """Return the legs' pose at coordinates abad, hip and knee, rad, and spring,
         m."""
         abad, hip, knee, *spring = coordinates
         (cos, sin), in_thigh, in_shank = (
@@ -96,25 +96,26 @@ class Legs(NamedTuple):
 
     @property
     def knee(self) -> Vector:
-        """Return the knee's place, from the abduction joint."""
+        """Place of the knee from the abduction joint, m."""
         return add(self.hip, self.thigh)
 
     @property
     def compressed(self) -> Vector:
-        """Return the direction in which a spring is compressed."""
+        """Direction in which a spring is compressed, a unit vector."""
         cos, sin = self.shank
         return sin, ZERO, cos
 
     def to_trunk(self, v: Vector) -> Vector:
-        """A vector of the legs in the trunk's axes."""
+        """Return a vector given in the legs' frames in the trunk's axes."""
         return about_x(v, self.cos, self.sin)
 
     def from_trunk(self, v: Vector) -> Vector:
-        """A vector of the trunk in the legs' axes."""
+        """Return a vector given in the trunk's axes in the legs' frames."""
         return about_x(v, self.cos, -self.sin)
 
     def composites(self) -> tuple[Composite, Composite, Composite]:
-        """Return what abad, hip and knee move, each about the joint that moves it."""
+        """Return the bodies that abad, hip and knee move, joined, each about the joint
+        that moves them."""
         abad, thigh, shank, *toe = (Composite.of(body) for body in self.bodies)
         below_knee = shank.plus(toe[0]) if toe else shank
         below_hip = thigh.plus(below_knee.moved(self.thigh))
@@ -123,7 +124,8 @@ class Legs(NamedTuple):
     def momenta(
         self, moved: tuple[Composite, Composite, Composite]
     ) -> tuple[Momentum, ...]:
-        """Return the momenta of abad, hip, knee and, if there is one, of the spring."""
+        """Return the momenta, at unit rate, of abad, hip, knee and, if there is one,
+        spring."""
         leg, below_hip, below_knee = moved
         _, y, z = leg.moment
         momenta = [
@@ -138,19 +140,20 @@ class Legs(NamedTuple):
 
 
 class RobotPose(NamedTuple):
-    """How the trunk is turned, and where the legs are."""
+    """Rotation of the trunk, and pose of the legs."""
 
     rotation: Rotation
     legs: Legs
 
 
 def _pitched(body: Body, angle: tuple[Number, Number]) -> Body:
-    """Return a body turned about y by an angle with this cosine and sine."""
+    """Return a body after a rotation about y by an angle with this cosine and sine."""
     return Body(body.mass, about_y(body.com, *angle), body.inertia.about_y(*angle))
 
 
 def _pitch_momentum(moved: Composite, joint: Vector) -> Momentum:
-    """Return the momentum of a turn about y through a joint, of what it moves."""
+    """Return the momentum of the bodies `moved` when they turn about y through a joint
+    at unit rate."""
     x, _, z = moved.moment
     linear = z, ZERO, -x
     inertia = moved.inertia

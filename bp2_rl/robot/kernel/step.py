@@ -34,8 +34,8 @@ class MuJoCoState(NamedTuple):
 def step(
     robots: Robots, state: MuJoCoState, applied: Float[Array, "nv N"]
 ) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
-    """One step of `design.timestep`: (the state after it, the heights of the feet's
-    centres before it, m).
+    """Advance the robots by one physics step; return the state, and the heights of the
+    feet's centres before the step, m.
 
     Args:
         robots: those that move.
@@ -48,7 +48,8 @@ def step(
 
 
 class _RobotState(NamedTuple):
-    """The state of the robots, coordinate by coordinate."""
+    """The robots' place, orientation, leg coordinates and velocities, each an array
+    over robots."""
 
     place: Vector
     quaternion: Quaternion
@@ -103,7 +104,7 @@ def _step(
 def _pose_and_inertia(
     barriers: FusionBarriers, robots: Robots, state: _RobotState
 ) -> tuple[RobotPose, ArrowheadMatrix]:
-    """Where everything is, and its inertia."""
+    """Return the robots' pose and mass matrix."""
     pose = barriers(
         partial(_pose, robots.design), robots.masses, state.quaternion, state.legs
     )
@@ -117,8 +118,8 @@ def _forces_and_constraints(
     state: _RobotState,
     applied: GeneralizedVector,
 ) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
-    """The forces, the constraints, a first guess of the accelerations, and the heights
-    of the feet."""
+    """Return the forces, the constraints, a first guess of the accelerations, and the
+    heights of the feet, m."""
     (design, masses, friction), velocity, height = (
         robots,
         state.velocity,
@@ -141,8 +142,8 @@ def _advance(
     state: _RobotState,
     acceleration: GeneralizedVector,
 ) -> _RobotState:
-    """The state after the step, whose acceleration is also the first guess of the next
-    step's.
+    """Return the state after a step with these accelerations, which are also the next
+    step's first guess.
 
     The force in all, M x, moves M + dt C, for the damping C is implicit: by x - (M + dt
     C)^-1 dt C x.
@@ -174,7 +175,8 @@ def _pose(
 def _integrated(
     dt: Number, state: _RobotState, acceleration: GeneralizedVector
 ) -> _RobotState:
-    """The state after the step."""
+    """Return the state after a semi-implicit Euler step of `dt` seconds with this
+    acceleration."""
     trunk = [
         v + dt * a
         for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)
@@ -193,7 +195,7 @@ def _integrated(
 
 
 def _rotated(q: Quaternion, by: Vector) -> Quaternion:
-    """The orientation after a turn by a vector, rad, in its own axes."""
+    """Return a quaternion after a turn by a rotation vector, rad, in its own axes."""
     w, x, y, z = q
     angle = jnp.sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2])
     share = jnp.where(
@@ -225,12 +227,13 @@ def _joined(x: GeneralizedVector) -> Float[Array, "nv N"]:
 
 
 def _by_coordinate(coordinates: Float[Array, "n N"]) -> list[Number]:
-    """Abad, hip, knee and, if there is one, spring of all legs, (4, N) each, from
-    MuJoCo's order."""
+    """Split the legs' numbers in MuJoCo's order into abad, hip, knee and, if there is
+    one, spring, (4, N) each."""
     legs = coordinates.reshape(4, -1, coordinates.shape[-1])
     return [legs[:, i] for i in range(legs.shape[1])]
 
 
 def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "n N"]:
-    """Return coordinates given number by number as one array, leg by leg."""
+    """Join the legs' coordinates, (4, N) each, into one array in MuJoCo's order, leg by
+    leg."""
     return jnp.stack(coordinates, axis=1).reshape(4 * len(coordinates), -1)

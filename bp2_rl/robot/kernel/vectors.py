@@ -1,5 +1,5 @@
-"""Vectors whose entries are numbers over robots, or over legs and robots: tuples of
-three."""
+"""Vectors as tuples of three numbers, each an array over robots, or over legs and
+robots."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -64,17 +64,17 @@ def add(*vectors: Vector) -> Vector:
 
 
 def scaled(factor: Number, v: Vector) -> Vector:
-    """factor v."""
+    """Return a vector v times a factor."""
     return factor * v[0], factor * v[1], factor * v[2]
 
 
 def dot(a: Vector, b: Vector) -> Number:
-    """a . b."""
+    """Return the dot product a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
+    """Return the cross product a x b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -93,12 +93,13 @@ def about_y(v: Vector, cos: Number, sin: Number) -> Vector:
 
 
 def over_legs(x: Number) -> Number:
-    """The sum over the legs: (4, N) -> (N,)."""
+    """Return the sum of a number over the legs: (4, N) -> (N,)."""
     return x if isinstance(x, Zero) else jnp.sum(x, axis=0)
 
 
 def cos_sin(angle: Number) -> tuple[Array, Array]:
-    """Cosine and sine, to two units in the last place of float32 below 100 rad.
+    """Return cosine and sine of an angle, to two units in the last place of float32
+    below 100 rad.
 
     XLA's own are libm's, one number after the other: as slow as a third of the whole
     step. These are Cephes's polynomials about the nearest multiple of pi/2, which is

@@ -25,8 +25,8 @@ from bp2_rl.settings.presets.robots import (
 from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights
 
 Differences = Mapping[str, Mapping[str, object]]
-"""Settings that are not the defaults, by their group: `run`, `ppo`, or one of the
-environment's."""
+"""Settings that differ from the defaults, by their group: `run`, `ppo`, or a group of
+the environment's."""
 
 SLOW_TROT: Differences = {
     "library": {"path": "bp2_trot_slow"},
@@ -38,7 +38,8 @@ SLOW_TROT: Differences = {
         "entropy_cost": 2e-3,
     },
 }
-"""What all presets but `smoke` have."""
+"""Settings that all presets but `smoke` share: slow trots in the library, symmetric
+networks, averaged weights."""
 
 ALL_COMMANDS: Differences = {
     "commands": {
@@ -64,8 +65,8 @@ EASY: Differences = {
 """Easier commands and less randomisation; the ground is `MILD_GROUND`."""
 
 HISTORY = (5, 10, 15, 20)
-"""Control steps, 25 to 100 ms: a third of a stride, in which legs and trunk tell how
-fast the robot moves."""
+"""Control steps, 25 to 100 ms, over which a policy sees its observation change: a third
+of a stride, in which legs and trunk tell how fast the robot moves."""
 GPU: Differences = {
     "control": {"history": HISTORY, "launching": 6.0, "launching_speed": 18.0},
     "ppo": {"dtype": "bfloat16"},
@@ -90,7 +91,7 @@ CPU: Differences = {
     },
     "run": {"steps": 6_000_000, "logs": 100, "checkpoints": 6, "judged": 24},
 }
-"""Six minutes on two cores, with 1024 robots."""
+"""A training of six minutes on two cores, with 1024 robots."""
 FIRST: Differences = {
     "commands": {"max_forward": 2.5, "acceleration": (1.0, 2.0)},
     "reset": {"standing_fraction": 0.6},
@@ -145,7 +146,8 @@ PRESETS: dict[Preset, dict[Stage, tuple[Differences, ...]]] = {
         "relaxed": (SLOW_TROT, ALL_COMMANDS, GPU, GENTLE),
     },
 }
-"""Each stage of each preset; what comes later wins."""
+"""Settings of each preset's stages, as differences from the defaults; later ones
+override earlier ones."""
 
 
 def preset(
@@ -154,7 +156,8 @@ def preset(
     weights: Weights | None = None,
     robot: str | Path | HardwareSpec = "built",
 ) -> TrainConfig:
-    """Return a stage's settings for a size of machine.
+    """Return the training settings of a stage, for the size of machine that a preset is
+    made for.
 
     Args:
         stage: `imitation`, from random weights, or `relaxed`, on from a run of

@@ -17,13 +17,14 @@ PAPER: dict[Stage, RewardConfig] = {
         symmetry=0.1,
     ),
 }
-"""The two columns of Table S4."""
+"""The paper's reward coefficients: the two columns of Table S4."""
 
 SHAPE = TrackingShape(
     floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3, memory=0.2
 )
-"""A slope at every error: sharp where motion is slow, wide where it is fast, a straight
-line beyond both, and blind to how the trunk sways and turns within a stride."""
+"""A tracking reward with a slope at every error: sharp where motion is slow, wide where
+it is fast, a straight line beyond both, and blind to how the trunk sways and turns
+within a stride."""
 
 OURS: dict[Stage, RewardConfig] = {
     "imitation": RewardConfig(tracking=2.0, tracking_shape=SHAPE),
@@ -39,9 +40,9 @@ OURS: dict[Stage, RewardConfig] = {
         tracking_shape=SHAPE,
     ),
 }
-"""Table S4 with tracking worth more, in a shape of our own: with the paper's, a robot
-that is 2 m/s too slow has nothing to gain by running faster. docs/notes/training.md has
-the ablation."""
+"""Table S4's coefficients with more weight on tracking, in a shape of our own: with the
+paper's, a robot that is 2 m/s too slow has nothing to gain by running faster.
+docs/notes/training.md has the ablation."""
 
 SMALL_SHAPE = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)
 OURS_SMALL: dict[Stage, RewardConfig] = {
@@ -58,5 +59,5 @@ OURS_SMALL: dict[Stage, RewardConfig] = {
         tracking_shape=SMALL_SHAPE,
     ),
 }
-"""For a small fleet tracking is worth less, in a wider shape: closer tracking is
-learned more slowly."""
+"""`OURS` for a small fleet, with less weight on tracking, in a wider shape: closer
+tracking is learned more slowly."""

@@ -1,5 +1,5 @@
-"""A preset on another robot: how widely the robot is randomised, and settings for its
-size."""
+"""Adapt a preset to another robot: how widely the robot is randomised, and settings
+scaled to its size."""
 
 import dataclasses
 import math
@@ -18,9 +18,9 @@ from bp2_rl.settings.training import TrainConfig
 MOST_REACH = 0.98
 """Share of the legs' reach that the kinematic gait uses."""
 FIRST_COMMANDS = 0.25
-"""Share of the greatest command of all up to which commands go at first: nobody knows
-how fast a new robot can be, and most of a fleet that is told to run faster than that
-falls all the time."""
+"""Share of the greatest command that a new robot's first commands reach: nobody knows
+how fast the robot can be, and most of a fleet that is told to run faster falls all the
+time."""
 FADE = 0.02
 """Share of the relaxed stage after which the entropy cost has halved. A robot runs
 faster without the noise that it learned with: Go1, told 1 m/s, by 0.12 m/s at the
@@ -30,16 +30,16 @@ SLOW_FRACTION = 0.4
 
 
 GROUND: Range = 0.5, 1.1
-"""Friction of the ground that training draws."""
+"""Range of the ground's friction that training draws."""
 MILD_GROUND: Range = 0.6, 1.1
-"""The same where little is randomised."""
+"""Range of the ground's friction in presets with little randomisation."""
 
 
 def drawn_for(
     robot: HardwareSpec, others: RandomizationConfig, ground: Range = GROUND
 ) -> RandomizationConfig:
-    """Return what training draws for a robot, friction and losses as widely as the
-    robot's assumed values are uncertain."""
+    """Return the domain randomisation for a robot, with friction and losses drawn as
+    widely as its assumed values are uncertain."""
     return dataclasses.replace(
         others,
         friction=(ground[0] / robot.friction, ground[1] / robot.friction),
@@ -113,8 +113,8 @@ def _multiple(factor: float, value: float | Range | None) -> float | Range | Non
 
 
 def settled(config: TrainConfig) -> TrainConfig:
-    """Return a last stage's settings in which a robot that is not BP2 keeps to slow
-    commands, too."""
+    """Return settings of the relaxed stage in which a robot other than BP2 follows slow
+    commands well, too."""
     env, ppo = config.env, config.ppo
     if env.hardware.is_bp2:
         return config
@@ -139,8 +139,8 @@ def settled(config: TrainConfig) -> TrainConfig:
 
 
 def speed_factor(robot: HardwareSpec) -> float:
-    """Return the greatest speed to ask of a robot over BP2's: what its size, joint
-    speeds and power allow at most."""
+    """Return the factor on BP2's greatest commanded speed that a robot's size, joint
+    speeds and power allow."""
     if robot.is_bp2:
         return 1.0
     shares = (
@@ -150,8 +150,8 @@ def speed_factor(robot: HardwareSpec) -> float:
 
 
 def _limits(robot: HardwareSpec) -> tuple[float, float]:
-    """Return a hip's no-load speed times the length of the leg, m/s, and motors' torque
-    times speed by weight, m/s."""
+    """Return two measures of a robot's speed, m/s: hip no-load speed times leg length,
+    and motors' torque times speed over weight."""
     torque, speed = (
         np.broadcast_to(x, NUM_MOTORS)
         for x in (robot.joint_peak_torque, robot.joint_no_load_speed)
@@ -162,8 +162,8 @@ def _limits(robot: HardwareSpec) -> tuple[float, float]:
 
 
 def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
-    """Return the gait with times for the robot's size, as high as its knees can stretch
-    for the sweep.
+    """Return the kinematic gait with times for the robot's size, and as high as the
+    knees' ranges allow for the sweep.
 
     Raises:
         UserError: the knees cannot stretch even for the sweep.

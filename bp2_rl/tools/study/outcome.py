@@ -1,4 +1,5 @@
-"""Measure a study's policies in C MuJoCo, and compare its variants over their seeds.
+"""Measure a study's policies in C MuJoCo, and compare the variants of the training over
+seeds.
 
 The comparison is a table and two figures.
 """
@@ -42,7 +43,7 @@ STYLES = dict(
         strict=True,
     )
 )
-"""(line, colour) of each variant, the same in every figure."""
+"""Line style and colour of each variant, the same in every figure."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,15 +58,15 @@ class PolicyMeasurement:
 
 @dataclasses.dataclass(frozen=True)
 class _Measured:
-    """The file beside a run's policies."""
+    """The content of the file of measurements beside a run's policies."""
 
     ladder: tuple[float, ...]
     policies: tuple[PolicyMeasurement, ...]
 
 
 def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
-    """Measure each saved policy of a run in order, and write `MEASURED` beside them;
-    measure no policy twice."""
+    """Measure the top speeds of a run's saved policies, and write them to `MEASURED`;
+    reuse earlier results."""
     known = {one.weights_sha256: one for one in read_measurements(run_dir)}
     result: list[PolicyMeasurement] = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
@@ -80,7 +81,8 @@ def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
 
 
 def read_measurements(run_dir: Path) -> list[PolicyMeasurement]:
-    """Return what `measure_policies` has written; empty where there is nothing yet."""
+    """Return the measurements that `measure_policies` wrote for a run; empty if there
+    are none."""
     path = run_dir / MEASURED
     if not path.is_file():
         return []
@@ -108,13 +110,13 @@ def _measure(policy: Policy) -> PolicyMeasurement:
 # --- Over the seeds -------------------------------------------------------------------
 
 Stages = tuple[list[PolicyMeasurement], list[PolicyMeasurement]]
-"""What was measured of the policies of an imitation run and of the relaxed run after
-it."""
+"""Measurements of the policies of an imitation run, and of the relaxed run that
+follows."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """A variant over its seeds."""
+    """The top speeds of a variant over its seeds, with their mean and interval."""
 
     variant: str
     seeds: tuple[int, ...]  # those that were trained and judged to the end
@@ -128,8 +130,8 @@ class Outcome:
 
 
 def outcome_of(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
-    """Return the outcome of a variant, of those seeds of which both stages were judged;
-    None if there is none."""
+    """Return a variant's outcome over the seeds whose two stages were measured; None
+    without any."""
     stages = both_stages(folder, variant, seeds)
     if not stages:
         return None
@@ -148,8 +150,8 @@ def outcome_of(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | No
 
 
 def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, Stages]:
-    """Return what was measured of a variant's imitation and relaxed runs, by seed, where
-    there are both."""
+    """Return the measurements of a variant's imitation and relaxed runs, by seed, where
+    both exist."""
     origin = VARIANTS[variant].imitation or variant
     stages = {
         seed: (
@@ -170,8 +172,8 @@ def _steps_to_goal(policies: list[PolicyMeasurement]) -> int | None:
 def interquartile_mean(
     values: Float[np.ndarray, "n ..."],
 ) -> Float[np.ndarray | np.floating, "..."]:
-    """Return the mean of the middle half along the first axis; with fewer than four
-    values, of all."""
+    """Return the mean of the middle half of the values along the first axis; of all if
+    fewer than four."""
     return stats.trim_mean(values, 0.25, axis=0)
 
 
@@ -186,8 +188,8 @@ def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
 def difference_interval(
     values: Sequence[float], others: Sequence[float]
 ) -> tuple[float, float]:
-    """Return the 95 % interval of the difference of two means, by Welch's t-test;
-    infinite where the values do not tell how far they scatter."""
+    """Return the 95 % interval of the difference of two means (Welch's t-test);
+    infinite if it is undefined."""
     if min(len(values), len(others)) < 2 or len({*values, *others}) < 3:
         return -math.inf, math.inf
     low, high = stats.ttest_ind(values, others, equal_var=False).confidence_interval()
@@ -195,7 +197,7 @@ def difference_interval(
 
 
 def outcome_table(outcomes: Sequence[Outcome]) -> str:
-    """Return the outcomes as a table in Markdown."""
+    """Return the outcomes of a study's variants as a Markdown table."""
     recipe = next((o.top_speeds for o in outcomes if o.variant == BASELINE), ())
     head = (
         "variant",
@@ -241,8 +243,8 @@ def _each(values: Sequence[float | None], form: str) -> str:
 def draw_learning_curves(
     folder: Path, variants: Sequence[str], seeds: Sequence[int]
 ) -> Figure:
-    """Draw the top speed in C MuJoCo over control steps: the interquartile mean over
-    seeds, and from the slowest to the fastest."""
+    """Draw top speed in C MuJoCo over control steps: interquartile mean and range over
+    seeds, for each variant."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes = figure.subplots()
     for variant in variants:
@@ -289,7 +291,8 @@ def draw_learning_curves(
 
 @styled
 def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
-    """Draw the top speeds of all seeds of all variants after both stages."""
+    """Draw every seed's top speed after the imitation and the relaxed stage, a row for
+    every variant."""
     figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
     axes = figure.subplots()
     rows = range(len(outcomes))
@@ -318,8 +321,8 @@ def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
 def _curve(
     runs: Sequence[Sequence[PolicyMeasurement]],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the control steps of a stage at which all seeds have a policy, and the top
-    speeds there, "seed step": a stopped run saves more."""
+    """Return the control steps of a stage at which every seed has a policy, and the top
+    speeds (seed, step)."""
     by_step = [{j.control_steps: j.top_speed for j in run} for run in runs]
     steps = sorted(set.intersection(*map(set, by_step)))
     return np.array(steps), np.array([[run[step] for step in steps] for run in by_step])

@@ -1,4 +1,5 @@
-"""Plan a study: the variants of the recipe, and their trainings."""
+"""Plan a study: the variants of the training recipe, and the training runs that compare
+them."""
 
 import dataclasses
 from pathlib import Path
@@ -12,7 +13,7 @@ STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """The recipe with one thing changed."""
+    """A variant of the training recipe with one thing changed, as flags of train.py."""
 
     meaning: str
     # of train.py, in the imitation stage; the relaxed stage inherits what they set
@@ -23,8 +24,8 @@ class Variant:
 
 
 def _both(meaning: str, *flags: str) -> Variant:
-    """A variant whose flags the relaxed stage does not take from its parent: rewards,
-    how PPO learns, the physics."""
+    """Make a variant with flags for both stages: the relaxed stage does not inherit
+    rewards, PPO settings or physics."""
     return Variant(meaning, flags, flags)
 
 
@@ -110,7 +111,7 @@ VARIANTS: dict[str, Variant] = {
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """One run of a study."""
+    """One training run of a study: variant, seed and stage."""
 
     variant: str
     seed: int
@@ -124,7 +125,7 @@ class Training:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """A study's variants, seeds and size, which tell its trainings."""
+    """The variants, seeds and size of a study, which determine its training runs."""
 
     variants: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -133,7 +134,8 @@ class Plan:
     robot: str = "built"
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
+        """Raise UserError for unknown variants, and for missing or repeated variants
+        and seeds."""
         for name in self.variants:
             if name not in VARIANTS:
                 raise UserError(f"no variant {name!r}; there are {', '.join(VARIANTS)}")
@@ -143,8 +145,8 @@ class Plan:
 
     @property
     def chains(self) -> list[list[Training]]:
-        """Runs that need each other: an imitation run, and the relaxed ones that go on
-        from it."""
+        """Training runs in order of dependence: each imitation run, then the relaxed
+        runs that continue it."""
         chains: dict[tuple[str, int], list[Training]] = {}
         for seed in self.seeds:
             for name in self.variants:
@@ -156,7 +158,8 @@ class Plan:
         return list(chains.values())
 
     def command(self, training: Training, folder: Path) -> list[str]:
-        """The arguments of train.py."""
+        """Return the arguments of train.py for a training run in the study's
+        `folder`."""
         variant, steps = (
             VARIANTS[training.variant],
             self.steps[STAGES.index(training.stage)],
@@ -189,6 +192,6 @@ class Plan:
 
 
 def default_steps(preset: Preset) -> tuple[int, int]:
-    """Return the control steps of a preset's two stages."""
+    """Return the control steps of a preset's imitation and relaxed stages."""
     imitation, relaxed = (presets.preset(stage, preset).run.steps for stage in STAGES)
     return imitation, relaxed

@@ -1,5 +1,5 @@
-"""The trainings of a study, run: as processes of this machine, one on each GPU, or as
-jobs that submitit hands to a cluster.
+"""Run the trainings of a study: as processes of this machine, one on each GPU, or as
+jobs of a cluster (submitit).
 
 A study is a folder of runs, VARIANT-SEED-STAGE. What is finished is not done again, so
 that a study can be stopped and gone on with.
@@ -46,9 +46,10 @@ if TYPE_CHECKING:
 
 TRAIN = ("-m", "bp2_rl", "train")
 GRACE = 120
-"""s that a job has to save before the scheduler ends it."""
+"""Time between the scheduler's warning and the end of a job, in which the training
+saves, s."""
 OFTEN = 1000
-"""Times that a job may be queued again because its time was over."""
+"""Largest number of times that a job is queued again after its time limit."""
 POLL = 0.5  # s
 
 
@@ -60,8 +61,8 @@ def begin(
     gpu: str | None = None,
     keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
-    """Start train.py for a run in a process that ends with this one, and saves first;
-    it writes to RUN.txt.
+    """Start train.py for a run as a child process, with its output in RUN.txt; it saves
+    and ends with this process.
 
     Args:
         arguments: for a new run; one that has a checkpoint is resumed.
@@ -113,8 +114,8 @@ class Resources:
     def open(
         self, folder: Path, lock: int
     ) -> Generator[tuple["Here | Jobs", Executor, ThreadPoolExecutor]]:
-        """Open the place of the trainings, the processes that measure policies, and a
-        thread for each slot.
+        """Yield what runs the trainings, the processes that measure policies, and a
+        thread for each training at a time.
 
         An exception in the block stops the trainings, which save what they have. The
         processes end with the thread that submits their first task: let one that
@@ -144,7 +145,7 @@ class Resources:
 
 
 def visible_gpus() -> tuple[str, ...]:
-    """NVIDIA's GPUs as CUDA_VISIBLE_DEVICES names them; empty where there are none."""
+    """Return the names of NVIDIA's GPUs for CUDA_VISIBLE_DEVICES; empty without any."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
     if named is not None:
         return tuple(filter(None, named.split(",")))
@@ -157,7 +158,8 @@ def visible_gpus() -> tuple[str, ...]:
 
 
 class Here:
-    """One process on each GPU at a time; without GPUs one at a time, on what JAX finds.
+    """Runs trainings as processes of this machine, one on each GPU; without GPUs one at
+    a time.
 
     Args:
         gpus: as CUDA_VISIBLE_DEVICES names them.
@@ -175,8 +177,8 @@ class Here:
         self._stopped = threading.Event()
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """Train a run, anew by train.py's `arguments` or from where it was stopped;
-        return whether it came to its end.
+        """Run a training to its end, from its checkpoint if it has one; return whether
+        it finished.
 
         Waits for it; called from as many threads as there are slots.
         """
@@ -209,8 +211,8 @@ class Here:
 
 
 class Jobs:
-    """Jobs of a cluster, by submitit; each trains a run and judges its policies. Their
-    logs are in `folder`/jobs.
+    """Runs trainings as jobs of a cluster, by submitit; each job also measures its
+    policies. Logs are in `folder`/jobs.
 
     Args:
         config: which cluster, and what of it a job gets.
@@ -242,7 +244,8 @@ class Jobs:
         )
 
     def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
-        """See `Here`."""
+        """Run a training as a job, as `Here.train` does in a process; return whether it
+        finished."""
         with self._lock:
             if self._stopped.is_set():
                 return False
@@ -264,7 +267,7 @@ class Jobs:
         return False
 
     def stop(self) -> None:
-        """See `Here`; Slurm tells the trainings to save."""
+        """Cancel all jobs; Slurm then tells the trainings to save."""
         self._stopped.set()
         with self._lock:
             for job in self._jobs:
@@ -272,7 +275,7 @@ class Jobs:
 
 
 class Job:
-    """One training as a cluster's machine runs it; submitit pickles it."""
+    """One training as a job on a cluster's machine; submitit pickles it."""
 
     def __init__(self, arguments: Sequence[str], run_dir: Path):
         self._arguments, self._run_dir = tuple(arguments), run_dir.resolve()
@@ -280,7 +283,7 @@ class Job:
         self._process: subprocess.Popen[bytes] | None = None
 
     def __call__(self) -> bool:
-        """Train and judge; whether the training came to its end."""
+        """Train, then measure the policies; return whether the training finished."""
         self._process = begin(self._arguments, self._run_dir, train=self._train)
         # Not `wait`, which holds a lock that `checkpoint` could not get past.
         os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
@@ -292,8 +295,8 @@ class Job:
         return True
 
     def checkpoint(self) -> "DelayedSubmission":
-        """The scheduler wants the machine back: let the training save, and be queued
-        again as it is.
+        """Let the training save, and return the job to be queued again; called when the
+        scheduler wants the machine back.
 
         submitit calls this from a signal's handler, in the middle of `__call__`.
         """
@@ -329,8 +332,8 @@ def run_study(
     resources: Resources,
     measured: Callable[[Training], object] = lambda training: None,
 ) -> list[Training]:
-    """Train and measure what is not there yet; return the trainings that failed, with
-    those that needed them.
+    """Run the trainings and measurements of a study that are missing; return the failed
+    ones and their dependants.
 
     An interruption ends the trainings, too, which save what they have.
 
@@ -396,6 +399,6 @@ def run_study(
 
 
 def _train(plan: Plan, folder: Path, place: Here | Jobs, training: Training) -> bool:
-    """Train a run, unless it is finished already; return whether it came to its end."""
+    """Run a training unless it is finished; return whether it has finished."""
     run_dir = folder / training.name
     return is_finished(run_dir) or place.train(plan.command(training, folder), run_dir)

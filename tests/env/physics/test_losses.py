@@ -48,8 +48,8 @@ def fly(
     strength: float = 1.0,
     braking: float | None = None,
 ) -> np.ndarray:
-    """Velocities after each control step of a robot that starts 10 m up, its targets
-    where its joints are.
+    """Return velocities after each control step of a robot that starts 10 m up, its
+    targets where its joints are.
 
     With a `strength` of 0 its motors give nothing; `braking` is what training draws of
     `weak_braking`.

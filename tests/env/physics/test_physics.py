@@ -26,8 +26,8 @@ FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)
 
 @pytest.fixture(params=["kernel", "warp"])
 def impl(request, monkeypatch) -> Impl:
-    """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors,
-    too."""
+    """Name of every engine but MJX's own. Warp is for GPUs, but its kernels run on
+    processors, too."""
     if request.param == "warp":
         pytest.importorskip("warp", reason="needs the extra `warp`")
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
@@ -53,8 +53,8 @@ def start(randomised: bool):
 
 
 def run(impl: Impl, state):
-    """The states before the steps and after the last, and whether each robot had not
-    fallen before."""
+    """Step a state with all `ACTIONS`; return the states before and after, and which
+    robots were upright before each step."""
     states, upright = [state], [np.ones(ROBOTS, bool)]
     for action in ACTIONS:
         states.append(stepper(impl)(states[-1], action))
@@ -72,7 +72,7 @@ def physics(state):
 
 
 def apart(ours, theirs, field: str) -> np.ndarray:
-    """The largest difference of each robot."""
+    """Return the largest difference between two states' field, for each robot."""
     a, b = (np.asarray(getattr(physics(state), field)) for state in (ours, theirs))
     return np.abs(a - b).reshape(ROBOTS, -1).max(axis=1)
 
@@ -148,7 +148,8 @@ SOLID = EnvConfig(
 
 @cache
 def crossed():
-    """Robot 3 stands with crossed fore legs; no other robot's legs touch."""
+    """Return a state in which robot 3 stands with crossed fore legs and no other
+    robot's legs touch."""
     env = BP2Env(SOLID)
     state = jax.jit(jax.vmap(env.reset))(KEYS)
     legs = (

@@ -13,8 +13,8 @@ from bp2_rl.simulation.simulator import CONVERGED
 
 @pytest.fixture
 def runs(make_run):
-    """A usual run at 5 m/s, and one of each other kind, faster by 0.1, 0.2 ... per
-    cent."""
+    """Return a run for each choice of numerics: the usual at 5 m/s, the others faster
+    by 0.1, 0.2 ... per cent."""
     return {
         name: make_run(speed=5.0 * (1.0 + 1e-3 * k), acceleration=10.0)
         for k, name in enumerate(NUMERICS)

@@ -26,8 +26,8 @@ DT = 5e-3
 
 
 def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
-    """Robots that rise to their speeds within a second and hold them, each 0.1 m
-    farther off the line than the last."""
+    """Return a fleet's run: robots rise to their speeds within a second and hold them,
+    each 0.1 m farther off the line than the last."""
     speeds = np.asarray(speeds, float)
     count = len(speeds)
     time = DT * np.arange(1, round(duration / DT) + 1)

@@ -20,7 +20,8 @@ from bp2_rl.simulation.backend import DrakeContact
 
 @pytest.fixture
 def asked(monkeypatch, make_run):
-    """The simulator and the request of each run, which is not made."""
+    """Replace the simulation by a known run; return the simulator and the request of
+    each run."""
     calls = []
 
     def simulate(policy, requests, *, backend):

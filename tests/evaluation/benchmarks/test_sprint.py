@@ -31,8 +31,8 @@ from bp2_rl.simulation.measuring import (
 
 @pytest.fixture
 def make_race(make_run):
-    """A run of constant acceleration to a top speed that ends with the first sample
-    beyond 100 m."""
+    """Return a maker of runs of constant acceleration to a top speed, which end with
+    the first sample beyond 100 m."""
 
     def make(acceleration=5.0, speed=10.0, duration=20.0, **changes):
         run = make_run(duration=duration)
@@ -51,7 +51,8 @@ def make_race(make_run):
 
 
 def crossing(distance, acceleration, speed):
-    """When constant acceleration to a top speed covers a distance, s."""
+    """Return the time to cover a distance at constant acceleration to a top speed,
+    s."""
     reached = 0.5 * speed**2 / acceleration
     return (
         (2 * distance / acceleration) ** 0.5
@@ -135,8 +136,9 @@ def test_the_trunks_way_is_measured_from_the_line(make_race, side, kept):
     assert lane.kept is kept
 
 
-def test_a_turned_trunk_is_wider(make_race):
-    run, yaw = make_race(), 0.2
+@pytest.mark.parametrize("yaw", [0.2, -0.2, 2.0])
+def test_a_turned_trunk_is_wider(make_race, yaw):
+    run = make_race()
     run.qpos[1:, 3], run.qpos[1:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
     edges = trunk_edges(run)
     corners = np.array([[x, y] for x in (-0.4, 0.4) for y in (-0.22, 0.22)])

@@ -1,5 +1,5 @@
-"""The run in the page: its numbers are the run's, its links are where MuJoCo's are, and
-a browser shows it."""
+"""The run in a report's page: numbers are the run's, links are where MuJoCo has them,
+and a browser shows the run."""
 
 import base64
 
@@ -136,19 +136,19 @@ def test_the_run_plays_without_a_network_and_without_a_complaint(tab, width):
 
 
 def show(tab, width):
-    """The page in a window so wide, as it is if that has been so already."""
+    """Show the page in a window of this width, unless it is shown so already."""
     if tab.value("[location.href, innerWidth]") != [tab.url, width]:
         tab.open(tab.url, width, 700)
 
 
 def box(tab, selector):
-    """(x, y, width, height) of an element, in pixels of the window."""
+    """Return (x, y, width, height) of an element, in pixels of the window."""
     place = f"document.querySelector('{selector}').getBoundingClientRect()"
     return tab.value(f"(r => [r.x, r.y, r.width, r.height])({place})")
 
 
 def stage(tab):
-    """The canvas, as it is seen, without what is written on it."""
+    """Return a picture of the page's canvas, without the text at its edges."""
     tab.value("document.querySelector('.player').scrollIntoView()")
     x, y, width, height = box(tab, "canvas")
     picture = tab.screenshot()[int(y) : int(y + height), int(x) : int(x + width)]

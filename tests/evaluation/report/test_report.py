@@ -24,7 +24,8 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 
 def evaluation_of(run, benchmark="topspeed", **changes):
-    """What a benchmark of a single run leaves, with the fewest of its pictures."""
+    """Return the evaluation that a benchmark of a single run leaves, with the fewest
+    pictures."""
     metrics = run.metrics
     fields = {
         "benchmark": benchmark,
@@ -49,7 +50,8 @@ def evaluation_of(run, benchmark="topspeed", **changes):
 
 
 class Page(HTMLParser):
-    """The page's tags, and a complaint about any that is not closed in order."""
+    """Parser of a page that lists its tags, and fails where a tag is not closed in
+    order."""
 
     def __init__(self, text):
         super().__init__()

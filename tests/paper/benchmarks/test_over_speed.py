@@ -83,8 +83,8 @@ def case(request) -> Case:
 
 @pytest.fixture
 def evaluate(monkeypatch, make_policy, case):
-    """Evaluate, and return the runs that were asked for; with seed 13 the robot that is
-    told 8 m/s falls."""
+    """Evaluate a policy on known runs, and return the runs that were asked for; with
+    seed 13 the robot that is commanded 8 m/s falls."""
     asked = []
 
     def run(policy, one):

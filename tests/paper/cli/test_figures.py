@@ -9,7 +9,7 @@ from bp2_rl.simulation import simulator
 
 @pytest.fixture(autouse=True)
 def settled_soon(monkeypatch):
-    """The robot that is drawn comes to rest sooner."""
+    """Let the robot that is drawn come to rest sooner."""
     monkeypatch.setattr(simulator, "SETTLING_TIME", 0.1)
 
 

@@ -40,7 +40,7 @@ GROUPS = {
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """The folder of a first run, its exit status and what it printed."""
+    """Make the index of a few commands once, and yield its folder."""
     folder = tmp_path_factory.mktemp("all") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(all_figures, "SOURCES", SOURCES)

@@ -1,4 +1,4 @@
-"""What holds the optimiser back, and a policy beside it."""
+"""The figure of what holds the optimiser back, and of a policy beside it."""
 
 import numpy as np
 import pytest

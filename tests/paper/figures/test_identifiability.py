@@ -1,5 +1,5 @@
-"""What the paper's numbers pin down: the decomposition of maps whose answer is known,
-and the rows' closed forms."""
+"""How far the paper's numbers determine assumptions: decompositions with a known
+answer, and the rows' closed forms."""
 
 import dataclasses
 

@@ -18,8 +18,8 @@ HIND_HIPS = [MOTOR_NAMES.index("RR_hip"), MOTOR_NAMES.index("RL_hip")]
 
 @pytest.fixture
 def known(make_run):
-    """Hind hips: 100 Nm at w = 10 sin; fore knees: at their limit of 120 Nm, at 22
-    rad/s against it for a tenth."""
+    """Return a run whose hind hips have 100 Nm at w = 10 sin, and fore knees 120 Nm,
+    their limit, at 22 rad/s against it for a tenth."""
     run = make_run(duration=6.0)
     speed, torque = np.zeros((len(run), 12)), np.zeros((len(run), 12))
     speed[:, HIND_HIPS] = 10.0 * np.sin(2 * np.pi * 4.0 * run.time)[:, None]

@@ -33,7 +33,7 @@ def drawn():
 
 @pytest.fixture
 def run(make_run):
-    """12 m/s at 3 m/s2: 100 m after 10.3 s."""
+    """Return a run at 3 m/s2 to 12 m/s, which covers 100 m after 10.3 s."""
     return make_run(duration=11.0, speed=12.0, acceleration=3.0)
 
 

@@ -15,7 +15,8 @@ from bp2_rl.simulation import simulator
 
 @pytest.fixture(autouse=True)
 def settled_soon(monkeypatch):
-    """It stands where it will; what is left of its sway is less than a cm."""
+    """Shorten the time in which the robot settles; what is left of its sway is less
+    than a cm."""
     monkeypatch.setattr(simulator, "SETTLING_TIME", 0.3)
 
 

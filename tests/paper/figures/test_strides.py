@@ -1,4 +1,4 @@
-"""Three cycles of a run: which they are, and what is said of them."""
+"""Three gait cycles of a run: which cycles are chosen, and which numbers are given."""
 
 import numpy as np
 import pytest

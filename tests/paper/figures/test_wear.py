@@ -1,4 +1,4 @@
-"""What a run wears, against the run itself, and the figure of it."""
+"""The wear of a robot in a run, against the run itself, and its figure."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from bp2_rl.simulation.schedule import Ramp
 
 @pytest.fixture(scope="module")
 def trot():
-    """Towards 2 m/s without a policy, until it falls."""
+    """Return a run towards 2 m/s without a policy, until the robot falls."""
     return run_one(
         no_action, Ramp(2.0, acceleration=4.0, hold=0.5), EnvConfig(), hardware=BUILT
     )

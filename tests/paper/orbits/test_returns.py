@@ -1,5 +1,5 @@
-"""Multipliers that are known: of a matrix, of a driven oscillator, and of a hopper on a
-spring."""
+"""Maps with known multipliers: of a matrix, of a driven oscillator, and of a hopper on
+a spring."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ KNOWN = np.array([0.8 * np.exp(0.7j), 0.8 * np.exp(-0.7j), -0.5, 0.3, 0.0])
 
 
 def linear() -> np.ndarray:
-    """A matrix with the eigenvalues `KNOWN` in skew coordinates."""
+    """Return a matrix with the eigenvalues `KNOWN` in skew coordinates."""
     turn = 0.8 * np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     matrix = np.zeros((5, 5))
     matrix[:2, :2] = turn
@@ -81,7 +81,7 @@ def test_a_driven_oscillator_has_the_multipliers_of_its_exponential():
 
 
 class Hopper:
-    """A mass hops on a spring, from apex to apex; speed v goes along.
+    """A mass that hops on a spring, as a map from apex to apex; speed v goes along.
 
     Landing leaves a share r of the energy of falling, and a share rho of the speed (and
     kappa of what the apex is too high). Where the spring is shortest, by d, its rest
@@ -98,7 +98,7 @@ class Hopper:
 
     @property
     def height(self) -> float:
-        """H0, by bisection of energy's balance."""
+        """Apex height of the periodic hop, H0, by bisection of the energy balance."""
         low, high = 1e-6, 5.0
         for _ in range(200):
             h = 0.5 * (low + high)
@@ -123,7 +123,8 @@ class Hopper:
         return np.stack([self.one_hop(*state) for state in states])
 
     def one_hop(self, h: float, v: float) -> tuple[float, float]:
-        """Simulated: falls, and pushes off the ground in two halves of stance."""
+        """Return height and speed after one simulated hop: fall, stance in two halves,
+        flight."""
         speed = -np.sqrt(self.r * 2.0 * self.g * h)
         bottom = self.stance(self.length, speed, self.length, lambda _, y: y[1])
         lift = self.stance(

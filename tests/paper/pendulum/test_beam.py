@@ -1,5 +1,5 @@
-"""The equations, against the same pendulums in C MuJoCo and against what work and
-momentum must do."""
+"""The pendulums' equations of motion, against C MuJoCo and against the balances of work
+and momentum."""
 
 import mujoco
 import numpy as np
@@ -13,8 +13,8 @@ LIGHT = 1e-9  # kg m2 of a point mass, which MuJoCo wants: its share of m l^2 is
 
 
 def in_mujoco(mass_ratio: float, pendulums: int) -> mujoco.MjModel:
-    """Point masses of 1 kg on rods of 1 m, hung from a beam that slides along x, in a
-    gravity of 1 m/s2: w0 is 1."""
+    """Return MuJoCo's model of point masses of 1 kg on rods of 1 m, hung from a beam
+    that slides along x, in a gravity of 1 m/s2: w0 is 1."""
     hung = "".join(
         f"""<body pos="0 {k} 0"><joint type="hinge" axis="0 -1 0"/>
         <inertial pos="0 0 -1" mass="1" diaginertia="{LIGHT} {LIGHT} {LIGHT}"/></body>"""

@@ -1,5 +1,5 @@
-"""The pictures of the pendulums: nothing covers anything else, and what they say and
-show is what was found."""
+"""The pendulums' pictures: nothing covers anything else, and all texts and curves show
+what was found."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Free motion, against what is kept and against closed forms and quadratures."""
+"""Free motion of pendulums, against conserved quantities, closed forms and
+quadratures."""
 
 import math
 
@@ -16,19 +17,19 @@ EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
 
 
 def over(periods: float, samples: int) -> np.ndarray:
-    """Time over so many natural periods, each with so many samples."""
+    """Return times over `periods` natural periods, with `samples` in each."""
     return np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * samples) + 1)
 
 
 def in_phase_frequency(mass_ratio: float) -> float:
-    """Of two small swings in phase, over w0; in antiphase it is 1, and the beam
-    rests."""
+    """Return the frequency, over w0, of two small swings in phase. In antiphase it is
+    1, and the beam rests."""
     return math.sqrt(1.0 + 2.0 / mass_ratio)
 
 
 def period(motion: SwingMotion) -> np.ndarray:
-    """Of each system: mean over as many whole periods as there are, of its last
-    pendulum's passages to the left."""
+    """Return the mean period of each system of pendulums, by its last pendulum's
+    passages to the left."""
     periods = []
     for system in range(len(motion.mass_ratio)):
         angle = CubicHermiteSpline(
@@ -41,7 +42,7 @@ def period(motion: SwingMotion) -> np.ndarray:
 
 
 def small_swing(amplitude: float, time: np.ndarray, mass_ratio: float) -> np.ndarray:
-    """The angles after one of two is let go at a small angle, the other hanging."""
+    """Return the angles of two pendulums after one is released at a small angle."""
     slow, fast = np.cos(time), np.cos(in_phase_frequency(mass_ratio) * time)
     return np.stack((fast + slow, fast - slow), axis=-1) * amplitude / 2.0
 

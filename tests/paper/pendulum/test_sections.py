@@ -1,4 +1,4 @@
-"""Sections, against what must hold of every point of them."""
+"""Poincare sections of pendulums, against what must hold of all their points."""
 
 import numpy as np
 import pytest

@@ -25,8 +25,8 @@ LEGS = {legs.robot: legs for legs in read_legs()}
 
 
 def inertia(hardware: HardwareSpec) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre of mass and inertia about it of a robot that hangs with straight
-    legs, in C MuJoCo."""
+    """Return mass, centre of mass and inertia about it of a robot that hangs with
+    straight legs, in C MuJoCo."""
     model = load_spec(hardware).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = np.eye(1, model.nq, 3)[0]

@@ -1,4 +1,5 @@
-"""A limit that follows the motors, and speeds above a limit, which are said first."""
+"""The scaling study: a limit that follows the motors, and speeds above a limit, which
+are reported first."""
 
 import dataclasses
 
@@ -32,7 +33,8 @@ SLOWER = 0.8  # times the speed of A1's motors
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, SpeedLimit]:
-    """A1's limit, and that with slower motors, on a mesh that is solved in moments."""
+    """Return the speed limits of A1 and of A1 with slower motors, on a mesh that is
+    solved in moments."""
     robot = find_robots()[A1]
     corner, no_load = (
         times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed)

@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def design(folder):
-    """The design found from the only start."""
+    """Return the design found from the only start."""
     return find_designs(SETTINGS, folder)[0][1]
 
 
@@ -124,7 +124,7 @@ def test_bounds_without_a_design_are_refused(bounds, says):
 
 
 def lengthening() -> Chain:
-    """Three problems, whose legs grow longer."""
+    """Return a chain of three problems, whose legs grow longer."""
     lengths = (0.3, 0.35, 0.4)
     problems = tuple(PROBLEM.on(leg_length=length) for length in lengths)
     return Chain(problems, (), SETTINGS.bounds)
@@ -180,7 +180,7 @@ def test_starts_differ_in_design_and_guess():
 
 
 def _made_up(problem: Problem):
-    """A solution that satisfies nothing, with durations of its own."""
+    """Return a solution that satisfies nothing, with durations of its own."""
     guess = cold_guess(problem, seed=7)
     return Solution(
         problem=problem,

@@ -45,8 +45,8 @@ def account(trot) -> CouplingAccount:
 
 
 def planar_states(decomposition: Decomposition):
-    """MuJoCo's terms with velocities, accelerations, motor torques and forces at some
-    of the cycle's points."""
+    """Return the planar MuJoCo model's terms with velocities, accelerations, motor
+    torques and forces at some of the cycle's points."""
     cycle = decomposition.cycle
     planar = PlanarModel.of(cycle.problem)
     q, v, a, tau, force = (

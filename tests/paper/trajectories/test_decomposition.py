@@ -51,8 +51,8 @@ def pretended(problem: Problem, motion: Motion) -> Solution:
 
 
 def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:
-    """What a robot with straight legs does whose q, v and a are held at the given
-    values, and zero elsewhere."""
+    """Return the decomposition of a robot with straight legs whose q, v and a are held
+    at the given values, and zero elsewhere."""
     problem = Problem(gait=gait, intervals=2)
     guess = cold_guess(problem)
     held = {name: np.zeros_like(guess.q) for name in "qva"}
@@ -73,7 +73,7 @@ def at_other_speed(solution: Solution, speed: float) -> Solution:
 
 
 def along(part: Decomposition, coordinate: str, **waves: np.ndarray) -> Decomposition:
-    """The decomposition with other main and coupled inertial torques of one
+    """Return the decomposition with other main and coupled inertial torques of one
     coordinate."""
     forces = part.forces.copy()
     for term, values in waves.items():

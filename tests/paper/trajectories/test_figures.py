@@ -34,7 +34,7 @@ def at_speed(solution: Solution, speed: float) -> Solution:
 
 @pytest.fixture(scope="module")
 def family(trot) -> list[Solution]:
-    """One motion under three names: enough to draw."""
+    """Return one motion under three speeds: enough to draw."""
     return [at_speed(trot, speed) for speed in (12.0, 8.0, 10.0)]
 
 

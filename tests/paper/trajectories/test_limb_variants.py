@@ -1,4 +1,4 @@
-"""Robots with other legs."""
+"""Variants of the robot with other limbs: masses, solutions and the command."""
 
 import itertools
 

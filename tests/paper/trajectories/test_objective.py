@@ -1,5 +1,5 @@
-"""The comparison over F bar: it asks for the right problems, keeps the cheapest, and
-solves nothing twice."""
+"""The comparison of force weights (F bar): the right problems are solved once, and the
+cheapest solutions kept."""
 
 import itertools
 from collections.abc import Iterator
@@ -26,8 +26,8 @@ SETTINGS = ObjectiveSettings(speeds=(10.0,), body_weights=(1.0, 3.0), intervals=
 
 @pytest.fixture(scope="module")
 def asked() -> Iterator[list[tuple[Problem, tuple[str, ...]]]]:
-    """What is asked of the optimiser, which answers with its guess: no second of IPOPT
-    in here."""
+    """Replace the optimiser by one that answers with its guess, without IPOPT; return
+    the problems that are asked."""
     asked = []
     costs = itertools.cycle([2.0, 1.0, 1.5])
 

@@ -20,8 +20,7 @@ NAMES = "rotor inertia", "foot clearance"
 
 @pytest.fixture(scope="module")
 def priced() -> ShadowPrices:
-    """A trot on a mesh that is solved in a moment; true or not, its multipliers are its
-    own."""
+    """Return the shadow prices of a trot on a mesh that is solved in a moment."""
     coarse = solve(Problem(speed=10.0, intervals=4))
     return find_shadow_prices(coarse, {name: LIMIT_CHANGES[name] for name in NAMES})
 

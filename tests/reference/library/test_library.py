@@ -65,13 +65,15 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(folder):
-    """The kinematic gait with the centres of its feet where its soles are."""
+    """Return a library's gait in which the centres of the feet are where the kinematic
+    gait has its soles."""
     return CollocationGait(save(folder / "made.npz", **kinematic_arrays()))
 
 
 @pytest.fixture(scope="module")
 def solved(folder):
-    """Trots of 9.5 and 10 m/s on 6 intervals a segment."""
+    """Return a library's gait of two solved trots, at 9.5 and 10 m/s on 6 intervals a
+    segment."""
     fast = solve(Problem(speed=10.0, intervals=6)).motion
     slow = solve(Problem(speed=9.5, intervals=6), fast).motion
     names = ("durations", "q", "v", "a", "tau", "force", "impulse")
@@ -91,7 +93,7 @@ def save(path, **arrays):
 
 
 def kinematic_arrays():
-    """The kinematic gait's straight running on a library's mesh, with rates by
+    """Return a library's arrays of the kinematic gait's straight running, with rates by
     automatic differentiation."""
     durations, q, v = (
         np.asarray(part)
@@ -135,8 +137,8 @@ def _kinematic_motion(speed):
 
 
 def _as_centres(reference):
-    """Joint angles that put the centres of the feet where the kinematic gait has its
-    soles; spring compressions."""
+    """Return joint angles that put the centres of the feet where the kinematic gait has
+    its soles, and spring compressions."""
     joints, spring = (
         reference.joint_position.reshape(*reference.height.shape, 4, 3),
         reference.spring_compression,
@@ -146,7 +148,8 @@ def _as_centres(reference):
 
 
 def centres(reference, hardware=IDEAL):
-    """Centres of the feet from the trunk's centre in the heading frame, m."""
+    """Return the centres of the feet from the trunk's centre in the heading frame,
+    m."""
     p = kinematics.foot_position(
         reference.joint_position,
         reference.spring_compression + bp2.FOOT_RADIUS,
@@ -160,7 +163,7 @@ def centres(reference, hardware=IDEAL):
 
 
 def clearance(reference):
-    """Of each foot from the ground, m."""
+    """Return the height of every foot above the ground, m."""
     return centres(reference)[..., 2] + reference.height[..., None] - bp2.FOOT_RADIUS
 
 
@@ -683,7 +686,8 @@ def _moved(name, index, by):
 
 
 def _large(array):
-    """One number that float64 holds, and the float32 of training does not."""
+    """Return the array with one number that float64 holds, and the float32 of training
+    does not."""
     array = array.astype(float)
     array.reshape(-1)[-1] = 1e300
     return array

@@ -1,4 +1,5 @@
-"""What must hold of the library in assets/reference_motions, whoever built it."""
+"""Properties that the library in assets/reference_motions must have, whoever built
+it."""
 
 import jax
 import jax.numpy as jnp
@@ -46,7 +47,8 @@ def test_neighbours_are_near(family):
 
 
 def cycle(gait, speed):
-    """400 moments of a cycle straight ahead, with the joints by leg."""
+    """Return the reference at 400 moments of a cycle straight ahead, and its joints by
+    leg."""
     command = jnp.tile(jnp.array([speed, 0.0, 0.0]), (400, 1))
     reference = jax.jit(gait)(command, jnp.linspace(0.0, 1.0, 400))
     return reference, np.asarray(reference.joint_position).reshape(-1, 4, 3)

@@ -28,8 +28,8 @@ ROBOTS = {
 
 
 def unknown(design: Design) -> Design:
-    """The design with all numbers but its zeros unknown to the program, so that robots
-    share one."""
+    """Return the design with all numbers but its zeros unknown to the program, so that
+    robots share one program."""
     numbers = (
         (field.name, getattr(design, field.name))
         for field in dataclasses.fields(design)
@@ -55,8 +55,8 @@ run = jax.jit(advance)
 def stepped(
     model: mujoco.MjModel, qpos, qvel, force, *, program=run
 ) -> list[np.ndarray]:
-    """(accelerations, velocities after, positions after, heights of feet before), a
-    state a row, no first guess."""
+    """Return accelerations, velocities after, positions after, and heights of feet
+    before a step of the kernel, a state a row, no first guess."""
     design, number = unknown(Design.of(model)), len(qpos)
     masses = Masses.of(design, jnp.ones((model.nbody, number)), jnp.zeros((3, number)))
     friction = jnp.full(
@@ -73,8 +73,8 @@ def stepped(
 def in_c(
     model: mujoco.MjModel, qpos, qvel, force
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """As `stepped`; and of each state the feet on the ground and the joints in their
-    stops."""
+    """Return the same as `stepped` by C MuJoCo, and each state's feet on the ground and
+    joints in their stops."""
     data, rows, feet, stops = mujoco.MjData(model), [], [], []
     for state in zip(qpos, qvel, force, strict=True):
         mujoco.mj_resetData(model, data)
@@ -92,8 +92,8 @@ def in_c(
 
 
 def forces(hardware: HardwareSpec, qpos, qvel, torque, nv: int) -> np.ndarray:
-    """The motors' and what resists them: friction and viscosity of the joints, as both
-    engines are given them."""
+    """Return the forces of the motors, and the friction and viscosity of the joints, as
+    both engines are given them."""
     force = np.zeros((len(qpos), nv))
     force[:, motor_indices(nv)] = torque
     if (resistance := Resistance.from_hardware(hardware)) is not None:
@@ -102,7 +102,8 @@ def forces(hardware: HardwareSpec, qpos, qvel, torque, nv: int) -> np.ndarray:
 
 
 def apart(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The largest difference of each state's accelerations over the largest of them."""
+    """Return each state's largest difference of accelerations, over its largest
+    acceleration."""
     return abs(ours - theirs).max(axis=1) / abs(theirs).max(axis=1)
 
 

@@ -36,8 +36,8 @@ OTHER = IDEAL.changed(
 
 @pytest.fixture(scope="module")
 def states() -> list[np.ndarray]:
-    """States (qpos, qvel, torque) with zero to four feet on the ground and joints
-    beyond their limits."""
+    """Return states (qpos, qvel, torque) with zero to four feet on the ground and
+    joints beyond their limits."""
     return [
         x.astype(np.float32)
         for x in random_states(np.random.default_rng(0), ROBOTS, thrown=0.0)
@@ -46,7 +46,7 @@ def states() -> list[np.ndarray]:
 
 @functools.cache
 def drawn(hardware: HardwareSpec):
-    """As many robots around this one, each different in masses, trunk and friction."""
+    """Draw robots around this one, each different in masses, trunk and friction."""
     keys = jax.random.split(jax.random.PRNGKey(1), ROBOTS)
     bodies = load_model(hardware).nbody
     return jax.vmap(lambda key: draw(key, RandomizationConfig(), bodies, hardware))(
@@ -188,8 +188,8 @@ def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
 
 
 def thought_of_gpu():
-    """A GPU that is not there, which JAX 0.11 wants to know of before it lowers a
-    kernel for it."""
+    """Return the context of a GPU that is not there, which JAX 0.11 needs before it
+    lowers a kernel for a GPU."""
     device = jax.sharding.AbstractDevice("NVIDIA H100 80GB HBM3", None, "gpu")
     return jax.sharding.use_abstract_mesh(
         jax.sharding.AbstractMesh((), (), abstract_device=device)

@@ -1,4 +1,5 @@
-"""The manoeuvres and the disturbances: tries that show the limits of a policy.
+"""The benchmarks `manoeuvres` and `disturbances`: many short trials that show the
+limits of a policy.
 
 Every try has a rule that a reader would expect a running robot to keep; a robot that
 falls fails. Manoeuvres are braking, launches, turns, slow motion, standing,
@@ -79,7 +80,8 @@ def _show_figures(measured: Figures) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TryOutcome:
-    """The outcome of a try: what was asked, what the robot did, and whether it passed."""
+    """The outcome of a trial: the task, the robot's behaviour, and whether it passed
+    the rule."""
 
     group: str = metric("Manoeuvre", form="s")
     asked: str = metric("Asked", form="s")
@@ -92,7 +94,8 @@ class TryOutcome:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tries:
-    """All tries."""
+    """The outcomes of all trials of a benchmark, with the numbers of passes and
+    falls."""
 
     passed: int
     fell: int
@@ -100,7 +103,8 @@ class Tries:
 
     @property
     def groups(self) -> dict[str, tuple[TryOutcome, ...]]:
-        """The tries by what was tried."""
+        """The outcomes of the trials by group, such as one manoeuvre at several
+        strengths."""
         return {
             name: tuple(group)
             for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)
@@ -108,20 +112,21 @@ class Tries:
 
     @property
     def passes(self) -> dict[str, str]:
-        """The number of tries that passed in each group, in words."""
+        """Number of trials passed in each group, in words."""
         return {name: share_passed(group) for name, group in self.groups.items()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ManoeuvreMetrics(Tries):
-    """All manoeuvres, and what they were measured by."""
+    """The outcomes of all manoeuvres, with the robot's speed on level ground and its
+    cruising speed."""
 
     level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
     cruise: float  # m/s, of stops and pushes
 
 
 def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
-    """Apply a try's rule to its run; a robot that falls fails."""
+    """Judge the run of a trial by the trial's rule; a robot that falls fails."""
     found, fell = one.assess(run), run.fell_at is not None
     return TryOutcome(
         group=one.group,
@@ -135,7 +140,7 @@ def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
 
 
 def count_tries(outcomes: Sequence[TryOutcome]) -> Tries:
-    """Count the tries that passed, and those in which the robot fell."""
+    """Count the trials that passed, and those in which the robot fell."""
     return Tries(
         passed=sum(outcome.passed for outcome in outcomes),
         fell=sum(outcome.fell_at is not None for outcome in outcomes),
@@ -144,7 +149,7 @@ def count_tries(outcomes: Sequence[TryOutcome]) -> Tries:
 
 
 def share_passed(group: Sequence[TryOutcome]) -> str:
-    """Say how many of a group passed."""
+    """Say in words how many trials of a group passed."""
     return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
 
 
@@ -163,7 +168,8 @@ MEASURES = (
 
 
 def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Try all manoeuvres."""
+    """Simulate all manoeuvres, such as stops, turns and pushes; return passes and falls
+    as an evaluation."""
     robot, seed = robot_of(policy, setup), setup.seed or 0
     level, cruise = (
         level_speed(policy, ramp, robot, setup.operator),
@@ -226,8 +232,8 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 def level_speed(
     policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold
 ) -> float:
-    """Return the best speed over the track at the top speed's command, m/s; the command
-    itself where the robot fell."""
+    """Return the best speed on level ground at the top speed's command, m/s; the
+    command if the robot fell."""
     request = RunRequest(dash_of(ramp, robot), robot, operator, finish=TRACK)
     [run] = simulate(policy, [request])
     best = best_window(run, 1.0)
@@ -243,14 +249,15 @@ def summarise_manoeuvres(metrics: Tries) -> str:
 
 
 def hardest(outcomes: Iterable[TryOutcome]) -> str:
-    """Return what was asked in the hardest try that passed along with all gentler
-    ones."""
+    """Return the hardest task of a group that passed together with all gentler
+    tasks."""
     passed = list(itertools.takewhile(lambda outcome: outcome.passed, outcomes))
     return passed[-1].asked if passed else NOT_MEASURED
 
 
 def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
-    """Return a few figures that say most, then every group."""
+    """Return report rows: the main figures of the manoeuvres, then one row for each
+    group."""
     groups, from_cruise = metrics.groups, f"from {metrics.cruise:g} m/s"
     return (
         Row(
@@ -283,7 +290,8 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
 
 
 def _measured(name: str, tries: Tries) -> float | None:
-    """Return a figure of the last try that has it: of straightness, nobody steers."""
+    """Return a figure of the last trial that measured it; for straightness this is the
+    run without steering."""
     found = [o.measured[name] for o in tries.outcomes if name in o.measured]
     return found[-1]
 
@@ -292,7 +300,8 @@ def _measured(name: str, tries: Tries) -> float | None:
 
 
 def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
-    """Push the robot, and let it run over rough ground, at its cruising speed."""
+    """Push the robot, and run it over rough ground, at its cruising speed; return
+    passes as an evaluation."""
     robot, speed, seed = robot_of(policy, setup), ramp.target[0], setup.seed or 0
     steady = run_up(speed).hold(AFTER_PUSH)
     [calm] = simulate(policy, [RunRequest(steady, robot, setup.operator)])
@@ -331,14 +340,14 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_disturbances(policy: Policy, setup: Setup) -> Ramp:
-    """Return the schedule over rough ground: of BP2 the same for every policy, so that
-    policies can be compared."""
+    """Return the command ramp over rough ground, for BP2 at the same speed for every
+    policy, to compare policies."""
     return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=CROSSING)
 
 
 def disturbance_rows(tries: Tries) -> tuple[Row, ...]:
-    """Return how many of all, of the pushes and of the grounds passed, then every
-    group."""
+    """Return report rows: passes of all trials, of pushes and of rough ground, then one
+    row for each group."""
     pushes, grounds = (
         [o for o in tries.outcomes if o.group.startswith("Push") is push]
         for push in (True, False)
@@ -361,7 +370,7 @@ LONG = 9  # characters: what is longer is written smaller
 
 @styled
 def tries_figure(outcomes: Sequence[TryOutcome]) -> Figure:
-    """Draw all tries, a row a group."""
+    """Draw the outcomes of all trials as a chart with one row for each group."""
     groups = [
         list(group)
         for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)

@@ -1,4 +1,5 @@
-"""The rules of the tries: what is measured of a run, and what passes."""
+"""The pass rules of the manoeuvres and disturbances: what is measured in a run, and
+what passes."""
 
 import dataclasses
 import math
@@ -31,12 +32,13 @@ CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
 ASTRAY = 3.0  # m, of a run that nobody steers
 
 Figures = dict[str, float | None]
-"""What a rule looked at, by name, SI units; None where it was not measured."""
+"""Quantities that a rule measured in a run, by name, SI units; None if not measured."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Assessment:
-    """The judgement of a rule about a run, with the figures that the rule looked at."""
+    """The judgement of a rule about a run, with the quantities that the rule
+    measured."""
 
     passed: bool
     said: str  # what it did, in a word
@@ -44,7 +46,7 @@ class Assessment:
 
 
 def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Assessment:
-    """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from
+    """Judge whether the robot stops within `BRAKING_DISTANCE`; the command falls from
     `since` (s) on.
 
     Measured: the `speed` when it begins to fall, the `slowest` from there on (m/s), the
@@ -73,8 +75,8 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
 
 
 def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Assessment:
-    """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule
-    ends.
+    """Judge whether the robot reaches `SPEED_SHARE` of `speed` (m/s) before the
+    schedule ends.
 
     Measured: the `time` to that speed (s), and the greatest `speed` (m/s).
     """
@@ -100,8 +102,8 @@ def assess_turn(
     speed: float = 0.0,
     within: float = math.inf,
 ) -> Assessment:
-    """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of
-    its speed, from `since` (s); and whether it stays `within` (m) of its start.
+    """Judge whether the robot turns at the commanded yaw rate and speed after `since`
+    (s), `within` (m) of its start.
 
     Measured: the means of `yaw_rate` (rad/s) and `speed` (m/s), the `radius`, and the
     greatest distance from the start, `wander` (m).
@@ -130,8 +132,8 @@ def assess_turn(
 
 
 def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessment:
-    """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`;
-    measured `since` (s).
+    """Judge whether the robot's velocity follows the command within `VELOCITY_ERROR`
+    after `since` (s).
 
     Measured: the mean `speed` in the direction commanded (m/s), the trunk's `height`
     (m), and the electrical `cost_of_transport`, None where it goes nowhere.
@@ -153,8 +155,8 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
 
 
 def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
-    """Return whether the robot stays within `CREEP` of where it was; or whether its
-    motors are `quiet`, below `CHATTER`.
+    """Judge whether a standing robot stays within `CREEP` of its place or, if `quiet`,
+    its torque below `CHATTER`.
 
     Measured: the greatest distance from the start, `creep` (m), and the root mean
     square of what varies faster than in `CHATTER_WINDOW`, of all motors, `chatter` (Nm).
@@ -172,8 +174,8 @@ def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
 def assess_straightness(
     run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2
 ) -> Assessment:
-    """Return whether the robot arrives with no edge of its trunk farther than allowed
-    (m) from the line.
+    """Judge whether the robot runs `length` (m) with its trunk's edges within `allowed`
+    (m) of the line.
 
     Measured: the `distance` along the line, and the `reach` of the trunk's sides (m).
     """
@@ -186,14 +188,15 @@ def assess_straightness(
 
 
 def assess_push(run: Trajectory) -> Assessment:
-    """Pass a robot that stays upright; measured is its greatest `offset` from the line,
-    m."""
+    """Measure a pushed robot's greatest `offset` from the line, m; every robot that
+    stays upright passes."""
     offset = float(np.max(np.abs(track_position(run)[1])))
     return Assessment(True, f"{offset:.1f} m", {"offset": offset})
 
 
 def assess_run(run: Trajectory, *, level: float) -> Assessment:
-    """Return whether the best speed reaches `SPEED_SHARE` of that on level ground, m/s.
+    """Judge whether the best speed reaches `SPEED_SHARE` of `level`, the speed on level
+    ground (m/s).
 
     Measured: the best 1-s mean, `speed`, None for a shorter run, and the `distance`.
     """
@@ -216,5 +219,5 @@ def _smooth(
 
 
 def _wander(run: Trajectory) -> float:
-    """Return the greatest distance from the start, m."""
+    """Return the robot's greatest horizontal distance from its start, m."""
     return float(np.max(np.linalg.norm(run.qpos[:, :2] - run.qpos[0, :2], axis=-1)))

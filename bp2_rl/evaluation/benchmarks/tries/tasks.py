@@ -1,4 +1,5 @@
-"""The tries: their commands, ground, motors and rules, as data."""
+"""The trials of `manoeuvres` and `disturbances` as data: their commands, ground, motors
+and rules."""
 
 import dataclasses
 import functools
@@ -48,7 +49,8 @@ CROSSING = 6.0  # s, over rough ground at the speed
 
 @dataclasses.dataclass(frozen=True)
 class ManoeuvreSizes:
-    """How fast, how hard and how high; the defaults are BP2's."""
+    """The speeds, yaw rates, pushes and roughness of the manoeuvres; the defaults are
+    BP2's."""
 
     cruise: float = bp2.OUTDOOR_TOP_SPEED  # m/s, of stops and pushes
     turns: tuple[float, ...] = (3.0, 6.0, 10.0, 13.0)  # m/s
@@ -62,15 +64,17 @@ class ManoeuvreSizes:
 
 
 TURN_SHARES = 0.2, 0.4, 0.65, 0.85
-"""Of another robot's top speed: BP2's turns at 15 m/s."""
+"""Speeds of turns as shares of top speed, for robots other than BP2; BP2's turns as
+shares of 15 m/s."""
 MOST_TURNING = 1.5
-"""Times the fastest yaw rate of the training."""
+"""Largest yaw rate of a turn over the largest yaw rate of the training."""
 
 
 def sizes_of(
     robot: HardwareSpec, top: float, cruise: float, commands: CommandConfig
 ) -> ManoeuvreSizes:
-    """Return the sizes of the manoeuvres of a robot; BP2 has its own.
+    """Return the speeds and sizes of a robot's manoeuvres, scaled from BP2's for other
+    robots.
 
     Another robot's are shares of its top speed, and what is similar at its size.
 
@@ -103,7 +107,7 @@ def sizes_of(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Try(RunRequest):
-    """One try, and the rule that it must keep."""
+    """One trial: a run to simulate, and the rule that the robot must keep."""
 
     group: str  # what is tried ...
     asked: str  # ... and how hard
@@ -112,7 +116,7 @@ class Try(RunRequest):
 
 
 Make = Callable[..., Try]
-"""Makes a try of a schedule and what of `Try` is not settled yet."""
+"""Makes a trial from a schedule and the fields of `Try` that are still open."""
 
 
 def all_manoeuvres(
@@ -123,7 +127,7 @@ def all_manoeuvres(
     seed: int,
     sizes: ManoeuvreSizes = ManoeuvreSizes(),
 ) -> tuple[Try, ...]:
-    """Return every manoeuvre, in the order of the report.
+    """Return the trials of the manoeuvres benchmark, in the order of the report.
 
     Args:
         top: the launch to the top speed.
@@ -195,7 +199,7 @@ def all_manoeuvres(
 def all_disturbances(
     speed: float, stride: float, robot: HardwareSpec, operator: HeadingHold, seed: int
 ) -> tuple[Try, ...]:
-    """Return every disturbance, in the order of the report.
+    """Return the trials of the disturbances benchmark, in the order of the report.
 
     Pushes come at eight phases of the stride, for a robot may bear at one touchdown
     what fells it at the next.
@@ -247,8 +251,8 @@ def all_disturbances(
 
 
 def dash_of(top: Ramp, robot: HardwareSpec) -> Ramp:
-    """Return the ramp over the track at the top speed, with the time that this
-    takes."""
+    """Return the command ramp of a run over the track at top speed, with the hold time
+    that it needs."""
     speed = top.target[0]
     return dataclasses.replace(
         top, hold=min(TRACK / (rules.SPEED_SHARE * speed), time_limit(speed, robot))
@@ -256,7 +260,8 @@ def dash_of(top: Ramp, robot: HardwareSpec) -> Ramp:
 
 
 def run_up(speed: float) -> Course:
-    """Return the course from a stand to a speed, and steady there."""
+    """Return a command course from a stand to a forward speed (m/s), held for `STEADY`
+    seconds."""
     return Course().to((speed, 0.0, 0.0), speed / COMMAND_ACCELERATION).hold(STEADY)
 
 
@@ -384,7 +389,7 @@ def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Try]:
 
 
 def _pushes(of: Make, ahead: Push) -> Iterator[Try]:
-    """Make a try of the push, which goes ahead, for each of the eight directions."""
+    """Make a trial for each of eight directions of the push `ahead`."""
     for i, arrow in enumerate(ARROWS):
         angle = math.tau * i / len(ARROWS)
         push = dataclasses.replace(

@@ -1,5 +1,5 @@
-"""The run in three dimensions within the report's page: plain JavaScript and WebGL 2,
-no file beside it, no network.
+"""The 3D player of a run in a report's page: plain JavaScript and WebGL 2, without
+other files or network.
 
 content        what the page is told: the robot's links and looks, and its motion
 linear.js      quaternions and matrices

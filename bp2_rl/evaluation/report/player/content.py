@@ -31,7 +31,8 @@ SHAPES = {
 
 
 def describe(run: Trajectory) -> dict[str, Any]:
-    """Return the data of a run for the page, ready for JSON, a sample a control step."""
+    """Return a run's robot and motion for the player, ready for JSON, one sample per
+    control step."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
     length = len(run) * run.dt
@@ -66,7 +67,8 @@ def describe(run: Trajectory) -> dict[str, Any]:
 
 
 def robot(hardware: HardwareSpec) -> dict[str, Any]:
-    """Return the robot's links, each hung on an earlier one, and geoms; lengths in m."""
+    """Return the robot's links and geoms for the player, parents before children;
+    lengths in m."""
     model = load_model(hardware)
     links, meshes = [], {}
     for body in range(1, model.nbody):
@@ -132,7 +134,8 @@ def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
 
 
 def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
-    """Encode each column in 65,535 steps around 0; what is not a number becomes 0."""
+    """Encode each column as scaled 16-bit integers; values that are not finite become
+    0."""
     values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
     scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
     return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)

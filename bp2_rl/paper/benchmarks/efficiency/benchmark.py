@@ -1,4 +1,4 @@
-"""The efficiency benchmark: what running costs over speed, and where the energy goes.
+"""The efficiency benchmark: cost of transport over speed, and where the energy goes.
 
 The paper prints no cost of transport. It says that all motors work within their
 high-efficiency regions, and that the springs relieve them; both are asked here.
@@ -68,7 +68,8 @@ def tabulate_efficiency(metrics: EfficiencyMetrics) -> list[Table]:
 
 
 def say_cost(metrics: EfficiencyMetrics) -> str:
-    """Say in one sentence what the fastest run costs."""
+    """Return a sentence with the fastest run's mechanical and electrical cost of
+    transport."""
     if not metrics.found:
         return "No speed was run through: nothing to account for."
     at, energy = metrics.found[-1]
@@ -81,7 +82,8 @@ def say_cost(metrics: EfficiencyMetrics) -> str:
 
 @styled
 def draw_efficiency(metrics: EfficiencyMetrics) -> Figure:
-    """Draw costs, where the energy goes, and springs and motors over speed."""
+    """Draw over speed the cost of transport, the energy losses by cause, the springs'
+    share and the motors' efficiency."""
     figure = Figure(figsize=(1.3 * WIDTH, 4.0), layout="constrained")
     costs, causes, shares = figure.subplots(1, 3)
     speeds = [at.speed for at, _ in metrics.found]

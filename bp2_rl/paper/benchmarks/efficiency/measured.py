@@ -1,4 +1,4 @@
-"""The motors' work at a speed, and where it goes.
+"""Cost of transport of running at one speed, and where the motors' work goes.
 
 Means over whole strides. Of the motors' mechanical powers P_i, of which there are
 twelve, and their windings' heat C,
@@ -30,7 +30,8 @@ SLOWEST = 0.1  # m/s, of which a cost of transport is worth to be told
 
 @dataclasses.dataclass(frozen=True)
 class Electrical:
-    """Costs of transport at the battery, by what becomes of the motors' braking."""
+    """Electrical costs of transport under four assumptions about the motors' braking
+    energy."""
 
     nothing: float = metric(
         "Electrical cost",
@@ -55,7 +56,8 @@ class Electrical:
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """Powers of the motors of a kind of joint, fore or hind, both sides together."""
+    """Powers of the motors of one joint kind, such as the hind hips, left and right
+    together."""
 
     name: str = metric("Motors", form="s")  # as in `KINDS`
     peak: float = metric("Peak", "W", ".0f", "greatest power of one motor in a ms")
@@ -116,7 +118,7 @@ class Energy:
 
 @dataclasses.dataclass(frozen=True)
 class EfficiencyAtSpeed(AtSpeed):
-    """The energy of a run under one command."""
+    """A run at one commanded speed, with its energy balance."""
 
     # None of a run that fell, went nowhere or made no two strides
     energy: Energy | None
@@ -124,18 +126,19 @@ class EfficiencyAtSpeed(AtSpeed):
 
 @dataclasses.dataclass(frozen=True)
 class EfficiencyMetrics:
-    """The energy of the runs under all commands."""
+    """A policy's runs at all commanded speeds, with their energy balances."""
 
     speeds: tuple[EfficiencyAtSpeed, ...]
 
     @property
     def found(self) -> tuple[tuple[EfficiencyAtSpeed, Energy], ...]:
-        """The speeds that were run through."""
+        """Runs whose energy could be measured, each with its energy balance."""
         return tuple((at, at.energy) for at in self.speeds if at.energy is not None)
 
 
 def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | None:
-    """Return the balance of a run over whole strides; None where it goes nowhere."""
+    """Return a run's energy balance over whole strides; None if the robot hardly
+    moves."""
     speed = float(np.mean(run.ground_velocity[:, 0]))
     if speed <= SLOWEST:
         return None
@@ -205,7 +208,8 @@ def _joint(name: str, ledger: Ledger) -> Joint:
 def _efficiency(
     power: Float[np.ndarray, "N M"], copper: Float[np.ndarray, "N M"]
 ) -> float | None:
-    """Return the work over the input of motors that drive; None if none does."""
+    """Return the efficiency of motors while they drive, work / (work + copper heat);
+    None if none drives."""
     driving = power > 0.0
     work = float(np.sum(power[driving]))
     return work / (work + float(np.sum(copper[driving]))) if work > 0.0 else None

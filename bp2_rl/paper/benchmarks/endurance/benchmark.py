@@ -89,7 +89,7 @@ OPERATING = (
 
 @dataclasses.dataclass(frozen=True)
 class HeldSpeed:
-    """How long one speed was held."""
+    """Results of holding one speed until the motors are too hot or weak, or a fall."""
 
     # with heat as fast as motion; None in the quick version
     full: EnduranceResult | None
@@ -98,13 +98,14 @@ class HeldSpeed:
 
     @property
     def result(self) -> EnduranceResult:
-        """The run that counts."""
+        """Result of the full run or, in the quick version, of the accelerated run."""
         return self.full or self.accelerated
 
 
 @dataclasses.dataclass(frozen=True)
 class EnduranceMetrics:
-    """How long each speed was held, and by which motors."""
+    """Endurance at each commanded speed, and the motor heat model behind the
+    results."""
 
     heat: MotorHeat  # as calibrated
     is_input: bool  # whether the heating rate at the paper's speed was put in
@@ -115,7 +116,8 @@ class EnduranceMetrics:
 
 
 def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Calibrate the motor, then hold the paper's speed and the top one."""
+    """Calibrate the motor heat model, then measure how long the paper's speed and the
+    top speed can be held."""
     robot = robot_of(policy, setup)
     commands = tuple(dict.fromkeys((SPEED, ramp.target[0])))
     gait = HeatingTry(
@@ -189,7 +191,8 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 
 def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the schedule to the top speed; its hold is the longest run."""
+    """Return the command's ramp to the top speed, held until the run ends, at most
+    `LONGEST` s by default."""
     return ramp_to_topspeed(policy, setup, hold=LONGEST)
 
 
@@ -198,7 +201,7 @@ def _network(heat: MotorHeat) -> Network:
 
 
 def say_endurance(metrics: EnduranceMetrics) -> str:
-    """Say in one sentence how long each speed was held, and what ended it."""
+    """Return a sentence: how long each speed was held, and what ended the run."""
     results = [held.result for held in metrics.held]
     return "; ".join(
         f"{end.commanded_speed:g} m/s: {end.seconds:.0f} s, {ENDS[end.cause].format(end.motor)}"
@@ -207,7 +210,7 @@ def say_endurance(metrics: EnduranceMetrics) -> str:
 
 
 def speed_table(held: tuple[HeldSpeed, ...]) -> Table:
-    """Return the table of all figures of merit, a speed a column."""
+    """Return the table of all endurance metrics, with a column for each speed."""
     columns = [
         {row.label: row.value for row in rows_of(one.result)}
         | {"Lasted, accelerated": f"{one.accelerated.seconds:.1f} s"}
@@ -219,7 +222,8 @@ def speed_table(held: tuple[HeldSpeed, ...]) -> Table:
 
 
 def motor_table(end: EnduranceResult) -> Table:
-    """Return the table of all motors at the end of a run."""
+    """Return the table of all motors' heat, torques and temperatures at the end of a
+    run."""
     columns = {
         "Heat, cold [W]": end.first.heat,
         "RMS torque [Nm]": end.first.torque,
@@ -247,7 +251,7 @@ def _card(held: HeldSpeed) -> dict[str, object]:
 
 
 def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
-    """Say the schedules in one line."""
+    """Return a line on the command's schedule and on what ends a run."""
     return (
         f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}; "
         f"{EASING + WINDOW:g} s later the clock starts with motors as warm as the air, and the command is held until a "
@@ -257,7 +261,7 @@ def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
 
 
 def describe_heat(metrics: EnduranceMetrics) -> str:
-    """Say how the motors heat in one line."""
+    """Return a line with the parameters of the motor heat model."""
     h = metrics.heat
     how = (
         f"calibrated on {metrics.cold_heat:.0f} W of the hottest rear hip"
@@ -279,7 +283,7 @@ def describe_heat(metrics: EnduranceMetrics) -> str:
 def draw_temperatures(
     heat: MotorHeat, runs: Sequence[HeatedRun], accelerated: Sequence[HeatedRun]
 ) -> Figure:
-    """Draw all windings' temperatures over time, a speed a panel."""
+    """Draw the temperatures of all windings over time, with a panel for each speed."""
     figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(runs), sharey=True))
     for axes, run, fast in zip(panels, runs, accelerated, strict=True):
@@ -310,7 +314,8 @@ def draw_temperatures(
 def draw_operating_points(
     heat: MotorHeat, runs: Sequence[HeatedRun], robot: HardwareSpec
 ) -> Figure:
-    """Draw the hottest leg's torque over speed, coloured by time.
+    """Draw joint torque over joint speed of the leg with the hottest motor, coloured by
+    time.
 
     Rows are speeds, columns the leg's hip and knee.
     """

@@ -1,4 +1,4 @@
-"""A run whose motors warm up, and whose envelope follows their temperatures.
+"""Runs whose motors warm up, and whose torque-speed envelope follows the temperatures.
 
 Before the clock starts the robot gets up to speed with motors as warm as the air. From
 then on, heat may run faster than motion, as the gait is periodic and a motor's time
@@ -44,7 +44,8 @@ SECOND, WINDOW_STEPS = round(1.0 / DT), round(WINDOW / DT)
 
 
 class Heating:
-    """A `Watch` that warms the motors, and ends a run when they are too hot or weak.
+    """A rollout's `Watch` that heats the motors, and ends the run when they are too hot
+    or weak.
 
     Args:
         network: the motors' heat.
@@ -80,7 +81,8 @@ class Heating:
     def __call__(
         self, simulator: Simulator, robot: int, torque: Float[np.ndarray, "12"]
     ) -> bool:
-        """Return whether a robot's run ends after a millisecond under `torque`, Nm."""
+        """Heat a robot's motors for a millisecond under `torque`, Nm; return whether
+        the run ends."""
         since = self._step - self.start
         self._step += 1
         if since >= 0:
@@ -93,11 +95,13 @@ class Heating:
 
     @property
     def cold_speed(self) -> float:
-        """m/s, made good over the last seconds before the clock starts, or 0."""
+        """Mean speed over the last seconds before heating starts, m/s; 0 if the run is
+        too short."""
         return self._made_good(self._places[: self.start // UPDATE], WINDOW_STEPS)
 
     def _warm_up(self) -> Actuator:
-        """Warm the motors by the heat since the last update, and return them."""
+        """Warm the motors by the heat since the last update; return them with their new
+        envelope."""
         now = advance(
             self.network, self.history[-1], self._heat / UPDATE, self.pace * UPDATE * DT
         )
@@ -110,7 +114,7 @@ class Heating:
         return heated(self.cold, self.network, now)
 
     def _made_good(self, places: list[np.ndarray], steps: int) -> float:
-        """Return the speed made good over the last `steps` ms of places, m/s."""
+        """Return the mean speed over the last `steps` ms of trunk positions, m/s."""
         if len(places) <= steps // UPDATE:
             return 0.0
         way = places[-1] - places[-1 - steps // UPDATE]
@@ -119,7 +123,7 @@ class Heating:
 
 @dataclasses.dataclass(frozen=True)
 class HeatingTry:
-    """A run to try: a robot's motors warm up while it holds a speed."""
+    """A run to simulate in which a robot's motors warm up while it holds a speed."""
 
     robot: HardwareSpec
     operator: HeadingHold
@@ -131,23 +135,26 @@ class HeatingTry:
     cold_window: float = WINDOW  # s, the last before the clock starts
 
     def at(self, speed: float) -> "HeatingTry":
-        """Return this try at another speed, m/s."""
+        """Return the same run at another commanded speed, m/s."""
         return dataclasses.replace(self, rise=dataclasses.replace(self.rise, to=speed))
 
     @property
     def ramp(self) -> Ramp:
-        """The schedule."""
+        """Schedule of the command: the rise to the speed, then the hold while the
+        motors heat."""
         hold = EASING + self.cold_window + self.longest / self.pace
         return dataclasses.replace(self.rise, hold=hold)
 
     @property
     def start(self) -> float:
-        """s into the run, when the clock starts: after a whole number of updates."""
+        """Time at which heating starts, s into the run: after a whole number of
+        updates."""
         steady = self.ramp.steady_from + EASING + self.cold_window
         return math.ceil(steady / DT / UPDATE) * UPDATE * DT
 
     def request(self, config: EnvConfig) -> RunRequest:
-        """Return the run to simulate, under a policy of this environment."""
+        """Return the rollout request of this run, for a policy of the environment
+        `config`."""
         heating = Heating(
             self.network,
             motors_of(dataclasses.replace(config, hardware=self.robot)),
@@ -161,7 +168,8 @@ class HeatingTry:
 
 @dataclasses.dataclass(frozen=True)
 class HeatingCourse:
-    """Temperatures by the second of running, from the clock's start."""
+    """Temperatures of all windings at each second of running, from the start of
+    heating."""
 
     time: tuple[float, ...]  # s of heat, of the seconds' middle
     winding: tuple[tuple[float, ...], ...]  # C, by motor as `MOTOR_NAMES`
@@ -169,7 +177,8 @@ class HeatingCourse:
 
 @dataclasses.dataclass(frozen=True)
 class AveragingWindow:
-    """How every motor works over a window of running."""
+    """Mean speed, and each motor's heat, torque and joint speed, over a window of a
+    run."""
 
     speed: float  # m/s, made good
     heat: tuple[float, ...]  # W, of the windings if they were at T_0, mean
@@ -184,7 +193,8 @@ def _show_shares(pair: tuple[float, float]) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnduranceResult:
-    """How a run with warming motors went."""
+    """Metrics of a run with warming motors: duration, what ended the run,
+    temperatures."""
 
     commanded_speed: float = metric("Commanded speed", "m/s", "g", card=True)
     speed: float = metric(
@@ -228,7 +238,7 @@ class EnduranceResult:
 
 @dataclasses.dataclass(frozen=True)
 class HeatedRun:
-    """A run, and what its figures need."""
+    """Result of a run with warming motors, with the samples that the figures show."""
 
     endured: EnduranceResult
     course: HeatingCourse
@@ -238,7 +248,8 @@ class HeatedRun:
 
 
 def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HeatedRun]:
-    """Run robots until their motors fail, they fall, or their time is up."""
+    """Simulate runs until motors are too hot or weak, the robot falls or time is up;
+    return the results."""
     requests = [one.request(policy.card.env) for one in tries]
     return simulate_all(_measure_heat, policy, requests)
 
@@ -249,7 +260,8 @@ def _measure_heat(one: RunRequest, run: Trajectory) -> HeatedRun:
 
 
 def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
-    """Measure how motors worked and warmed in a run that `heating` watched."""
+    """Return the result of a run from its trajectory and the temperatures that
+    `heating` kept."""
     history, start, pace = heating.history, heating.start, heating.pace
     end = len(run)
     winding = np.stack([now.winding for now in history])
@@ -316,7 +328,7 @@ def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
 
 
 def _heating_time(run: Trajectory, heating: Heating) -> float:
-    """Return for how long a run heated, s, until its end or a winding's limit."""
+    """Return how long a run's motors heated, s, until its end or a winding's limit."""
     if heating.over != "winding":
         return max(heating.pace * (len(run) - heating.start) * DT, 0.0)
     before, after = (np.max(t.winding) for t in heating.history[-2:])

@@ -1,4 +1,5 @@
-"""The mechanism benchmark: whose inertia balances whose in the gait of a policy.
+"""The mechanism benchmark: how far other limbs' inertia balances the hips' inertial
+torque in a policy's gait.
 
 The paper has it that coupling between limbs relieves the motors. In the equations of
 motion that is a question of source: of the inertial torque at a hip that other
@@ -64,7 +65,8 @@ def tabulate_mechanism(metrics: MechanismMetrics) -> list[Table]:
 
 
 def say_coverage(metrics: MechanismMetrics) -> str:
-    """Say in one sentence how much of the hips' main torque coupling covers."""
+    """Return a sentence on how much of the hips' main inertial torque coupling
+    balances."""
     if not metrics.found:
         return "No speed was run through: nothing to take apart."
     own = [100.0 * forces.own for _, forces in metrics.found]
@@ -80,7 +82,8 @@ def _span(values: list[float], form: str) -> str:
 
 @styled
 def draw_sources(metrics: MechanismMetrics) -> Figure:
-    """Draw whose inertia covers the hips' main torque, and what the trunk saves."""
+    """Draw over speed what balances the hips' main inertial torque, and the torque that
+    the trunk's motion saves."""
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     shares, legs, torques = figure.subplots(1, 3, width_ratios=(1.4, 1.0, 1.0))
     speeds = [at.speed for at, _ in metrics.found]

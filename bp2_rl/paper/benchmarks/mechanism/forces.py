@@ -120,7 +120,7 @@ def _outer_terms(
 def _bias(
     model: mujoco.MjModel, data: mujoco.MjData, velocity: Float[np.ndarray, "22"]
 ) -> Float[np.ndarray, "22"]:
-    """Bias forces at these velocities, in the pose that `data` is in."""
+    """Return MuJoCo's bias forces at the given velocities, in the pose of `data`."""
     data.qvel[:] = velocity
     bias = np.zeros(NV)
     mujoco.mj_comVel(model, data)
@@ -135,7 +135,7 @@ STRIDES = 8  # whole ones that are looked at, at most
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Decomposed:
-    """A run's forces over whole strides.
+    """Metrics of a run's inertial torques over whole strides, by source.
 
     Shares are of the hips' main inertial torque, mean over its peaks.
     """
@@ -179,25 +179,26 @@ class Decomposed:
 
 @dataclasses.dataclass(frozen=True)
 class MechanismAtSpeed(AtSpeed):
-    """The forces of a run under one command."""
+    """A run at one commanded speed, with its inertial torques by source."""
 
     forces: Decomposed | None  # None of a run that fell or made no two strides
 
 
 @dataclasses.dataclass(frozen=True)
 class MechanismMetrics:
-    """The forces of the runs under all commands."""
+    """A policy's runs at all commanded speeds, with their inertial torques by
+    source."""
 
     speeds: tuple[MechanismAtSpeed, ...]
 
     @property
     def found(self) -> tuple[tuple[MechanismAtSpeed, Decomposed], ...]:
-        """The speeds that were run through."""
+        """Runs whose torques could be split by source, each with its metrics."""
         return tuple((at, at.forces) for at in self.speeds if at.forces is not None)
 
 
 def measure_forces(forces: Sources, strides: int, dt: float) -> Decomposed:
-    """Measure the forces of whole strides, sampled each `dt` s."""
+    """Return the metrics of `forces` over whole strides, sampled each `dt` s."""
     within = forces.covered(forces.within)
     through = forces.covered(forces.through)
     covered = sum(within.values())

@@ -1,4 +1,5 @@
-"""The stability benchmark: how well a gait repeats itself, and what fells it.
+"""The stability benchmark: how well a gait repeats itself under noise, and which pushes
+a robot survives.
 
 Robots run under noise, from deviations of their gait, and are pushed.
 
@@ -61,7 +62,8 @@ DEFINITIONS = (
 
 
 def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Run the paper's speed and the top one, or the one that was asked for."""
+    """Measure a policy's stability at the paper's speed and its top speed, or at one
+    chosen speed."""
     tries = plan_tries(policy, ramp, setup)
     ran = (
         in_parallel(try_speed, policy, tries)
@@ -97,7 +99,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 
 def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTry]:
-    """Return the speeds to try, each with a stride of whole control steps.
+    """Return the tests to run, one for each speed, at strides of whole control steps.
 
     Raises:
         UserError: the policy's clock has no such stride near a speed.
@@ -133,7 +135,8 @@ def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTr
 
 
 def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the launch to the top speed, or in the quick version to the paper's."""
+    """Return the command's ramp to the top speed or, in the quick version, to the
+    paper's speed."""
     if setup.quick:
         setup = dataclasses.replace(
             setup,
@@ -144,7 +147,7 @@ def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
 
 
 def say_stability(speed: SpeedMetrics) -> str:
-    """Say in a few words how stable running is at one speed."""
+    """Return a few words on how stable running is at one speed."""
     said = f"{speed.commanded:.2f} m/s: "
     if speed.fell or speed.drift_over_scatter is None:
         return f"{said}{speed.fell} of {speed.robots} fell"
@@ -154,7 +157,7 @@ def say_stability(speed: SpeedMetrics) -> str:
 
 
 def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
-    """Return the tables of a speed's touchdowns, map and pushes."""
+    """Return the tables of touchdown timing, return maps and pushes at one speed."""
     details = {
         "Touchdowns": speed.landings,
         "Map from stride to stride": speed.radii,
@@ -168,7 +171,8 @@ def detail_tables(speed: SpeedMetrics) -> tuple[Table, ...]:
 
 
 def describe_strides(tries: Sequence[StabilityTry]) -> str:
-    """Say the schedule in one line."""
+    """Return a line on the command's schedule, and on the strides dropped and
+    measured."""
     said = [f"{one.speed:.3f} m/s (stride {1e3 * one.period:g} ms)" for one in tries]
     extent = tries[0].extent
     return (
@@ -178,7 +182,7 @@ def describe_strides(tries: Sequence[StabilityTry]) -> str:
 
 
 def describe_noise(one: StabilityTry) -> str:
-    """Say the sensors' noise in one line."""
+    """Return a line on the sensor noise, and on how many robots run with noise."""
     noise = RandomizationConfig()
     return (
         f"{one.extent.robots} robots with sensor noise of training, seed {one.seed}: joints "
@@ -190,7 +194,8 @@ def describe_noise(one: StabilityTry) -> str:
 
 @styled
 def draw_sections(ran: Sequence[SpeedResult]) -> Figure:
-    """Draw roll over pitch rate and yaw over pitch rate, a speed a row."""
+    """Draw roll and yaw rate over pitch rate at the gait clock's phase 0, with a row
+    for each speed."""
     figure = Figure(figsize=(WIDTH, 0.5 + 3.5 * len(ran)), layout="constrained")
     panels = figure.subplots(len(ran), 2, squeeze=False)
     for row, found in zip(panels, ran, strict=True):

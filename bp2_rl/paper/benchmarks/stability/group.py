@@ -56,7 +56,7 @@ class GroupState:
 
 
 def join(*states: GroupState) -> GroupState:
-    """Return the state of all robots of several groups as one."""
+    """Return the states of several groups of robots as a single group's state."""
     return GroupState(
         **{
             name: np.concatenate([vars(state)[name] for state in states])
@@ -67,7 +67,7 @@ def join(*states: GroupState) -> GroupState:
 
 @dataclasses.dataclass(frozen=True)
 class GroupRecording:
-    """The samples of a group's run, a millisecond each, to each robot's fall."""
+    """Samples of a group's run, one each millisecond, until each robot's fall."""
 
     samples: Recording  # (N, T, ...)
     # cycles of the controller's clock, counted on and on
@@ -123,7 +123,8 @@ class RobotGroup:
         self._model = self.robot.model()
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
-        """Return the state of robots that stand still and are told `command` next."""
+        """Return the state of robots that stand still, and whose policy observes
+        `command` next."""
         runner = self._runner(np.asarray(command, np.float64)[None])
         return self._state(settled([self.robot]), runner).of(np.zeros(robots, int))
 
@@ -136,7 +137,8 @@ class RobotGroup:
         noisy: Float[np.ndarray, " N"] | None = None,
         until: Callable[[int, GroupState], None] | None = None,
     ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording]:
-        """Continue for K control steps; return the state, who fell, and a recording.
+        """Simulate K control steps from a state; return the last state, who fell, and a
+        recording.
 
         Robots that fell stay as they are.
 
@@ -190,7 +192,7 @@ class RobotGroup:
         return self._state(simulator, runner), fell, recording
 
     def _continued(self, state: GroupState) -> tuple[Simulator, PolicyRunner]:
-        """Return simulator and controllers in this state."""
+        """Return a simulator and a policy runner that continue from `state`."""
         simulator = Simulator([self.robot] * len(state), [self._model] * len(state))
         for i, data in enumerate(simulator.data):
             data.qpos[:] = state.qpos[i]

@@ -29,7 +29,8 @@ LOOPS = 5  # strides that are drawn all along
 
 @dataclasses.dataclass(frozen=True)
 class SectionMetrics:
-    """A section of the trunk's angular velocity, at the clock's phase 0."""
+    """Drift and scatter of the trunk's angular velocity, sampled at the gait clock's
+    phase 0."""
 
     strides: int  # a robot
     # rad/s, of the centre from the first third to the last, each robot's
@@ -44,7 +45,7 @@ class SectionMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class LandingMetrics:
-    """How a leg's touchdowns keep time; medians over robots."""
+    """Timing of a leg's touchdowns against the gait clock, as medians over robots."""
 
     leg: str = metric("Leg", form="s")
     phase: float = metric("Phase", form=".3f")  # cycles of the clock
@@ -55,7 +56,8 @@ class LandingMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class RadiusMetrics:
-    """The largest multiplier of a linear map from stride to stride."""
+    """Spectral radius of a linear return map from stride to stride, with its
+    interval."""
 
     what: str = metric("Fitted to", form="s")
     states: int = metric("States", form="d")
@@ -66,13 +68,14 @@ class RadiusMetrics:
     unexplained: float = metric("Not explained", form=".1%")
 
     def __str__(self) -> str:
-        """Return the radius with its interval."""
+        """Return the spectral radius with its interval, as text."""
         return f"{self.radius:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 @dataclasses.dataclass(frozen=True)
 class PushMetrics:
-    """The largest push survived, a jump of the whole robot's velocity."""
+    """Largest push survived at one phase, in one direction: a jump of the robot's
+    velocity."""
 
     phase: float = metric("Phase of the clock")  # cycles
     direction: float = metric("Direction", "deg", ".0f")  # from forward to the left
@@ -86,7 +89,7 @@ def _show_interval(interval: tuple[float, float] | None) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SpeedMetrics:
-    """How stable running is at one speed; what is None was not measured."""
+    """Stability metrics of running at one speed; None where not measured."""
 
     asked: float  # m/s
     # the nearest with a stride of a whole number of control steps
@@ -137,14 +140,15 @@ class SpeedMetrics:
 
     @property
     def is_steady(self) -> bool:
-        """True if no robot fell and the map under noise contracts, if it was found."""
+        """True if no robot fell and the return map under noise, where fitted,
+        contracts."""
         certain = self.radius_interval is None or self.radius_interval[1] < 1.0
         return self.fell == 0 and certain
 
 
 @dataclasses.dataclass(frozen=True)
 class StabilityMetrics:
-    """How stable running is at all speeds."""
+    """Stability metrics of running at all tested speeds."""
 
     mass: float  # kg: of a push of 1 m/s, the impulse in N s
     speeds: tuple[SpeedMetrics, ...]
@@ -152,7 +156,8 @@ class StabilityMetrics:
 
 @dataclasses.dataclass(frozen=True)
 class ShownSection:
-    """A speed's section at the clock's phase 0, to be drawn, rad/s."""
+    """Trunk angular velocities at one speed that the figure of sections shows,
+    rad/s."""
 
     noisy: tuple[Float[np.ndarray, "n 3"], ...]  # a robot each
     quiet: Float[np.ndarray, "n 3"] | None
@@ -162,7 +167,7 @@ class ShownSection:
 
 @dataclasses.dataclass(frozen=True)
 class SpeedResult:
-    """One speed, measured and to be shown."""
+    """Stability metrics at one speed, and the points that the figure shows."""
 
     metrics: SpeedMetrics
     shown: ShownSection
@@ -170,22 +175,24 @@ class SpeedResult:
 
 @dataclasses.dataclass(frozen=True)
 class Steady:
-    """A robot that ran, with its clock."""
+    """A robot's steady running: its trajectory, and its gait clock's phase."""
 
     run: Trajectory
     clock: Float[np.ndarray, " N"]  # cycles, on and on
 
     @property
     def angular_velocity(self) -> Float[np.ndarray, "N 3"]:
-        """rad/s, in the body's frame."""
+        """Angular velocity of the trunk in its own frame, rad/s."""
         return self.run.qvel[:, 3:6]
 
     def at_phase_zero(self) -> Float[np.ndarray, "n 3"]:
-        """Return the angular velocity each time the clock's phase is 0, rad/s."""
+        """Return the trunk's angular velocity each time the gait clock's phase is 0,
+        rad/s."""
         return sample(self.angular_velocity, whole_cycles(self.clock))
 
     def landings(self, leg: int) -> Float[np.ndarray, " n"]:
-        """Return the interpolated samples at which a leg touches down.
+        """Return the instants of a leg's touchdowns, in samples, interpolated between
+        samples.
 
         There its force passes the threshold of `contacts`.
         """
@@ -198,7 +205,7 @@ class Steady:
         return starts - 1 + np.clip(share, 0.0, 1.0)
 
     def timing(self, leg: int, period: float) -> Jitter | None:
-        """Return the jitter of a leg's touchdowns; None where there are too few."""
+        """Return the jitter of a leg's touchdowns; None with too few touchdowns."""
         at = self.landings(leg)
         if len(at) < LEAST_EVENTS:
             return None
@@ -207,7 +214,8 @@ class Steady:
 
 
 def measure_section(noisy: Sequence[Steady]) -> SectionMetrics | None:
-    """Return the section of robots that did not fall; None with too few strides."""
+    """Return drift and scatter of the sections of robots that did not fall; None with
+    too few strides."""
     sections = [one.at_phase_zero() for one in noisy]
     if not sections or min(map(len, sections)) < LEAST_POINTS:
         return None
@@ -228,7 +236,8 @@ def measure_section(noisy: Sequence[Steady]) -> SectionMetrics | None:
 def measure_landings(
     noisy: Sequence[Steady], period: float
 ) -> tuple[LandingMetrics, ...]:
-    """Return how every leg's touchdowns keep time, but of legs that hardly land."""
+    """Return the touchdown timing of every leg that lands often enough to be
+    measured."""
     found = []
     for leg, name in enumerate(conventions.LEGS):
         times = [time for one in noisy if (time := one.timing(leg, period)) is not None]
@@ -250,7 +259,8 @@ def measure_landings(
 def show_sections(
     noisy: Sequence[Steady], quiet: Steady | None, period: float
 ) -> ShownSection:
-    """Return the sections at the clock's phase 0, to be drawn."""
+    """Return the trunk's angular velocities at the gait clock's phase 0 for the figure,
+    rad/s."""
     return ShownSection(
         noisy=tuple(one.at_phase_zero() for one in noisy),
         quiet=quiet and quiet.at_phase_zero(),

@@ -39,7 +39,7 @@ POINTS = 81  # commands that are looked at, and then between two of them
 def whole_strides(
     phase_rate: Callable[[Array], Array], speed: float
 ) -> tuple[float, int] | None:
-    """Find the command nearest to a speed whose stride has whole control steps.
+    """Find the commanded speed nearest to `speed` whose stride has whole control steps.
 
     Returns the command, m/s, and the number of control steps.
 
@@ -56,7 +56,7 @@ def whole_strides(
         )
 
     def found(commands: Float[np.ndarray, " N"]) -> list[tuple[float, float, int]]:
-        """Between which commands, and how many control steps."""
+        """Return pairs of commands with a stride of whole control steps in between."""
         counts = np.asarray(ticks(jnp.asarray(commands, jnp.float32)), np.float64)
         ends = zip(
             itertools.pairwise(commands.tolist()),
@@ -85,7 +85,7 @@ def whole_strides(
 
 @dataclasses.dataclass(frozen=True)
 class Coordinates:
-    """The coordinates of the vector that stands for a moment.
+    """Coordinates of the closed loop's state vector at one instant.
 
     Args:
         steered: an operator keeps the robot on its line.
@@ -103,7 +103,8 @@ class Coordinates:
     def of(
         cls, config: EnvConfig, hardware: HardwareSpec, memory: int, steered: bool
     ) -> "Coordinates":
-        """Return the coordinates of a loop whose latency spans `memory` control steps."""
+        """Return the state coordinates of a loop whose latency spans `memory` control
+        steps."""
         losses = hardware.losses
         limited = min(losses.bus_power_out, losses.bus_power_in) < 1e9
         has_bus = limited or losses.bus_sag > 0.0
@@ -114,11 +115,11 @@ class Coordinates:
 
     @property
     def size(self) -> int:
-        """Length of the vector."""
+        """Length of the state vector."""
         return BODY + 12 + 12 * self.torque + 12 * self.older + STEERED * self.steered
 
     def read(self, moment: GroupState) -> Float[np.ndarray, "N D"]:
-        """Return the vectors of a group."""
+        """Return the state vectors of a group of robots."""
         yaw, pitch, roll = angles_of(moment.qpos[:, 3:7])
         cos, sin = np.cos(yaw), np.sin(yaw)
         vx, vy = moment.qvel[:, 0], moment.qvel[:, 1]
@@ -140,7 +141,8 @@ class Coordinates:
         return np.concatenate(parts, axis=-1)
 
     def write(self, vectors: Float[np.ndarray, "N D"], base: GroupState) -> GroupState:
-        """Return a group of robots at x = 0 in these states, otherwise as `base`."""
+        """Return robots at x = 0 with the given state vectors, and all else as in
+        `base`."""
         count = len(vectors)
         ends = np.cumsum([3, 16, 2, 20, 12, 12 * self.torque, 12 * self.older])
         trunk, joints, level, rates, action, torque, older, steered = np.split(
@@ -187,7 +189,8 @@ def quaternion_of(
 
 @dataclasses.dataclass(frozen=True)
 class Orbit:
-    """The map from the clock's phase 0 to its next phase 0."""
+    """A policy's gait as a return map, from one phase 0 of the gait clock to the
+    next."""
 
     group: RobotGroup  # without noise
     coordinates: Coordinates
@@ -196,13 +199,14 @@ class Orbit:
 
     @property
     def at(self) -> Float[np.ndarray, " D"]:
-        """The base's coordinates."""
+        """State vector of the robot in `base`."""
         return self.coordinates.read(self.base)[0]
 
     def follow(
         self, states: Float[np.ndarray, "N D"], strides: int
     ) -> Float[np.ndarray, "S N D"]:
-        """Return the states, stride after stride; NaN after a fall."""
+        """Return the state vectors at the start and after each stride; NaN after a
+        fall."""
         chunks = (states[first : first + MOST] for first in range(0, len(states), MOST))
         return np.concatenate(
             [self._follow(chunk, strides) for chunk in chunks], axis=1

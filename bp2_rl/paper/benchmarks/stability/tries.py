@@ -1,4 +1,5 @@
-"""One speed, run: under noise, side by side from deviations of its gait, and pushed."""
+"""Stability tests at one speed: under sensor noise, from deviations of the gait, and
+with pushes."""
 
 import dataclasses
 import math
@@ -36,7 +37,8 @@ ENOUGH = 4  # states a coordinate, for a map
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """How much is tried."""
+    """Extent of the stability tests: numbers of robots, strides, deviations and
+    pushes."""
 
     robots: int = 6  # with noise
     strides: int = 105  # of each, measured
@@ -55,7 +57,7 @@ QUICK = Extent(4, 30, 5, deviations=0, phases=1, ways=4, rounds=4, after=1.0)
 
 @dataclasses.dataclass(frozen=True)
 class StabilityTry:
-    """One speed to try."""
+    """Stability tests to run with a robot at one speed."""
 
     asked: float  # m/s
     speed: float  # m/s, with a stride of ...
@@ -72,14 +74,16 @@ class StabilityTry:
         return self.ticks * TICK
 
     def held(self, robots: int, strides: int) -> Float[np.ndarray, "K N 3"]:
-        """Return the commands of robots that hold the speed."""
+        """Return the commands of `robots` robots that hold the speed for `strides`
+        strides."""
         command = np.array([self.speed, 0.0, 0.0])
         return np.tile(command, (strides * self.ticks, robots, 1))
 
     def group(
         self, policy: Policy, noise: RandomizationConfig | None = None
     ) -> RobotGroup:
-        """Return a group of the robot under a policy."""
+        """Return a simulated group of the robot under a policy, with sensor noise or
+        without."""
         return RobotGroup(
             policy,
             policy.card.env,
@@ -90,7 +94,8 @@ class StabilityTry:
 
 
 def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
-    """Run a speed under noise and without, and push the robot without noise."""
+    """Run a policy at one speed with and without sensor noise, push it, and return the
+    results."""
     extent = one.extent
     group = one.group(policy, RandomizationConfig())
     # of the noise: the last robot has none
@@ -138,7 +143,7 @@ def summarize(
     radii: tuple[RadiusMetrics, ...],
     pushes: tuple[PushMetrics, ...],
 ) -> SpeedMetrics:
-    """Return the metrics of a speed from the robots that did not fall.
+    """Return the stability metrics of a speed from the robots that did not fall.
 
     Args:
         one: the speed.
@@ -182,7 +187,8 @@ def summarize(
 def measure_returns(
     policy: Policy, one: StabilityTry, quiet: GroupState, starts: list[GroupState]
 ) -> tuple[RadiusMetrics, ...]:
-    """Fit the map to strides under noise and to deviations; () with too few strides.
+    """Return spectral radii of return maps, fitted to strides under noise and to
+    deviations; () with too few strides.
 
     Coordinates count over their scatter under noise, from stride to stride. They do not
     hold what a policy with a history remembers of the last control steps. Where it has
@@ -215,7 +221,8 @@ def deviation_radius(
     *,
     later: bool,
 ) -> RadiusMetrics | None:
-    """Fit the map to deviations, or to their remains a stride later."""
+    """Return the spectral radius of the return map fitted to deviations, or `later` to
+    their remains after a stride."""
     *_, before, after = (orbit.follow(orbit.at + off, 1 + later) - orbit.at) / scales
     back = np.all(np.isfinite(after), axis=1)
     what = "deviations as large as the scatter"
@@ -243,7 +250,8 @@ def _radius(
 def push_all(
     policy: Policy, one: StabilityTry, passed: Sequence[GroupState]
 ) -> tuple[PushMetrics, ...]:
-    """Find the largest push survived, by the clock's phase and the push's direction.
+    """Find the largest push survived, for each phase of the gait clock and push
+    direction.
 
     `passed` are the robot's states in a stride, by the control step.
     """
@@ -269,7 +277,8 @@ def push(
     sizes: Float[np.ndarray, " N"],
     directions: Float[np.ndarray, " N"],
 ) -> GroupState:
-    """Return robots after jumps of their velocity, m/s.
+    """Return the state of robots after pushes: jumps of their velocities by `sizes`,
+    m/s.
 
     Directions are from forward to the left, rad.
     """
@@ -285,7 +294,8 @@ def largest_survived(
     most: float,
     rounds: int,
 ) -> tuple[Float[np.ndarray, " kinds"], Float[np.ndarray, " kinds"]]:
-    """Find by bisection, for all kinds of push, a size survived and one that is not.
+    """Return for each kind of push, by bisection, a size that is survived and one that
+    is not.
 
     A push of 0 counts as survived, one of `most` as not; the two are most / 2^rounds
     apart. Where survival is not monotonous in the size, one of its ends is found.

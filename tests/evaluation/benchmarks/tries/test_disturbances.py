@@ -1,4 +1,5 @@
-"""Pushes at all phases of a stride and rough ground: what is asked, and the sheet."""
+"""Pushes at all phases of a stride and rough ground: the runs that are asked for, and
+the table of results."""
 
 import collections
 

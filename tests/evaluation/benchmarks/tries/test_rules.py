@@ -1,4 +1,4 @@
-"""Every rule passes a run that keeps it and fails one that does not: runs whose figures
+"""Every rule passes a run that keeps the rule and fails a run that does not; the runs
 are known in closed form."""
 
 import math
@@ -20,8 +20,8 @@ from bp2_rl.evaluation.benchmarks.tries.rules import (
 
 @pytest.fixture
 def moving(make_run):
-    """A run of these forward and leftward speeds (m/s, in its heading's frame) and this
-    yaw rate (rad/s) over time."""
+    """Return a maker of runs with given forward and leftward speeds (m/s, in the
+    heading's frame) and yaw rate (rad/s) over time."""
 
     def make(duration, forward, left=0.0, yaw_rate=0.0, **changes):
         run = make_run(duration=duration)
@@ -41,7 +41,8 @@ def moving(make_run):
 
 
 def braked(moving, deceleration, floor=0.0, seconds=12.0):
-    """10 m/s for a second, then less."""
+    """Return a run at 10 m/s for a second that then decelerates down to `floor`,
+    m/s."""
     time = np.arange(round(1000 * seconds)) * 1e-3
     return moving(
         seconds, np.maximum(10.0 - deceleration * np.maximum(time - 1.0, 0.0), floor)

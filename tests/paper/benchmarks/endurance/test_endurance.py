@@ -1,5 +1,5 @@
-"""The benchmark on robots whose heat is known: what is put in, what is predicted, what
-is shown."""
+"""The endurance benchmark on robots whose heat is known: what is calibrated, predicted
+and shown."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ HOTTEST = conventions.MOTOR_NAMES.index("RL_hip")
 
 @pytest.fixture
 def ran(monkeypatch):
-    """What was tried, of robots whose torque goes with speed and stays as it is while
-    they warm."""
+    """Replace the runs by known ones, whose torque goes with speed and does not change
+    with heat; return the runs that are asked for."""
     asked = []
 
     def run(policy, one):

@@ -1,5 +1,5 @@
-"""Runs whose motors warm up: against closed forms, and the run of before where nothing
-comes of the heat."""
+"""Runs whose motors warm up, against closed forms and, where heat has no effect,
+against the same run without heating."""
 
 import dataclasses
 import math
@@ -37,7 +37,8 @@ COLD = Actuator.from_hardware()
 
 
 def seconds_to_limit(limit: float) -> float:
-    """An adiabatic winding's: ln(1 + a dT) / (a r0)."""
+    """Return the time in which an adiabatic winding reaches a limit, s: ln(1 + a dT) /
+    (a r0)."""
     a, rate = (
         MOTOR.copper_growth,
         winding_heat(COLD, TORQUE[HOTTEST]) / SHUT.winding_capacity,
@@ -47,8 +48,8 @@ def seconds_to_limit(limit: float) -> float:
 
 @pytest.fixture
 def watched(make_run):
-    """A synthetic trot under a constant torque, watched by `Heating`; its speed may
-    drop at a time."""
+    """Return a maker of synthetic trots under a constant torque, watched by `Heating`;
+    the speed may drop at a time."""
 
     def watch(pace=1.0, limit=180.0, slower_from=math.inf, seconds=14.0):
         run = make_run(

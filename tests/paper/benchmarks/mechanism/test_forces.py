@@ -33,8 +33,8 @@ def model():
 
 @pytest.fixture(scope="module")
 def run(model):
-    """A robot that kicks on the ground, stepped by MuJoCo itself; with every loss of
-    the built one."""
+    """Return the run of a robot that kicks on the ground, stepped by MuJoCo, with every
+    loss of the built robot."""
     from synthetic import make_run
 
     data = mujoco.MjData(model)
@@ -85,7 +85,7 @@ def _lost(qpos, qvel, torque):
 
 
 def at(model, run, k):
-    """MuJoCo's data at a sample."""
+    """Return MuJoCo's data at a sample of the run."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:], data.ctrl[:] = run.qpos[k], run.qvel[k], run.torque[k]
     data.qfrc_applied[:] = _lost(run.qpos[k], run.qvel[k], run.torque[k])

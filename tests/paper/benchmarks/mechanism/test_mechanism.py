@@ -1,5 +1,4 @@
-"""The mechanism benchmark on forces that are known: what is measured, said and
-shown."""
+"""The mechanism benchmark on forces that are known: metrics, sentences and figures."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A group against runs of single robots."""
+"""A group of robots against runs of single robots."""
 
 import dataclasses
 
@@ -20,7 +20,8 @@ UNSTEERED = HeadingHold(limit=0.0)
 
 
 def still(observation):
-    """Residual actions of zero: the reference itself."""
+    """Act with zero residual actions, so that the robot follows the reference
+    itself."""
     return 0.0 * observation[..., :12]
 
 

@@ -1,4 +1,5 @@
-"""The map from cycle to cycle of a robot's clock, and the vector on which it acts."""
+"""The return map of a robot's gait from stride to stride, and the state vector on which
+it acts."""
 
 import dataclasses
 
@@ -29,7 +30,8 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 
 def clock(command):
-    """Its stride is 200 ms at rest, and 5 ms shorter each m/s."""
+    """Return the phase rate of a clock whose stride is 200 ms at rest, and 5 ms shorter
+    each m/s."""
     return 1.0 / (0.2 - 0.005 * command[0])
 
 
@@ -52,7 +54,8 @@ def test_a_policys_own_clock_is_whole_there():
 
 @pytest.fixture(scope="module")
 def stand() -> Orbit:
-    """A robot that stands still: 3 control steps count as a stride."""
+    """Return the return map of a robot that stands still: 3 control steps count as a
+    stride."""
     nobody = HeadingHold(limit=0.0)
     config = dataclasses.replace(EnvConfig(), reference="none")
     group = RobotGroup(
@@ -92,8 +95,8 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
 
 
 def remembering(observation):
-    """Acts on what the joints did five control steps ago; the entry is their change
-    since then."""
+    """Act on the joints' change over the last five control steps, an entry of the
+    observation."""
     return -2.0 * observation[..., -47:][..., 5:17]
 
 
@@ -121,13 +124,13 @@ def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
 
 
 class Linear(Orbit):
-    """A map of three coordinates, of which the third forgets what it was at once: as a
+    """A linear map of three coordinates, of which the third is forgotten at once, as a
     history that is not read."""
 
     MATRIX = np.diag([0.9, -0.5, 0.0])
 
     def __init__(self):
-        """Of no robot."""
+        """Make a map without any robot."""
 
     @property
     def at(self):

@@ -1,5 +1,4 @@
-"""The benchmark on gaits whose sections, spectra and touchdowns are known, and what it
-says of them."""
+"""The stability benchmark on gaits whose sections, spectra and touchdowns are known."""
 
 import dataclasses
 import math
@@ -79,7 +78,8 @@ def test_touchdowns_that_keep_time_jitter_by_less_than_a_sample(make_steady):
 
 @pytest.fixture
 def asked(monkeypatch, make_steady):
-    """What was tried; no robot runs."""
+    """Replace the tests by known results without any robot; return the list of tests
+    that are asked for."""
     tries = []
 
     def run(policy, one):
