@@ -23,7 +23,7 @@ from bp2_rl.paper.figures.identifiability import (
     jacobian,
     left_of_range,
     reversal,
-    sprint,
+    sprint_time,
 )
 from bp2_rl.paper.figures.settings import IdentifiabilityFigureSettings
 from bp2_rl.paper.motor_heat import Network
@@ -72,7 +72,7 @@ def test_a_motor_without_ways_out_and_growth_heats_at_its_power():
 
 def test_the_sprint_is_that_of_two_straight_lines():
     # docs/notes/paper.md, "The race"
-    assert sprint(10.74, 2.38) == pytest.approx(11.57, abs=0.005)
+    assert sprint_time(10.74, 2.38) == pytest.approx(11.57, abs=0.005)
 
 
 def test_a_hips_turn_and_heat_are_read_off_the_motion():
