@@ -45,21 +45,21 @@ Found = Sequence[tuple[AtSpeed, object]]
 """Runs that could be measured, each with a dataclass of its metrics."""
 
 
-class SpeedMetrics(Protocol):
-    """What was measured at all speeds."""
+class MetricsOverSpeed(Protocol):
+    """Metrics of a policy's runs at several speeds."""
 
     @property
     def found(self) -> Found:
-        """The speeds that were run through."""
+        """Runs that could be measured, each with its metrics."""
         ...
 
 
-Metrics = TypeVar("Metrics", bound=SpeedMetrics)
+Metrics = TypeVar("Metrics", bound=MetricsOverSpeed)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SpeedBenchmark(Generic[Metrics]):
-    """A benchmark of a policy's strides at several speeds.
+    """A benchmark that measures a policy's strides at several speeds.
 
     All functions are module-level ones, as they go to other processes.
     """
@@ -84,11 +84,11 @@ class SpeedBenchmark(Generic[Metrics]):
     card: Callable[[Metrics], Mapping[str, object]] | None = None
 
     def ramp(self, policy: Policy, setup: DeepSetup) -> Ramp:
-        """Return the schedule to the top speed."""
+        """Return the command's ramp to the top speed, held as `holds` says by default."""
         return ramp_to_topspeed(policy, setup, hold=self.holds[setup.quick])
 
     def evaluate(self, policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-        """Run all speeds below the top speed, and the top speed, and measure each."""
+        """Run a policy at each speed, measure the strides, and evaluate the metrics."""
         robot = robot_of(policy, setup)
         top = ramp.target[0]
         below = self.short if setup.quick else self.speeds
@@ -120,7 +120,8 @@ class SpeedBenchmark(Generic[Metrics]):
         )
 
     def measure_run(self, request: RunRequest, run: Trajectory) -> AtSpeed:
-        """Measure the last whole strides of a run's hold."""
+        """Return the speed of a run's whole strides at the held command, and their
+        metrics."""
         ramp = request.schedule
         assert isinstance(ramp, Ramp)
         part, strides = steady_strides(run, ramp, self.most) or (run, 0)

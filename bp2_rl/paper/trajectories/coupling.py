@@ -1,5 +1,5 @@
-"""What coupling does at a speed, in numbers: the coupled inertial torques of hips and
-knees by source (`sources`), in the sagittal plane.
+"""The effect of inertial coupling along a trajectory in the plane: the coupled torques
+of hips and knees by source (`sources`), and what the motors save.
 """
 
 import dataclasses
@@ -27,8 +27,8 @@ from bp2_rl.paper.trajectories.decomposition import (
 from bp2_rl.paper.trajectories.sources import (
     LIMBS,
     SAGITTAL_JOINTS,
-    Coordinates,
     Sources,
+    TrunkAndLegs,
     split_sources,
 )
 
@@ -49,7 +49,7 @@ def split_planar(terms: Decomposition) -> Sources:
     """Split the coupled inertial torques along a gait cycle by source."""
     cycle = terms.cycle
     trunk = {"trunk x": (0,), "trunk z": (1,), "trunk pitch": (2,)}
-    robot = Coordinates(trunk, terms.legs, ("hip", "knee", "spring"), cycle.standing)
+    robot = TrunkAndLegs(trunk, terms.legs, ("hip", "knee", "spring"), cycle.standing)
     acceleration = cycle.motion.a.reshape(terms.forces.shape[1:])
     return split_sources(robot, terms.mass, acceleration, terms.forces)
 

@@ -1,4 +1,5 @@
-"""Whose acceleration a joint's coupled inertial torque comes from, in the plane and in space.
+"""The split of a joint's coupled inertial torque by the accelerations that cause it, in
+the plane and in space.
 
 The mass matrix has no entry between two legs. So of what the paper calls coupled, at
 joint i of a leg,
@@ -42,14 +43,15 @@ ON_TRUNK = {
     "air": ("passive",),
     "stops": ("stops",),
 }
-"""What accelerates the trunk beside the limbs, and its terms."""
+"""Causes of the trunk's acceleration beside the limbs, each with its terms of the
+equations of motion."""
 SPATIAL_TERMS = (*TERMS, "stops")
 SPATIAL_BALANCE = np.append(BALANCE, -1.0)  # with these signs the terms add up to zero
 
 
 @dataclasses.dataclass(frozen=True)
-class Coordinates:
-    """The coordinates of a robot: the trunk's, then those of each leg in turn."""
+class TrunkAndLegs:
+    """The order of a robot's coordinates: the trunk's first, then each leg's."""
 
     trunk: Mapping[str, Sequence[int]]  # by name of the source
     legs: Sequence[str]
@@ -58,13 +60,13 @@ class Coordinates:
 
     @property
     def starts(self) -> Int[np.ndarray, " legs"]:
-        """Each leg's first coordinate."""
+        """Index of every leg's first coordinate."""
         trunk = sum(map(len, self.trunk.values()))
         return trunk + len(self.of_leg) * np.arange(len(self.legs))
 
     @property
     def motors(self) -> Int[np.ndarray, " motors"]:
-        """The coordinates of hip and knee of each leg in turn."""
+        """Index of every hip's and knee's coordinate, leg by leg."""
         hips = self.starts + self.of_leg.index("hip")
         return np.stack([hips, hips + 1], axis=1).ravel()
 
@@ -79,29 +81,32 @@ class Coordinates:
 
 @dataclasses.dataclass(frozen=True)
 class Sources:
-    """The coupled inertial torque of every motor's joint by source.
+    """Coupled inertial torques of hips and knees by source, and all terms of the motion.
 
     T terms (`SPATIAL_TERMS`, in the plane but the last), N instants, n coordinates.
     """
 
-    coordinates: Coordinates
+    coordinates: TrunkAndLegs
     terms: Float[np.ndarray, "T N n"]  # N, Nm
     within: dict[str, Float[np.ndarray, "N motors"]]  # Nm: M_ij a_j, by whose a_j
     through: dict[str, Float[np.ndarray, "N motors"]]  # Nm: parts of M_i,t a_t
 
     @property
     def trunk(self) -> Float[np.ndarray, "N motors"]:
-        """M_i,t a_t, Nm."""
+        """Inertial torque of the trunk's acceleration at each hip and knee, M_i,t a_t,
+        Nm."""
         return np.sum([self.within[name] for name in self.coordinates.trunk], axis=0)
 
     @property
     def active(self) -> Float[np.ndarray, "N motors"]:
-        """u: what reaches the joints of the motors' torques, Nm."""
+        """Motor torque that reaches each hip and knee through gears and joints, u,
+        Nm."""
         return self.at_motors("active")
 
     @property
     def fixed(self) -> Float[np.ndarray, "N motors"]:
-        """u~: the motors' torques on a trunk that is not accelerated, Nm."""
+        """Motor torque that each hip and knee would take on a trunk without
+        acceleration, u~, Nm."""
         return self.active - self.trunk
 
     @property
@@ -114,7 +119,7 @@ class Sources:
         return np.max(np.abs(gaps), axis=(0, 2))
 
     def at_motors(self, term: str) -> Float[np.ndarray, "N motors"]:
-        """Return a term of every hip and knee, Nm."""
+        """Return one term of the equations of motion at every hip and knee, Nm."""
         return self.terms[TERMS.index(term)][:, self.coordinates.motors]
 
     def motors(self, joint: str, front: bool | None = None) -> list[int]:
@@ -140,12 +145,13 @@ class Sources:
 
 
 def split_sources(
-    coordinates: Coordinates,
+    coordinates: TrunkAndLegs,
     mass: Float[np.ndarray, "N n n"],
     acceleration: Float[np.ndarray, "N n"],
     terms: Float[np.ndarray, "T N n"],
 ) -> Sources:
-    """Split the coupled inertial torques of hips and knees by source, at every instant."""
+    """Split the coupled inertial torques of hips and knees by source, at every instant
+    of a motion."""
     joints, starts = coordinates.motors, coordinates.starts
 
     def due_to(columns: Int[np.ndarray, " motors"]) -> Float[np.ndarray, "N motors"]:

@@ -25,8 +25,8 @@ from bp2_rl.paper.trajectories.sources import (
     SAGITTAL_JOINTS,
     SPATIAL_BALANCE,
     SPATIAL_TERMS,
-    Coordinates,
     Sources,
+    TrunkAndLegs,
     split_sources,
 )
 from bp2_rl.robot import losses
@@ -37,7 +37,7 @@ from bp2_rl.simulation.account import split_constraints
 from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
 
-COORDINATES = Coordinates(
+COORDINATES = TrunkAndLegs(
     trunk={
         "trunk x": (0,),
         "trunk z": (2,),
