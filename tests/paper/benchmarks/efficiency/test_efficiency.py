@@ -12,6 +12,7 @@ from bp2_rl.paper.benchmarks.efficiency.benchmark import (
     EFFICIENCY,
 )
 from bp2_rl.paper.benchmarks.efficiency.measured import (
+    EfficiencyAtSpeed,
     measure_energy,
 )
 from bp2_rl.robot.hardware import BUILT
@@ -108,6 +109,7 @@ def test_work_is_what_is_lost_and_stored():
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
     request = RunRequest(ramp, BUILT)
     at = EFFICIENCY.measure_run(request, next(simulate(policy, [request])))
+    assert isinstance(at, EfficiencyAtSpeed)
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None
