@@ -267,7 +267,8 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
     panel = Panel("Mean speed held", "Speed [m/s]", series, metrics.ideal.speed)
     caption = (
         "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with "
-        f"that loss alone on the ideal robot, and in brackets what it changes{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
+        "that loss alone on the ideal robot, and in brackets what it changes"
+        f"{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
         "axis does not begin at 0."
     )
     names = [cost.get(name, name) for name in speeds]
