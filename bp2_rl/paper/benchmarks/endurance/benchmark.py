@@ -322,10 +322,8 @@ def draw_operating_points(
     speeds = np.linspace(-reach, reach, 601)
     cold = torque_limits(motors, speeds)
     for row, run in zip(panels, runs, strict=True):
-        end, leg = (
-            run.endured,
-            3 * (conventions.MOTOR_NAMES.index(run.endured.hottest) // 3),
-        )
+        end = run.endured
+        leg = 3 * (conventions.MOTOR_NAMES.index(end.hottest) // 3)
         for axes, i in zip(row, (leg + 1, leg + 2), strict=True):
             now = Temperatures(np.array([end.winding[i]]), np.array([end.case[i]]))
             hot = torque_limits(heated(motors, network, now), speeds)

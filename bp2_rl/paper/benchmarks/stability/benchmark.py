@@ -100,7 +100,8 @@ def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTr
     Raises:
         UserError: the policy's clock has no such stride near a speed.
     """
-    robot, extent = robot_of(policy, setup), QUICK if setup.quick else FULL
+    robot = robot_of(policy, setup)
+    extent = QUICK if setup.quick else FULL
     if setup.robots is not None:
         extent = dataclasses.replace(extent, robots=setup.robots)
     reference = motion_of(dataclasses.replace(policy.card.env, hardware=robot))
