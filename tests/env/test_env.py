@@ -446,6 +446,9 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     )
     env = BP2Env(config, impl="kernel")
     before = jax.jit(env.reset)(jax.random.PRNGKey(3))
+    erred = jnp.array([-1.0, 0.3, 0.5])
+    state = before.pipeline_state.replace(tracking_error=erred)
+    before = before.replace(pipeline_state=state)
     after = jax.jit(env.step)(before, jnp.full(12, 0.1))
     np.testing.assert_allclose(
         after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4
@@ -453,7 +456,8 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     command = before.pipeline_state.command.current
     moved = observations.trunk_motion(physics(after).qpos, physics(after).qvel)
     error = jnp.append(moved.velocity[:2], moved.yaw_rate) - command
-    expected = (1.0 - np.exp(-0.005 / 0.2)) * np.asarray(error)
+    kept = np.exp(-0.005 / 0.2)
+    expected = kept * np.asarray(erred) + (1.0 - kept) * np.asarray(error)
     np.testing.assert_allclose(
         after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6
     )
