@@ -274,6 +274,9 @@ class BP2Env(envs.Env):
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
         height, rate = observations.soles(physics.qpos, physics.qvel, config.hardware)
+        no_load_speed = randomization.as_drawn(
+            config.hardware.joint_no_load_speed, after.randomization.no_load_speed
+        )
         return rewards.RewardInputs(
             command=before.command.current / moving,
             z=physics.qpos[2] / size.length,
@@ -295,7 +298,7 @@ class BP2Env(envs.Env):
             terminal=outcome.fall.happened.astype(jnp.float32),
             sole_height=height / size.length,
             sole_rate=rate / size.speed,
-            qd_n=joint_velocities(physics.qvel) / config.hardware.joint_no_load_speed,
+            qd_n=joint_velocities(physics.qvel) / no_load_speed,
         )
 
     def _observe(

@@ -2,12 +2,15 @@
 motors, and pushes."""
 
 import dataclasses
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
+from bp2_rl.base import arrays
 from bp2_rl.base.bounds import Range
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
@@ -15,12 +18,16 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.settings.env import RandomizationConfig
 
+T = TypeVar("T")
 LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
+DESIGN = "no_load_speed", "armature", "spring_stiffness", "spring_damping"
+"""Numbers of the design that are drawn, a factor for each robot, only if their ranges
+are set."""
 
 
 class Randomization(struct.PyTreeNode):
     """Random parameters of a robot and its ground; the critic sees them, but for the
-    losses."""
+    losses and the numbers of the design."""
 
     friction: Float[Array, "..."]
     mass: Float[Array, "... nbody"]  # factor
@@ -33,6 +40,11 @@ class Randomization(struct.PyTreeNode):
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
     losses: Float[Array, "... 7"]  # factors, in the order of `LOSSES`
+    # factors, in the order of `DESIGN`; None: as the hardware's, and nothing is computed
+    no_load_speed: Float[Array, "..."] | None = None
+    armature: Float[Array, "..."] | None = None
+    spring_stiffness: Float[Array, "..."] | None = None
+    spring_damping: Float[Array, "..."] | None = None
 
 
 def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
@@ -63,6 +75,11 @@ def draw(
     def uniform(key: Array, shape: tuple[int, ...], bounds: Range) -> Array:
         return jax.random.uniform(key, shape, minval=bounds[0], maxval=bounds[1])
 
+    design = {
+        name: uniform(jax.random.fold_in(key, 9 + i), (), bounds)
+        for i, name in enumerate(DESIGN)
+        if (bounds := getattr(config, name)) is not None
+    }
     return Randomization(
         friction=hardware.friction * uniform(keys[0], (), config.friction),
         mass=uniform(keys[1], (num_bodies,), config.mass),
@@ -77,6 +94,7 @@ def draw(
         braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
         if config.weak_braking[1]
         else None,
+        **design,
     )
 
 
@@ -97,20 +115,36 @@ def push(
     return qvel.at[:2].add(jnp.where(now, kick, 0.0))
 
 
+def as_drawn(numbers: T, factor: arrays.Array | None) -> T:
+    """Return numbers of the design, an array or a tree of them, times a drawn factor;
+    unchanged if none was drawn."""
+    if factor is None:
+        return numbers
+    return jax.tree.map(lambda x: x * factor, numbers)
+
+
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
-    """Return the motors with this robot's strength, brakes, gains, lag and bus."""
+    """Return the motors with this robot's strength, speeds, brakes, gains, lag and
+    bus."""
     changed = dataclasses.replace(
         actuator,
         strength=actuator.strength * randomization.strength,
         stiffness=actuator.stiffness * randomization.stiffness,
         damping=actuator.damping * randomization.damping,
     )
+    if randomization.no_load_speed is not None:
+        names = ["corner_speed", "no_load_speed"]
+        if np.any(np.isfinite(actuator.braking_speed)):
+            names.append("braking_speed")
+        speeds = {name: getattr(actuator, name) for name in names}
+        factor = randomization.no_load_speed[..., None]
+        changed = dataclasses.replace(changed, **as_drawn(speeds, factor))
     if randomization.braking is not None:
         weakest = jnp.maximum(
             actuator.no_load_speed / actuator.braking_speed,
             randomization.braking[..., None],
         )
-        speed = actuator.no_load_speed / jnp.maximum(weakest, 1e-6)
+        speed = changed.no_load_speed / jnp.maximum(weakest, 1e-6)
         changed = dataclasses.replace(changed, braking_speed=speed)
     lag, power, sag = (
         randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag")
@@ -134,11 +168,17 @@ def randomize_resistance(
     resistance: Resistance, randomization: Randomization
 ) -> Resistance:
     """Return the resistance with this robot's losses; each broadcasts against the
-    robots' joints or legs."""
+    robots' joints or legs.
+
+    Friction holds a lighter rotor less firmly, lest it throw the rotor back.
+    """
     names = "air", "gear", "joints", "slides"
     air, gear, joints, slides = (
         randomization.losses[..., LOSSES.index(name), None] for name in names
     )
+    lighter = randomization.armature
+    if lighter is not None:
+        lighter = lighter.clip(max=1.0)[..., None]
     return dataclasses.replace(
         resistance,
         drag=resistance.drag * air,
@@ -146,4 +186,5 @@ def randomize_resistance(
         joint_friction=resistance.joint_friction * joints,
         joint_viscosity=resistance.joint_viscosity * joints,
         spring_friction=resistance.spring_friction * slides,
+        joint_hold=as_drawn(resistance.joint_hold, lighter),
     )

@@ -128,6 +128,18 @@ class RandomizationConfig:
     weak_braking: Annotated[Range, Within(0.0, 1.0)] = (0.0, 0.0)
     """how weakly motors brake at speed: 0 as the hardware's, 1 no better than they
     drive"""
+    no_load_speed: Annotated[Range | None, Within(0.1, 10.0)] = None
+    """factor on the motors' no-load and corner speeds, one for all motors of a robot;
+    None: the hardware's"""
+    armature: Annotated[Range | None, Within(0.1, 10.0)] = None
+    """factor on the rotors' inertia, one for all motors of a robot; None: the
+    hardware's"""
+    spring_stiffness: Annotated[Range | None, Within(0.1, 10.0)] = None
+    """factor on the springs' stiffness, one for all springs of a robot; None: the
+    hardware's"""
+    spring_damping: Annotated[Range | None, Within(0.0, 100.0)] = None
+    """factor on the springs' damping, one for all springs of a robot; None: the
+    hardware's"""
     # factor on PD stiffness and damping
     gains: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.1)
     # s, from observation to new joint target

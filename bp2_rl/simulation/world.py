@@ -172,8 +172,8 @@ class Draw:
         return _drawn(self, hardware, bodies)
 
     def change_model(self, model: mujoco.MjModel, hardware: HardwareSpec) -> None:
-        """Set the drawn masses, inertias, trunk's centre of mass and friction in a
-        MuJoCo model."""
+        """Set the drawn masses, inertias, trunk's centre of mass, friction, springs and
+        rotors in a MuJoCo model."""
         drawn = self.values(hardware, model.nbody)
         model.body_mass *= drawn.mass
         model.body_inertia *= drawn.mass[:, None]
@@ -181,10 +181,17 @@ class Draw:
         model.geom_friction[[model.geom("floor").id, *foot_geom_ids(model)], 0] = (
             drawn.friction
         )
+        for field, factor in (
+            (model.jnt_stiffness, drawn.spring_stiffness),
+            (model.dof_damping, drawn.spring_damping),
+            (model.dof_armature, drawn.armature),
+        ):
+            field[:] = randomization.as_drawn(field, factor)
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def motors(self, motors: Actuator, hardware: HardwareSpec) -> Actuator:
-        """Return the motors with their strength, brakes, gains, lag and bus."""
+        """Return the motors with their strength, speeds, brakes, gains, lag and
+        bus."""
         return randomization.randomize_actuator(motors, self.values(hardware))
 
     def resistance(self, resistance: Resistance, hardware: HardwareSpec) -> Resistance:

@@ -16,12 +16,15 @@ from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
+from bp2_rl.env.physics.kernel import randomize_design
 from bp2_rl.env.physics.mjx import randomize_model
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import torque_limits
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
+from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.settings.env import (
     CommandConfig,
@@ -254,6 +257,60 @@ def test_randomisation_reaches_model_and_motors(env):
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
     motors = randomization.randomize_actuator(motors_of(env.config), heavy)
     assert np.allclose(np.asarray(motors.strength), 0.8)
+
+
+def test_numbers_of_the_design_that_are_not_drawn_are_left_untouched(env):
+    """They are the very same objects, so that the program is the same, too."""
+    robot = randomization.draw(
+        KEYS[0], RandomizationConfig(), env.mj_model.nbody, BUILT
+    )
+    design = Design.of(env.mj_model)
+    kept, same = jax.tree.flatten(randomize_design(design, robot))
+    arrays, structure = jax.tree.flatten(design)
+    assert all(ours is before for ours, before in zip(kept, arrays, strict=True))
+    assert same == structure  # with the numbers that are known
+    model = mjx.put_model(env.mj_model)
+    changed = randomize_model(model, robot, env.trunk)
+    for field in ("jnt_stiffness", "dof_damping", "dof_armature"):
+        assert getattr(changed, field) is getattr(model, field)
+    motors = motors_of(EnvConfig(hardware=BUILT))
+    drawn = randomization.randomize_actuator(motors, robot)
+    for speed in ("corner_speed", "no_load_speed", "braking_speed"):
+        assert getattr(drawn, speed) is getattr(motors, speed)
+    resistance = Resistance.from_hardware(BUILT)
+    assert resistance is not None
+    drawn = randomization.randomize_resistance(resistance, robot)
+    assert drawn.joint_hold is resistance.joint_hold
+
+
+def test_a_robot_drawn_with_slower_motors_is_rewarded_as_one_built_so():
+    slower = IDEAL.changed(
+        **{n: 0.5 * IDEAL.parameter(n) for n in ("no_load_speed", "corner_speed")}
+    )
+    reward = RewardConfig(overspeed=3.0)
+    drawn, built = (
+        BP2Env(
+            EnvConfig(hardware=hardware, reward=reward, randomization=ranges),
+            impl="kernel",
+        )
+        for hardware, ranges in (
+            (IDEAL, RandomizationConfig(no_load_speed=(0.5, 0.5))),
+            (slower, RandomizationConfig()),
+        )
+    )
+    start = jax.jit(jax.vmap(drawn.reset))(KEYS)
+    as_built = start.replace(
+        pipeline_state=start.pipeline_state.replace(
+            randomization=start.pipeline_state.randomization.replace(no_load_speed=None)
+        )
+    )
+    ours = jax.jit(jax.vmap(drawn.step))(start, ZERO)
+    theirs = jax.jit(jax.vmap(built.step))(as_built, ZERO)
+    np.testing.assert_allclose(
+        ours.metrics["reward/overspeed"], theirs.metrics["reward/overspeed"], rtol=1e-4
+    )
+    assert float(jnp.min(ours.metrics["reward/overspeed"])) < 0.0
+    np.testing.assert_allclose(ours.reward, theirs.reward, atol=1e-5)
 
 
 def test_a_push_changes_the_horizontal_velocity_by_at_most_what_was_asked_for():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from runs import no_action, run_one
 
+from bp2_rl.env.randomization import DESIGN
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import foot_geom_ids
@@ -19,6 +20,12 @@ from bp2_rl.simulation.world import Draw
 
 SCHEDULE = Ramp(1.0, hold=0.2)
 RANGES = RandomizationConfig()
+VARIED = RandomizationConfig(
+    no_load_speed=(0.8, 1.2),
+    armature=(0.5, 2.0),
+    spring_stiffness=(0.7, 1.3),
+    spring_damping=(0.0, 20.0),
+)
 NOTHING = dict.fromkeys(("friction", "mass", "strength", "gains", "losses"), (1.0, 1.0))
 
 
@@ -55,6 +62,12 @@ def lossier(factor):
     )
 
 
+def scaled(hardware, factor, *names):
+    return hardware.changed(
+        **{name: factor * hardware.parameter(name) for name in names}
+    )
+
+
 @pytest.mark.parametrize(
     ("hardware", "drawn", "built_so", "stiffer"),
     [
@@ -75,8 +88,20 @@ def lossier(factor):
         ),
         (IDEAL, {"gains": 1.2}, IDEAL, 1.2),
         (BUILT, {"losses": 1.5}, lossier(1.5), 1.0),
+        *(
+            (IDEAL, {name: factor}, scaled(IDEAL, factor, *built_so), 1.0)
+            for name, factor, *built_so in (
+                ("no_load_speed", 0.5, "no_load_speed", "corner_speed"),
+                ("armature", 3.0, "rotor_inertia"),
+                ("spring_stiffness", 0.75, "spring_stiffness"),
+                ("spring_damping", 10.0, "spring_damping"),
+            )
+        ),
     ],
-    ids=("mass", "friction", "latency", "gains", "losses"),
+    ids=(
+        *("mass", "friction", "latency", "gains", "losses"),
+        *("no-load speed", "armature", "spring stiffness", "spring damping"),
+    ),
 )
 def test_a_drawn_robot_runs_as_one_built_so(
     hardware, drawn, built_so, stiffer, monkeypatch
@@ -135,9 +160,56 @@ def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
     np.testing.assert_allclose(after.body_subtreemass[0], np.sum(after.body_mass))
 
 
+def test_the_model_and_the_motors_have_the_numbers_of_the_design_that_were_drawn():
+    config = EnvConfig(hardware=dataclasses.replace(BUILT, braking_speed=60.0))
+    before, seen = RobotSetup(config), []
+    designed = before.model()
+    for number in range(20):
+        draw = Draw(VARIED, 3, number)
+        robot = dataclasses.replace(before, drawn=draw)
+        model, drawn = robot.model(), draw.values(config.hardware)
+        for field, factor in (
+            ("jnt_stiffness", drawn.spring_stiffness),
+            ("dof_damping", drawn.spring_damping),
+            ("dof_armature", drawn.armature),
+        ):
+            np.testing.assert_allclose(
+                getattr(model, field), factor * getattr(designed, field)
+            )
+        motors = robot.motors()
+        for name in ("corner_speed", "no_load_speed", "braking_speed"):
+            np.testing.assert_allclose(
+                getattr(motors, name),
+                drawn.no_load_speed * getattr(before.motors(), name),
+            )
+        assert motors.peak_torque == before.motors().peak_torque
+        seen.append([float(getattr(drawn, name)) for name in DESIGN])
+        plain = Draw(RANGES, 3, number).values(config.hardware)
+        assert [getattr(plain, name) for name in DESIGN] == [None] * 4
+        assert plain.friction == drawn.friction  # no other draw has changed
+        np.testing.assert_array_equal(plain.losses, drawn.losses)
+    low, high = np.transpose([getattr(VARIED, name) for name in DESIGN])
+    assert np.all((np.array(seen) >= low - 1e-6) & (np.array(seen) <= high + 1e-6))
+    assert np.all(np.ptp(seen, axis=0) > 0.7 * (high - low))
+    # each by itself
+    assert np.max(np.abs(np.corrcoef(seen, rowvar=False) - np.eye(4))) < 0.7
+
+
+def test_friction_does_not_throw_a_light_rotor_back():
+    for factor, held in ((0.5, 0.5), (1.0, 1.0), (2.0, 1.0)):
+        setup = RobotSetup(EnvConfig(hardware=BUILT))
+        drawn = dataclasses.replace(setup, drawn=exactly(armature=factor)).resistance()
+        designed = setup.resistance()
+        assert drawn is not None
+        assert designed is not None
+        assert drawn.joint_hold == pytest.approx(held * designed.joint_hold)
+        assert drawn.joint_friction == pytest.approx(designed.joint_friction)
+
+
+@pytest.mark.parametrize("ranges", [RANGES, VARIED], ids=["designed", "varied"])
 @pytest.mark.parametrize("name", ["go1", "spot"])
-def test_another_robot_is_drawn_too(name):
-    setup = RobotSetup(EnvConfig(hardware=find_robot(name)), drawn=Draw(RANGES, 0, 0))
+def test_another_robot_is_drawn_too(name, ranges):
+    setup = RobotSetup(EnvConfig(hardware=find_robot(name)), drawn=Draw(ranges, 0, 0))
     designed = dataclasses.replace(setup, drawn=None).model()
     masses = setup.model().body_mass[1:] / designed.body_mass[1:]
     assert len(np.unique(masses)) == designed.nbody - 1

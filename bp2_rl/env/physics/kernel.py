@@ -1,6 +1,8 @@
 """The five physics steps of a control step in the fused kernel, all robots of a batch
 side by side."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -16,7 +18,7 @@ from bp2_rl.env.physics.interface import (
     newest_active,
     target_history,
 )
-from bp2_rl.env.randomization import Randomization
+from bp2_rl.env.randomization import Randomization, as_drawn
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.coordinates import with_legs
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
@@ -85,8 +87,9 @@ class KernelPhysics:
     ) -> tuple[Physics, Effort, Float[Array, "N 4"]]:
         """Step robots that lie along the first axis; inside the kernel they lie along
         the last."""
-        masses = Masses.of(self.design, robot.mass.T, robot.com_offset.T)
-        robots = Robots(self.design, masses, robot.friction)
+        design = randomize_design(self.design, robot)
+        masses = Masses.of(design, robot.mass.T, robot.com_offset.T)
+        robots = Robots(design, masses, robot.friction)
         drive = self.drive.randomized(robot)
         history, remembered = jax.vmap(target_history)(physics, targets)
 
@@ -120,6 +123,17 @@ class KernelPhysics:
             effort,
             touching,
         )
+
+
+def randomize_design(design: Design, robot: Randomization) -> Design:
+    """Return the design with springs and rotors that differ from robot to robot, where
+    they were drawn."""
+    return dataclasses.replace(
+        design,
+        stiffness=as_drawn(design.stiffness, robot.spring_stiffness),
+        damping=as_drawn(design.damping, robot.spring_damping),
+        armature=as_drawn(design.armature, robot.armature),
+    )
 
 
 def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:

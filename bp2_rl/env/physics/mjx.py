@@ -18,7 +18,7 @@ from bp2_rl.env.physics.interface import (
     newest_active,
     target_history,
 )
-from bp2_rl.env.randomization import Randomization
+from bp2_rl.env.randomization import Randomization, as_drawn
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.losses import Resistance
@@ -106,13 +106,17 @@ class MjxPhysics:
 def randomize_model(
     model: mjx.Model, randomization: Randomization, trunk: int
 ) -> mjx.Model:
-    """Return the model with this robot's masses, inertias, trunk centre of mass and
-    friction (`trunk`: body index)."""
+    """Return the model with this robot's masses, inertias, trunk centre of mass,
+    friction, springs and rotors (`trunk`: body index)."""
     return model.replace(
         body_mass=model.body_mass * randomization.mass,
         body_inertia=model.body_inertia * randomization.mass[:, None],
         body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),
         geom_friction=model.geom_friction.at[:, 0].set(randomization.friction),
+        # In all models only springs have stiffness and damping, and only motors armature.
+        jnt_stiffness=as_drawn(model.jnt_stiffness, randomization.spring_stiffness),
+        dof_damping=as_drawn(model.dof_damping, randomization.spring_damping),
+        dof_armature=as_drawn(model.dof_armature, randomization.armature),
     )
 
 

@@ -20,6 +20,7 @@ from bp2_rl.base.plotting import (
     moving_mean,
     styled,
 )
+from bp2_rl.env.randomization import DESIGN
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     cruising_speed,
@@ -220,11 +221,16 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
         f"{least:g} to {most:g}"
         for least, most in (drawn.mass, drawn.strength, drawn.gains, drawn.losses)
     )
+    design = "".join(
+        f", {name.replace('_', ' ')} x {bounds[0]:g} to {bounds[1]:g}"
+        for name in DESIGN
+        if (bounds := getattr(drawn, name)) is not None
+    )
     return (
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {mass}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:.3g} mm, each motor's strength x {strength} and gains x "
         f"{gains}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
-        f"x {losses}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
+        f"x {losses}{design}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
         f"axis, every {drawn.push_interval:g} s in the mean"
     )
 

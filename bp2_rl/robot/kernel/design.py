@@ -43,7 +43,8 @@ class Design:
     `Design.of(model)` reads them.
 
     A number is `ZERO` or a float if it is the same for all legs, and known when a
-    program is traced; otherwise (4, 1).
+    program is traced; otherwise (4, 1). Armature, damping and stiffness may also be
+    arrays over robots, (N,) or (4, N).
     """
 
     timestep: Number  # s
@@ -162,7 +163,7 @@ class Masses(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Robots with one design that differ in masses and in the friction of the floor
+    """Robots that differ in masses, springs and rotors, and in the friction of the floor
     under them."""
 
     design: Design

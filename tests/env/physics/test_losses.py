@@ -46,19 +46,19 @@ def fly(
     control_steps: int,
     *,
     strength: float = 1.0,
-    braking: float | None = None,
+    **drawn: float,
 ) -> np.ndarray:
     """Return velocities after each control step of a robot that starts 10 m up, its
     targets where its joints are.
 
-    With a `strength` of 0 its motors give nothing; `braking` is what training draws of
-    `weak_braking`.
+    With a `strength` of 0 its motors give nothing; `drawn` is what training draws if
+    asked, such as `braking` of `weak_braking`.
     """
     if engine != "mujoco":
         env, control_step, robot = compiled(hardware, engine)
         robot = robot.replace(
             strength=strength * jnp.ones(12),
-            braking=None if braking is None else jnp.array(braking),
+            **{name: jnp.array(value) for name, value in drawn.items()},
         )
         rest = env.starts.at_rest()
         physics = rest.replace(
@@ -167,6 +167,36 @@ def test_a_built_robot_is_the_same_in_every_engine_as_in_the_judge(engine):
     np.testing.assert_allclose(ours, judged, rtol=0, atol=5e-3)
     lossless = fly("mujoco", HardwareSpec(), qvel, 10)
     assert np.max(np.abs(judged - lossless)) > 1.0  # they matter
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "built_so", "tolerance"),
+    [
+        ("no_load_speed", 0.7, ("no_load_speed", "corner_speed"), 5e-3),
+        ("armature", 0.6, ("rotor_inertia",), 5e-3),
+        ("armature", 1.8, ("rotor_inertia",), 2e-2),
+        ("spring_stiffness", 1.3, ("spring_stiffness",), 5e-3),
+        ("spring_damping", 8.0, ("spring_damping",), 5e-3),
+    ],
+)
+@pytest.mark.parametrize("engine", ["jax", "kernel"])
+def test_a_robot_with_another_number_of_the_design_is_as_one_built_so_in_c_mujoco(
+    engine, name, factor, built_so, tolerance
+):
+    """Four control steps of a tumbling robot, whose joints are about as fast as its
+    motors.
+
+    Near rest, friction holds a heavier rotor no more firmly than the designed one.
+    """
+    rng = np.random.default_rng(3)
+    qvel = rng.normal(0.0, 3.0, 22)
+    qvel[MOTOR_QVEL] = rng.uniform(-20.0, 20.0, 12)
+    hardware = BUILT.changed(latency=0.0)
+    other = hardware.changed(**{n: factor * hardware.parameter(n) for n in built_so})
+    drawn = fly(engine, hardware, qvel, 4, **{name: factor})
+    built, designed = (fly("mujoco", one, qvel, 4) for one in (other, hardware))
+    np.testing.assert_allclose(drawn, built, rtol=0, atol=tolerance)
+    assert np.max(np.abs(built - designed)) > 0.1
 
 
 @pytest.mark.parametrize("engine", ["jax", "kernel"])

@@ -9,6 +9,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import fleet as module
 from bp2_rl.evaluation.benchmarks.fleet import (
     RobustnessMetrics,
+    describe_randomization,
     fleet_figure,
     fleet_metrics,
     ramp_to_robustness,
@@ -18,7 +19,7 @@ from bp2_rl.evaluation.benchmarks.fleet import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.hardware import BUILT
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.parallel import FleetRun
 
@@ -151,6 +152,15 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(
         ramp.acceleration,
         ramp.hold,
     ) == (7, 5, 8.0, 2.0, 3.0)
+
+
+def test_numbers_of_the_design_are_named_where_they_are_drawn():
+    drawn = RandomizationConfig(armature=(0.8, 1.25), spring_damping=(0.0, 3.0))
+    text = describe_randomization(drawn, BUILT)
+    assert "x 1 to 1, armature x 0.8 to 1.25, spring damping x 0 to 3; pushes" in text
+    assert text.replace(
+        ", armature x 0.8 to 1.25, spring damping x 0 to 3", ""
+    ) == describe_randomization(RandomizationConfig(), BUILT)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from landing import converged, random_states
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.env.physics.kernel import randomize_design
 from bp2_rl.env.randomization import Randomization, draw
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 from bp2_rl.robot.kernel import constraints, fusion_barriers
@@ -32,6 +33,10 @@ OTHER = IDEAL.changed(
     toe_mass=0.8,
     trunk_inertia=0.6,
 )
+DESIGNED = RandomizationConfig()
+VARIED = RandomizationConfig(
+    armature=(0.5, 2.0), spring_stiffness=(0.5, 1.5), spring_damping=(0.0, 20.0)
+)
 
 
 @pytest.fixture(scope="module")
@@ -45,26 +50,24 @@ def states() -> list[np.ndarray]:
 
 
 @functools.cache
-def drawn(hardware: HardwareSpec):
-    """Draw robots around this one, each different in masses, trunk and friction."""
+def drawn(hardware: HardwareSpec, ranges: RandomizationConfig):
+    """Draw robots around this one, each different in masses, trunk and friction, and in
+    springs and rotors where the ranges say so."""
     keys = jax.random.split(jax.random.PRNGKey(1), ROBOTS)
     bodies = load_model(hardware).nbody
-    return jax.vmap(lambda key: draw(key, RandomizationConfig(), bodies, hardware))(
-        keys
-    )
+    return jax.vmap(lambda key: draw(key, ranges, bodies, hardware))(keys)
 
 
 @functools.cache
-def stepped(hardware: HardwareSpec):
+def stepped(hardware: HardwareSpec, ranges: RandomizationConfig = DESIGNED):
     """(qpos, qvel, torque), a robot a row -> (qpos, qvel, acceleration, heights of
     feet) after, from no first guess."""
-    design, robots = (
-        Design.of(load_model(hardware, visual=False, feet_only=True)),
-        drawn(hardware),
-    )
+    nominal = Design.of(load_model(hardware, visual=False, feet_only=True))
+    robots = drawn(hardware, ranges)
 
     @jax.jit
     def run(qpos, qvel, torque):
+        design = randomize_design(nominal, robots)
         masses = Masses.of(design, robots.mass.T, robots.com_offset.T)
         force = jnp.zeros((NV, len(qpos))).at[MOTOR_QVEL].set(torque.T)
         before = MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, len(qpos))))
@@ -86,21 +89,32 @@ def randomize(
     # else C MuJoCo does not look at body_ipos
     model.body_sameframe[trunk] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     model.geom_friction[:, 0] = robot.friction
+    if robot.armature is not None:
+        springs = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        sliding = np.flatnonzero(springs) + NV - model.njnt
+        stiffness, damping = map(
+            np.asarray, (robot.spring_stiffness, robot.spring_damping)
+        )
+        model.dof_armature[:] = nominal.dof_armature * np.asarray(robot.armature)
+        model.jnt_stiffness[springs] = nominal.jnt_stiffness[springs] * stiffness
+        model.dof_damping[sliding] = nominal.dof_damping[sliding] * damping
 
 
 @pytest.mark.parametrize(
-    "hardware", [IDEAL, BUILT, OTHER], ids=["ideal", "built", "other"]
+    ("hardware", "ranges"),
+    [(IDEAL, DESIGNED), (BUILT, DESIGNED), (OTHER, DESIGNED), (BUILT, VARIED)],
+    ids=["ideal", "built", "other", "varied"],
 )
-def test_one_step_of_randomised_robots_is_that_of_c_mujoco(states, hardware):
+def test_one_step_of_randomised_robots_is_that_of_c_mujoco(states, hardware, ranges):
     """Accelerations to 1e-4 of each state's largest, C MuJoCo's solver converged in
     float64; then the step itself."""
     positions, velocities, accelerations, heights = map(
-        np.asarray, stepped(hardware)(*states)
+        np.asarray, stepped(hardware, ranges)(*states)
     )
     nominal = load_model(hardware, visual=False, feet_only=True)
     model, robots = (
         converged(load_model(hardware, visual=False, feet_only=True)),
-        drawn(hardware),
+        drawn(hardware, ranges),
     )
     data, feet, limits, worst = mujoco.MjData(model), [], [], []
     for i, (qpos, qvel, torque) in enumerate(zip(*states, strict=True)):
@@ -179,9 +193,9 @@ def as_on_a_gpu(monkeypatch, **options):
 
 def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
     """Only what the compiler fuses differs, and with it the rounding of float32."""
-    in_programs = stepped(BUILT)(*states)
+    in_programs = stepped(BUILT, VARIED)(*states)
     as_on_a_gpu(monkeypatch, interpret=True)
-    in_kernels = stepped.__wrapped__(BUILT)(*states)
+    in_kernels = stepped.__wrapped__(BUILT, VARIED)(*states)
     for ours, theirs in zip(in_programs, in_kernels, strict=True):
         scale = np.max(np.abs(theirs), axis=1, keepdims=True)
         np.testing.assert_allclose(ours / scale, theirs / scale, rtol=0, atol=1e-4)
@@ -196,13 +210,14 @@ def thought_of_gpu():
     )
 
 
-def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch):
+@pytest.mark.parametrize("ranges", [DESIGNED, VARIED], ids=["designed", "varied"])
+def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch, ranges):
     """As far as that can be told without one: it is handed to Triton, and little else
     is left around it."""
     as_on_a_gpu(monkeypatch)
     with thought_of_gpu():
         program = (
-            stepped.__wrapped__(BUILT)
+            stepped.__wrapped__(BUILT, ranges)
             .trace(*states)
             .lower(lowering_platforms=("cuda",))
             .as_text()
