@@ -25,7 +25,7 @@ from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
 from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector
 
 STEPS = 2
-"""Integration steps between two rows of a log."""
+"""Integration steps between two rows of a log, by the midpoint rule."""
 EARLIER = 3
 """Rows before a window whose targets may still act: the greatest delay."""
 STICTION = 0.1
@@ -107,9 +107,11 @@ def predict(
         dt = step / STEPS
         for i in range(STEPS):
             target = _held(targets, (motors.delay[0] - i * dt) / dt, step / dt)
-            faster = qd + dt[..., None] * acceleration(q, qd, target, up, spin, turning)
-            q = q + 0.5 * dt[..., None] * (qd + faster)
-            qd = faster
+            half = 0.5 * dt[..., None]
+            middle = qd + half * acceleration(q, qd, target, up, spin, turning)
+            rate = acceleration(q + half * qd, middle, target, up, spin, turning)
+            q = q + 2.0 * half * middle
+            qd = qd + 2.0 * half * rate
         return (q, qd), q
 
     rows = len(windows.step)
