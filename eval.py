@@ -2,14 +2,7 @@
 
 import sys
 
-try:
-    from bp2_rl.cli.eval import main
-except ModuleNotFoundError as missing:
-    print(
-        f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`",
-        file=sys.stderr,
-    )
-    sys.exit(2)
+from bp2_rl.cli.app import run_module
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_module("bp2_rl.cli.eval"))

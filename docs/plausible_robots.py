@@ -1,7 +1,6 @@
 """Print how fast policies run on robots that BP2 may as well be: `python
 docs/plausible_robots.py built gentle`."""
 
-import dataclasses
 import sys
 
 import bp2_rl as bp2
@@ -15,29 +14,26 @@ HIND = slice(6, 12)  # motors of the hind legs
 def robots() -> dict[str, bp2.HardwareSpec]:
     """Return the built robot, and others that differ from it in one property."""
 
-    def losing(**losses: float) -> bp2.HardwareSpec:
-        return BUILT.changed(losses=dataclasses.replace(BUILT.losses, **losses))
-
-    def bus(out: float, back: float) -> bp2.HardwareSpec:
-        return losing(bus_power_out=1e3 * out, bus_power_in=1e3 * back)
-
-    named = {"as assumed": BUILT, "no air, as on a treadmill": losing(drag_area=0.0)}
+    changed = BUILT.changed
+    named = {"as assumed": BUILT, "no air, as on a treadmill": changed(drag_area=0.0)}
     named |= {
-        f"spring damping {d} N s/m": BUILT.changed(spring_damping=float(d))
+        f"spring damping {d} N s/m": changed(spring_damping=float(d))
         for d in (20, 50, 100, 150)
     }
     slower = {p: times(1.0 - p / 100, BUILT.no_load_speed) for p in (10, 20)}
     named |= {
-        f"no-load speed -{p} %": BUILT.changed(no_load_speed=speed)
+        f"no-load speed -{p} %": changed(no_load_speed=speed)
         for p, speed in slower.items()
     }
     named |= {
-        f"peak torque {nm} Nm": BUILT.changed(peak_torque=float(nm))
+        f"peak torque {nm} Nm": changed(peak_torque=float(nm))
         for nm in (110, 100, 90, 80)
     }
-    named |= {f"bus sag {sag} % a kW": losing(bus_sag=sag / 100) for sag in (2.5, 5.0)}
+    named |= {f"bus sag {sag} % a kW": changed(bus_sag=sag / 100) for sag in (2.5, 5.0)}
     named |= {
-        f"bus {out:g} kW out, {back:g} in": bus(out, back)
+        f"bus {out:g} kW out, {back:g} in": changed(
+            bus_power_out=1e3 * out, bus_power_in=1e3 * back
+        )
         for out, back in ((6, 3), (5, 2), (4, 1.5), (8, 1), (8, 0.5))
     }
     return named

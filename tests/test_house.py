@@ -73,7 +73,17 @@ def test_a_room_does_not_grow_unseen(room):
 
 def test_statements_are_not_packed_to_keep_the_limits():
     nodes = sum(1 for tree in TREES.values() for _ in ast.walk(tree))
-    assert 100 * nodes <= 1_828 * count(SOURCES)
+    assert 100 * nodes <= 1_770 * count(SOURCES)
+    packed = [
+        f"{path.name}:{node.lineno}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Tuple)
+        and isinstance(node.value, ast.Tuple)
+        and node.end_lineno != node.lineno
+    ]
+    assert packed == []
     lines = sum(text.count("\n") for text in TEXTS.values())
     assert sum(map(len, TEXTS.values())) <= 40 * lines
     assert sum(text.count("fmt: skip") for text in TEXTS.values()) <= 5
@@ -81,7 +91,7 @@ def test_statements_are_not_packed_to_keep_the_limits():
 
 def test_one_training_and_one_evaluation_can_be_read():
     known = modules(PACKAGE)
-    assert count([known[name] for name in closure(known)]) <= 7_750
+    assert count([known[name] for name in closure(known)]) <= 7_870
 
 
 def test_a_class_name_means_one_thing():
@@ -101,13 +111,13 @@ def test_docstrings_can_be_read_alone():
     first = [
         (path.name, " ".join(text.split("\n\n")[0].split())) for path, text in found
     ]
-    assert len([1 for _, text in first if ELLIPSES.search(text)]) <= 40
+    assert len([1 for _, text in first if ELLIPSES.search(text)]) <= 20
 
 
 def test_types_are_rarely_left_open():
     untyped = sum(len(re.findall(r"\bAny\b", text)) for text in TEXTS.values())
     ignored = re.findall(r"(?:type|pyright): *ignore", "\n".join(TEXTS.values()))
-    assert untyped <= 420
+    assert untyped <= 396
     assert len(ignored) <= 10
 
 

@@ -1,5 +1,5 @@
-"""Types of settings and bounds of their numbers, declared where the field is and
-checked in one place.
+"""Types of settings and bounds of their numbers, declared where the field is; one walk
+over a dataclass checks its values, reads them from JSON and writes them to JSON.
 
     sweep: Positive = 0.7
     friction: Annotated[float, Within(0.01, 10.0)] = 0.9
@@ -9,13 +9,18 @@ checked in one place.
 `Bounded` does so when it is made. A value must be of the field's type. A number must be
 finite unless its bounds say otherwise, and an integer must fit 64 bits; in a tuple
 every entry must be within, and a `Range` must ascend.
+
+`serialization` says what JSON can hold. In JSON types are checked; bounds are checked
+when the dataclass is made.
 """
 
 import dataclasses
+import json
 import math
 import typing
 from collections.abc import Sequence
 from numbers import Integral, Real
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin
 
@@ -71,6 +76,12 @@ NUMBERS: dict[Any, Any] = {float: Real, int: Integral}
 too."""
 Range = tuple[float, float]
 """An interval (low, high), in which a setting lies or from which it is drawn."""
+Way = Literal["check", "read", "write"]
+"""What a walk does with a value: check it, read it from JSON, or write it to JSON."""
+TYPE = "type"
+"""The key in JSON under which one of several dataclasses has its name."""
+# JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
+NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 
 
 def check_bounds(config: Any, path: str = "") -> None:
@@ -87,41 +98,7 @@ def check_bounds(config: Any, path: str = "") -> None:
         UserError: one line that names the first such field, its type or bounds, and its
             value.
     """
-    hints = typing.get_type_hints(type(config), include_extras=True)
-    for field in dataclasses.fields(config):
-        value, name = getattr(config, field.name), f"{path}{field.name}"
-        name = name.replace("_", "-") if path.startswith("--") else name
-        annotation = hints[field.name]
-        kinds = [kind for kind in kinds_of(annotation) if kind is not NoneType]
-        if not _fits(value, annotation):
-            raise UserError(
-                f"{name} takes {' or '.join(map(_in_words, kinds))}, got {shown(value)}"
-            )
-        entries = value if isinstance(value, tuple) else (value,)
-        for each in entries:
-            if dataclasses.is_dataclass(each):
-                check_bounds(each, f"{name}.")
-        numbers = [
-            int(each) if isinstance(each, Integral) else float(each)  # NumPy's, too
-            for each in entries
-            if not isinstance(each, bool) and isinstance(each, Real)
-        ]
-        bounds = _bounds(annotation)
-        for number in numbers:
-            if number not in bounds:
-                endless = not (
-                    _is_finite(number)
-                    or math.isfinite(bounds.most)
-                    or bounds.infinite
-                    or bounds == ANY
-                )
-                raise UserError(
-                    f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}"
-                )
-        if numbers and kinds == [Range] and not value[0] <= value[1]:
-            raise UserError(
-                f"{name} must be a range (low, high) with low <= high, got {value}"
-            )
+    _walk_fields(config, path, "check")
 
 
 class Bounded:
@@ -141,76 +118,244 @@ class Bounded:
         check_bounds(self, self._path)
 
 
-def _bounds(annotation: object) -> Within:
-    """Return the bounds that a type annotation declares, also inside `X | None` or a
-    tuple."""
-    if get_origin(annotation) is Annotated:
-        inner, *remarks = get_args(annotation)
-        found = [remark for remark in remarks if isinstance(remark, Within)]
-        return found[0] if found else _bounds(inner)
-    for member in get_args(annotation):
-        found = _bounds(member)
-        if found is not ANY:
-            return found
-    return ANY
+# --- The walk over a type -------------------------------------------------------------
 
 
-def _fits(value: Any, annotation: object) -> bool:
-    """Return whether a value has the type that an annotation declares.
+def walk(
+    annotation: object, value: Any, path: str, way: Way, bounds: Within = ANY
+) -> Any:
+    """Check a value against its annotation; return it, converted from or to JSON where
+    `way` says so.
+
+    Args:
+        annotation: the type declared, with its bounds.
+        value: a Python value, or one of JSON to be read.
+        path: the value's name in messages.
+        way: what to do.
+        bounds: those declared around the annotation.
+
+    Raises:
+        UserError: one line that names the value, its type or bounds, and what it is.
+        TypeError: JSON cannot hold values of this type.
+    """
+    kinds = _kinds_of(annotation, bounds)
+    records = [kind for kind, _ in kinds if dataclasses.is_dataclass(kind)]
+    if len(records) > 1 and way != "check":
+        return _walk_choice(records, value, path, way)
+    fitting = [each for each in kinds if _is_of(value, each[0], way)]
+    if not fitting:
+        names = [_in_words(each, way) for each, _ in kinds if each is not NoneType]
+        raise UserError(
+            f"{path or 'config'} takes {' or '.join(names)}, got {_shown(value)}"
+        )
+    kind, bounds = fitting[0]
+    if dataclasses.is_dataclass(kind):
+        return _walk_record(kind, value, f"{path}." if path else "", way)
+    if kind in NUMBERS:
+        return _walk_number(kind, value, path, way, bounds)
+    if get_origin(kind) in (tuple, Sequence):
+        entries = _walk_entries(kind, value, path, way, bounds)
+        ranges = way == "check" and [each for each, _ in kinds if each is not NoneType]
+        if ranges == [Range] and not value[0] <= value[1]:
+            raise UserError(
+                f"{path} must be a range (low, high) with low <= high, got {value}"
+            )
+        return entries if way == "write" else tuple(entries)
+    return value if way == "check" else _walk_plain(kind, value, path, way)
+
+
+def _kinds_of(annotation: object, bounds: Within = ANY) -> list[tuple[Any, Within]]:
+    """Return the types that an annotation allows, one by one, None's too, each with the
+    bounds of its numbers."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        found = [remark for remark in inner[1:] if isinstance(remark, Within)]
+        return _kinds_of(inner[0], found[0] if found and bounds is ANY else bounds)
+    if origin in (Union, UnionType):
+        return [kind for member in inner for kind in _kinds_of(member, bounds)]
+    return [(annotation, bounds)]
+
+
+def _is_of(value: Any, kind: Any, way: Way) -> bool:
+    """Return whether a value is of a type; its entries are not looked at.
 
     It always is of a type that cannot be looked into, such as a function's.
     """
-    kinds = kinds_of(annotation)
-    if len(kinds) > 1:
-        return any(_fits(value, kind) for kind in kinds)
-    [annotation] = kinds
-    origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Literal:
-        return value in inner
-    if origin in (tuple, Sequence):
-        if not isinstance(value, origin):
-            return False
-        kinds = (
-            inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+    plain = get_origin(kind) or kind
+    if plain is Literal:
+        return any(
+            value == choice and type(value) is type(choice) for choice in get_args(kind)
         )
-        return len(value) == len(kinds) and all(map(_fits, value, kinds))
-    if annotation in NUMBERS:
-        return isinstance(value, NUMBERS[annotation]) and not isinstance(value, bool)
-    return (
-        annotation is Any
-        or not isinstance(annotation, type)
-        or isinstance(value, annotation)
-    )
+    if kind in NUMBERS:
+        if way == "read" and kind is float and isinstance(value, str):
+            return value in NON_FINITE
+        return isinstance(value, NUMBERS[kind]) and not isinstance(value, bool)
+    if way == "write" and dataclasses.is_dataclass(kind):
+        return type(value) is kind  # a subclass has fields that would be lost
+    if way == "read":
+        in_json: dict[Any, Any] = {tuple: (list, tuple), Path: str}
+        plain = dict if dataclasses.is_dataclass(kind) else in_json.get(plain, plain)
+    unknown = kind is Any or not isinstance(plain, type | tuple)
+    return unknown or isinstance(value, plain)
 
 
-def kinds_of(annotation: object) -> list[Any]:
-    """Return the alternatives of a type annotation, None's included, without the extras
-    of `Annotated`."""
-    origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return kinds_of(inner[0])
-    if origin in (Union, UnionType):
-        return [kind for member in inner for kind in kinds_of(member)]
-    return [annotation]
+def _walk_number(
+    kind: type[float], value: Any, path: str, way: Way, bounds: Within
+) -> float | str:
+    """Check a number against its bounds, or convert it; JSON has those that are not
+    finite as strings."""
+    if way == "check":
+        number = int(value) if isinstance(value, Integral) else float(value)
+        if number in bounds:
+            return number
+        endless = not (
+            _is_finite(number)
+            or math.isfinite(bounds.most)
+            or bounds.infinite
+            or bounds == ANY
+        )
+        raise UserError(
+            f"{path} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}"
+        )
+    if isinstance(value, str):
+        return NON_FINITE[value]
+    try:
+        number = kind(value)
+    except OverflowError as error:
+        raise UserError(f"{path} takes a number, got {_shown(value)}") from error
+    endless = kind is float and not math.isfinite(number)
+    return str(number) if endless and way == "write" else number
 
 
-def _in_words(kind: Any) -> str:
-    """Describe a type in words that continue "takes", such as "a whole number"."""
-    inner = [each for each in get_args(kind) if each is not ...]
-    if get_origin(kind) is Literal:
-        return " or ".join(map(str, inner))
-    if inner:
-        return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(kinds_of(inner[0])[0])}"
+def _walk_entries(
+    kind: Any, values: Sequence[Any], path: str, way: Way, bounds: Within
+) -> list[Any]:
+    """Check or convert the entries of a tuple; `tuple[X, ...]` has any number."""
+    kinds = get_args(kind)
+    if get_origin(kind) is Sequence or ... in kinds:
+        kinds = kinds[:1] * len(values)
+    if len(kinds) != len(values):
+        raise UserError(f"{path} takes {len(kinds)} entries, got {len(values)}")
+    return [
+        # a flag's values have no names of their own
+        walk(inner, value, path if way == "check" else f"{path}[{i}]", way, bounds)
+        for i, (inner, value) in enumerate(zip(kinds, values, strict=True))
+    ]
+
+
+def _walk_plain(kind: Any, value: Any, path: str, way: Way) -> Any:
+    """Convert an object, a path, or a value that is the same in Python and in JSON."""
+    if get_origin(kind) is dict:
+        inner = get_args(kind)[1]
+        return {
+            key: walk(inner, entry, f"{path}.{key}" if path else key, way)
+            for key, entry in value.items()
+        }
+    if kind is Path:
+        return Path(value) if way == "read" else value.as_posix()
+    if kind is Any:
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"{path}: not a JSON value ({error})") from error
+    elif kind not in (bool, str, NoneType) and get_origin(kind) is not Literal:
+        raise TypeError(f"{path}: a config cannot hold fields of type {kind}")
+    return value
+
+
+def _walk_choice(kinds: Sequence[Any], value: Any, path: str, way: Way) -> Any:
+    """Convert one of several dataclasses, which JSON tells apart by their names."""
+    choices = {kind.__name__: kind for kind in kinds}
+    for name, kind in choices.items():
+        if any(field.name == TYPE for field in dataclasses.fields(kind)):
+            raise TypeError(
+                f"a config cannot hold {name} in a union: its field {TYPE!r} is what tells members apart"
+            )
+    if way == "write":
+        name = type(value).__name__
+        data = value
+    else:
+        given = value if isinstance(value, dict) else {}
+        name = given.get(TYPE)
+        data = {key: entry for key, entry in given.items() if key != TYPE}
+    if name not in choices:
+        raise UserError(
+            f"{path}.{TYPE} takes {' or '.join(choices)}, got {_shown(name)}"
+        )
+    walked = walk(choices[name], data, path, way)
+    return {TYPE: name, **walked} if way == "write" else walked
+
+
+def _walk_record(cls: Any, value: Any, prefix: str, way: Way) -> Any:
+    """Check a dataclass, write it, or make it of an object of JSON."""
+    if way != "read":
+        return _walk_fields(value, prefix, way)
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    for key in value:
+        if key not in fields:
+            raise UserError(
+                f"{prefix}{key}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}"
+            )
+    for name, field in fields.items():
+        defaults = (field.default, field.default_factory)
+        if name not in value and defaults == 2 * (dataclasses.MISSING,):
+            raise UserError(
+                f"{prefix}{name}: missing, and {cls.__name__} has no default for it"
+            )
+    hints = typing.get_type_hints(cls, include_extras=True)
+    values = {
+        name: walk(hints[name], entry, f"{prefix}{name}", way)
+        for name, entry in value.items()
+    }
+    try:
+        return cls(**values)
+    # the dataclass's own checks, in __post_init__
+    except (ValueError, ArithmeticError) as error:
+        path = prefix.removesuffix(".")
+        raise UserError(f"{path}: {error}" if path else str(error)) from error
+
+
+def _walk_fields(config: Any, prefix: str, way: Way) -> dict[str, Any]:
+    """Walk the fields that a dataclass is made with; return their values by name."""
+    hints = typing.get_type_hints(type(config), include_extras=True)
+    names = [field.name for field in dataclasses.fields(config) if field.init]
+    shown_names = {
+        name: name.replace("_", "-") if prefix.startswith("--") else name
+        for name in names
+    }
+    return {
+        name: walk(hints[name], getattr(config, name), prefix + shown_names[name], way)
+        for name in names
+    }
+
+
+def _in_words(kind: Any, way: Way) -> str:
+    """Name a value of this kind, after "takes"."""
+    plain, inner = get_origin(kind) or kind, get_args(kind)
+    if plain is Literal:
+        return " or ".join(map(repr, inner))
+    if plain in (tuple, Sequence) and inner:
+        entry, _ = _kinds_of(inner[0])[0]
+        return f"a {plain.__name__.lower()} of entries, each {_in_words(entry, way)}"
     words = {
         float: "a number",
         int: "a whole number",
         bool: "True or False",
         str: "a text",
+        dict: "an object",
+        Path: "a path",
     }
-    return (
-        words.get(kind)
-        or f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
-    )
+    if plain in words:
+        return words[plain]
+    name = getattr(kind, "__name__", str(kind))
+    if way == "read":
+        return f"an object ({name})"
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, which may be an integer of hundreds of digits."""
+    return _show(value) if type(value) is int else shown(value)
 
 
 def _is_finite(number: float) -> bool:

@@ -20,7 +20,8 @@ from bp2_rl.base.files import new_file
 LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
 INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
 # where there are no legs to tell apart: what the figure is about, and falls
-FRONT, FALL = LEG_COLORS["FR"], "#D55E00"
+FRONT = LEG_COLORS["FR"]
+FALL = "#D55E00"
 STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 9.5,

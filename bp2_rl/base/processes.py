@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import cast
@@ -153,27 +153,43 @@ def command_environment() -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:
-    """Context manager that calls `hear` at once, from a thread of its own, with each
-    signal that has a Python handler.
+def handling(
+    numbers: Sequence[signal.Signals],
+    answer: Callable[[int, object], None],
+    hear: Callable[[signal.Signals], None],
+) -> Generator[None]:
+    """Take over signals; on exit their handlers are what they were.
 
     Python runs its handlers between two lines of Python, and so not while XLA compiles.
-    To be used in the main thread.
+    In another thread than the main one, where Python allows no handlers, nothing
+    changes.
+
+    Args:
+        numbers: the signals.
+        answer: their handler, in the main thread: it may raise, or only ask.
+        hear: called with each of them, at once and from a thread of its own.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     ear, mouth = socket.socketpair()
     mouth.setblocking(False)
 
     def attend() -> None:
         while heard := ear.recv(1):
-            hear(signal.Signals(heard[0]))
+            if heard[0] in numbers:
+                hear(signal.Signals(heard[0]))
 
     listener = threading.Thread(target=attend, name="signals", daemon=True)
     listener.start()
-    before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    descriptor = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    handlers = {number: signal.signal(number, answer) for number in numbers}
     try:
         yield
     finally:
-        signal.set_wakeup_fd(before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(descriptor)
         mouth.close()
         listener.join()
         ear.close()

@@ -12,24 +12,18 @@ import datetime
 import hashlib
 import importlib.metadata
 import json
-import math
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, TypeVar
 
 from bp2_rl.base import __version__
-from bp2_rl.base.bounds import kinds_of
+from bp2_rl.base.bounds import Way, walk
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
 
 Config = TypeVar("Config")
-_TYPE = "type"
-
-# JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
-_NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 
 
 class ConfigError(UserError):
@@ -43,7 +37,7 @@ def to_json(config: object) -> dict[str, Any]:
     Raises:
         ConfigError: a field holds a value of another type than the one declared.
     """
-    return _convert(type(config), config, "", reading=False)
+    return _walk_config(type(config), config, "write")
 
 
 def from_json(cls: type[Config], data: object) -> Config:
@@ -57,7 +51,14 @@ def from_json(cls: type[Config], data: object) -> Config:
         ConfigError: an unknown key, a missing one, a wrong type, or a value that the
             dataclass itself refuses.
     """
-    return _convert(cls, data, "", reading=True)
+    return _walk_config(cls, data, "read")
+
+
+def _walk_config(cls: type, config: object, way: Way) -> Any:
+    try:
+        return walk(cls, config, "", way)
+    except UserError as error:
+        raise ConfigError(str(error)) from error
 
 
 def flatten(data: Any, path: str = "") -> dict[str, Any]:
@@ -213,200 +214,3 @@ def package_versions() -> dict[str, str]:
     others = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
     found = {name: importlib.metadata.version(name) for name in others.split()}
     return {"bp2_rl": __version__} | found
-
-
-# --- The walk over a type, in both directions -----------------------------------------
-def _convert(annotation: object, value: Any, path: str, *, reading: bool) -> Any:
-    """Return a value declared as `annotation` as JSON, or, if `reading`, the JSON as a
-    Python value."""
-    kinds = kinds_of(annotation)
-    if value is None and NoneType in kinds:
-        return None
-    kinds = [kind for kind in kinds if kind is not NoneType]
-    if len(kinds) > 1 and all(map(dataclasses.is_dataclass, kinds)):
-        return _convert_choice(kinds, annotation, value, path, reading=reading)
-    if len(kinds) == 2 and kinds[0] is float and get_origin(kinds[1]) is tuple:
-        kinds = [kinds[isinstance(value, list | tuple)]]
-    if len(kinds) != 1:
-        raise TypeError(
-            f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None"
-        )
-    [kind] = kinds
-    if dataclasses.is_dataclass(kind):
-        convert = _read_dataclass if reading else _write_dataclass
-        return convert(kind, value, path)
-    if kind is float:
-        return _convert_float(value, path, reading=reading)
-    if kind is Path:
-        _require(isinstance(value, str if reading else Path), kind, value, path)
-        path_of = Path(str(value))
-        return path_of if reading else path_of.as_posix()
-    if get_origin(kind) is tuple:
-        lists = (list, tuple) if reading else tuple
-        _require(isinstance(value, lists), kind, value, path)
-        items = [_convert(*item, reading=reading) for item in _items(kind, value, path)]
-        return tuple(items) if reading else items
-    if get_origin(kind) is dict:
-        _require(isinstance(value, Mapping), kind, value, path)
-        inner, entries = get_args(kind)[1], typing.cast(Mapping[str, Any], value)
-        return {
-            key: _convert(inner, entry, _join(path, key), reading=reading)
-            for key, entry in entries.items()
-        }
-    return _plain(kind, value, path)
-
-
-def _convert_choice(
-    kinds: Sequence[Any], annotation: object, value: Any, path: str, *, reading: bool
-) -> Any:
-    """Convert one of several dataclasses, which JSON tells apart by their names."""
-    choices = {kind.__name__: kind for kind in kinds}
-    for name, kind in choices.items():
-        if any(field.name == _TYPE for field in dataclasses.fields(kind)):
-            raise TypeError(
-                f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart"
-            )
-    if not reading:
-        name = type(value).__name__
-        _require(name in choices, annotation, value, path)
-        return {_TYPE: name, **_write_dataclass(choices[name], value, path)}
-    _require(isinstance(value, dict), annotation, value, path)
-    name = value.get(_TYPE)
-    if name not in choices:
-        raise ConfigError(
-            f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}"
-        )
-    rest = {key: entry for key, entry in value.items() if key != _TYPE}
-    return _read_dataclass(choices[name], rest, path)
-
-
-def _convert_float(value: Any, path: str, *, reading: bool) -> float | str:
-    """Convert a number; JSON has those that are not finite as strings."""
-    if reading and isinstance(value, str) and value in _NON_FINITE:
-        return _NON_FINITE[value]
-    fits = isinstance(value, int | float) and not isinstance(value, bool)
-    _require(fits, float, value, path)
-    try:
-        number = float(value)
-    except OverflowError as error:  # an integer of hundreds of digits
-        raise _mismatch(float, value, path) from error
-    return number if reading or math.isfinite(number) else str(number)
-
-
-def _write_dataclass(cls: Any, value: Any, path: str) -> dict[str, Any]:
-    _require(type(value) is cls, cls, value, path)
-    hints = _hints(cls)
-    return {
-        field.name: _convert(
-            hints[field.name],
-            getattr(value, field.name),
-            _join(path, field.name),
-            reading=False,
-        )
-        for field in dataclasses.fields(cls)
-        if field.init
-    }
-
-
-def _read_dataclass(cls: Any, data: Any, path: str) -> Any:
-    _require(isinstance(data, dict), cls, data, path)
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
-    for key in data:
-        if key not in fields:
-            raise ConfigError(
-                f"{_join(path, key)}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}"
-            )
-    for name, field in fields.items():
-        defaults = (field.default, field.default_factory)
-        if name not in data and defaults == 2 * (dataclasses.MISSING,):
-            raise ConfigError(
-                f"{_join(path, name)}: missing, and {cls.__name__} has no default for it"
-            )
-    hints = _hints(cls)
-    values = {
-        name: _convert(hints[name], entry, _join(path, name), reading=True)
-        for name, entry in data.items()
-    }
-    try:
-        return cls(**values)
-    # the dataclass's own checks, in __post_init__
-    except (ValueError, ArithmeticError) as error:
-        raise ConfigError(f"{path}: {error}" if path else str(error)) from error
-
-
-def _plain(annotation: Any, value: Any, path: str) -> Any:
-    """Check and return a value that is the same in Python and in JSON."""
-    if get_origin(annotation) is Literal:
-        _require(
-            any(
-                value == choice and type(value) is type(choice)
-                for choice in get_args(annotation)
-            ),
-            annotation,
-            value,
-            path,
-        )
-        return value
-    if annotation is Any:
-        try:
-            json.dumps(value, allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"{path}: not a JSON value ({error})") from error
-        return value
-    if annotation in (int, bool, str):
-        _require(type(value) is annotation, annotation, value, path)
-        return value
-    raise TypeError(f"{path}: a config cannot hold fields of type {annotation}")
-
-
-def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
-    """Return a tuple's entries, each as (annotation, value, path); `tuple[X, ...]`
-    takes any number."""
-    items = get_args(annotation)
-    if len(items) == 2 and items[1] is Ellipsis:
-        items = items[:1] * len(values)
-    if len(items) != len(values):
-        raise ConfigError(f"{path}: expected {len(items)} entries, got {len(values)}")
-    return [
-        (item, value, f"{path}[{i}]")
-        for i, (item, value) in enumerate(zip(items, values, strict=True))
-    ]
-
-
-def _hints(cls: Any) -> dict[str, Any]:
-    return typing.get_type_hints(cls, include_extras=True)
-
-
-def _require(fits: bool, annotation: object, value: object, path: str) -> None:
-    if not fits:
-        raise _mismatch(annotation, value, path)
-
-
-def _mismatch(annotation: object, value: object, path: str) -> ConfigError:
-    shown = repr(value)
-    shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return ConfigError(f"{path or 'config'}: expected {_name(annotation)}, got {shown}")
-
-
-def _name(annotation: Any) -> str:
-    """Describe a type in words for an error message."""
-    [annotation, *_] = kinds_of(annotation)
-    if get_origin(annotation) is Literal:
-        return " or ".join(repr(choice) for choice in get_args(annotation))
-    plain = {
-        float: "a number",
-        int: "an integer",
-        bool: "true or false",
-        str: "a string",
-        Path: "a path",
-    }
-    if annotation in plain:
-        return plain[annotation]
-    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
-        return f"an object ({annotation.__name__})"
-    kinds: dict[Any, str] = {tuple: "a list", dict: "an object"}
-    return kinds.get(get_origin(annotation), str(annotation))
-
-
-def _join(path: str, name: str) -> str:
-    return f"{path}.{name}" if path else name

@@ -10,7 +10,7 @@ from bp2_rl.cli.app import choose, modules
 COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
-    "play": "steer a policy's robot in real time, in a browser or a window",
+    "play": "steer a policy's robot in real time, in a browser",
     "robot": "make a robot file from a model, and look at what it says",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "study": "compare recipes over seeds: the ablation, and the control steps to 10.74 m/s",

@@ -9,7 +9,9 @@ why on standard error. Nothing slow is imported before a command is known, tyro 
 import contextlib
 import dataclasses
 import errno
+import functools
 import importlib
+import inspect
 import io
 import os
 import pkgutil
@@ -33,7 +35,7 @@ from bp2_rl.base.errors import (
     did_you_mean,
     one_line,
 )
-from bp2_rl.base.processes import STOPPING, listening
+from bp2_rl.base.processes import STOPPING, handling
 
 Config = TypeVar("Config")
 Main = Callable[[Sequence[str] | None], int]
@@ -100,13 +102,11 @@ def _terminable(patient: bool) -> Generator[None]:
 
     A training that has something to save replaces the handlers.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL
-    ):
+    if signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
-    answered, heard = threading.Event(), set[int]()
+    answered = threading.Event()
+    heard = set[int]()
 
     def stop(number: int, _: object) -> None:
         heard.add(number)
@@ -115,18 +115,16 @@ def _terminable(patient: bool) -> Generator[None]:
         raise KeyboardInterrupt if number == signal.SIGINT else _stopped(number)
 
     def insist(number: signal.Signals) -> None:
-        if number in STOPPING and not answered.wait(GRACE):
+        if not answered.wait(GRACE):
             _tell("interrupted" if number == signal.SIGINT else str(_stopped(number)))
             # Semaphores are given back, and a run without its first checkpoint is
-            # removed. no public function does so
+            # removed. No public function does so.
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)
             os._exit(128 + number)
 
-    before = {number: signal.getsignal(number) for number in STOPPING}
-    with listening(insist):
-        for number, handler in before.items():
-            if handler in (signal.SIG_DFL, signal.default_int_handler):
-                signal.signal(number, stop)
+    ours = (signal.SIG_DFL, signal.default_int_handler)
+    numbers = [number for number in STOPPING if signal.getsignal(number) in ours]
+    with handling(numbers, stop, insist):
         try:
             yield
         except KeyboardInterrupt:
@@ -136,8 +134,6 @@ def _terminable(patient: bool) -> Generator[None]:
             raise _stopped(max(other)) from None
         finally:
             answered.set()
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
 
 def _stopped(number: int) -> RunStopped:
@@ -249,7 +245,7 @@ class Command(Generic[Config]):
         return run(lambda: self.run(self._parse(words)))
 
     def _parse(self, words: Sequence[str]) -> Config:
-        show_screen(words, self.prog, self.screen)
+        show_screen(words, self.prog, self.screen, self.arguments)
         default = None if self.default is None else self.default(words)
         return parse(self.arguments, words, self.prog, default)
 
@@ -260,7 +256,9 @@ class Command(Generic[Config]):
         return said[:1].lower() + said[1:].rstrip(".")
 
 
-def show_screen(words: Sequence[str], prog: str, screen: str) -> None:
+def show_screen(
+    words: Sequence[str], prog: str, screen: str, arguments: type[object]
+) -> None:
     """Print a command's short help and end with status 0, if the command line asks for
     help.
 
@@ -268,9 +266,12 @@ def show_screen(words: Sequence[str], prog: str, screen: str) -> None:
         words: the command line.
         prog: the command as the user types it, for {prog} in the screen.
         screen: what `--help` prints; empty where tyro's own help is short enough.
+        arguments: the dataclass of the flags, whose docstring is {what} in the screen.
     """
     if screen and HELP_ALL not in words and not set(HELP).isdisjoint(words):
-        print(screen.replace("{prog}", prog))
+        paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
+        what = "\n\n".join(textwrap.fill(each, COLUMNS) for each in paragraphs)
+        print(screen.replace("{what}", what).replace("{prog}", prog))
         raise SystemExit(OK)
 
 
@@ -298,7 +299,7 @@ def parse(
     import tyro
 
     words = list(sys.argv[1:] if argv is None else argv)
-    show_screen(words, prog, screen)
+    show_screen(words, prog, screen, config)
     with _mistakes_raised():
         return tyro.cli(
             config,
@@ -351,18 +352,26 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
     """Return the list entries of command modules, by name; a module is imported when
     its command runs."""
 
-    def entry(name: str, what: str) -> Entry:
-        def main(argv: Sequence[str] | None) -> int:
-            try:
-                module = importlib.import_module(f"{package}.{name}")
-            except UserError as missing:  # a package that the command needs
-                _tell(f"error: {missing}")
-                return WRONG_INPUT
-            return module.main(argv)
+    return {
+        name: (what, functools.partial(run_module, f"{package}.{name}"))
+        for name, what in commands.items()
+    }
 
-        return what, main
 
-    return {name: entry(name, what) for name, what in commands.items()}
+def run_module(name: str, argv: Sequence[str] | None = None) -> int:
+    """Run the `main` of a command's module and return the exit status; a package that
+    the module needs and Python lacks is told in one line."""
+    try:
+        module = importlib.import_module(name)
+    except UserError as missing:
+        _tell(f"error: {missing}")
+        return WRONG_INPUT
+    except ModuleNotFoundError as missing:
+        _tell(
+            f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
+        )
+        return WRONG_INPUT
+    return module.main(argv)
 
 
 def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:

@@ -1,13 +1,12 @@
 """`bp2 bench`: how fast training is on this machine."""
 
-import contextlib
 import dataclasses
 import datetime
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 
@@ -30,21 +29,11 @@ PROG = "bp2 bench"
 FIRST_STEP = "from bp2_rl.cli import bench; bench.first_step()"
 """Program whose start the flag `--startup` times."""
 Size = Annotated[int, Within(1, 2**24)]
-OwnPart = Literal[
-    "physics", "environment", "resets", "policy", "sgd", "acting", "training"
-]
-STEP: tuple[OwnPart, ...] = (
-    "physics",
-    "environment",
-    "resets",
-    "policy",
-    "sgd",
-    "training",
-)
+Part = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
+"""`tools.throughput.PartName`, which can be imported only once JAX is set up."""
 SCREEN = """usage: {prog} [FLAGS]
 
-Measure how fast training is on this machine, part by part: steps a second, memory,
-compilation. The presets set the sizes, as for train.py.
+{what}
 
 flags:
   --preset {gpu,cpu,first,smoke,auto}
@@ -54,11 +43,7 @@ flags:
                         the physics, as for train.py
   --robots INT ...      numbers of robots, all devices together [the preset's]
   --devices INT ...     numbers of devices [all there are]
-  --parts NAME ...      physics, environment, resets, policy, sgd, acting, training
-                        [the parts of a train step]
-  --peer {brax,playground}
-                        brax: also run stock Brax's acting loop, on one device;
-                        playground: also train MuJoCo Playground's Go1, on one device
+  --parts NAME ...      physics, environment, resets, policy, sgd, training [all]
   --startup             also time fresh processes up to their first policy, with an
                         empty compilation cache and with a full one
   --seconds FLOAT       of timed calls, for each part [2]
@@ -90,12 +75,8 @@ class BenchArguments(Bounded, path="--"):
     """numbers of robots, all devices together; by default the preset's"""
     devices: tuple[Size, ...] = ()
     """numbers of devices; by default all there are"""
-    parts: tuple[OwnPart, ...] = STEP
+    parts: tuple[Part, ...] = get_args(Part)
     """what to measure"""
-    peer: Literal["brax", "playground"] | None = None
-    """brax: also run stock Brax's acting loop on the same environment and networks, one
-    device. playground: also train MuJoCo Playground's Go1 as Playground does, one
-    device"""
     startup: bool = False
     """also time fresh processes up to their first policy, with an empty compilation
     cache and with a full one"""
@@ -119,13 +100,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(words: list[str]) -> None:
-    flags = read_early_flags(words, PROG, SCREEN)
+    flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
-    _import_jax(flags, words)
+    _import_jax(flags)
     from bp2_rl.base.processes import keep_compiled
     from bp2_rl.cli.runtime import find_backend, require_accelerator
-    from bp2_rl.tools.bench import BenchRequest, run_bench
+    from bp2_rl.tools.bench import run_bench
 
     keep_compiled()
     find_backend()
@@ -134,18 +115,12 @@ def _bench(words: list[str]) -> None:
         require_accelerator(arguments.preset)
     now = datetime.datetime.now()
     run_bench(
-        BenchRequest(
-            config=arguments.config,
-            sizes=choose_sizes(arguments),
-            parts=arguments.parts,
-            seconds=arguments.seconds,
-            peer=arguments.peer,
-            peer_robots=arguments.robots[0] if arguments.robots else None,
-            start=(sys.executable, "-c", FIRST_STEP, *words)
-            if arguments.startup
-            else (),
-            folder=arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
-        )
+        arguments.config,
+        choose_sizes(arguments),
+        arguments.parts,
+        arguments.seconds,
+        arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
+        start=(sys.executable, "-c", FIRST_STEP, *words) if arguments.startup else (),
     )
 
 
@@ -183,7 +158,7 @@ def first_step() -> None:
     of each stage."""
     words = sys.argv[1:]
     flags = app.parse_known(EarlyFlags, words, PROG)
-    _import_jax(flags, words)
+    _import_jax(flags)
     from bp2_rl.base.processes import keep_compiled
     from bp2_rl.cli.runtime import wake_device
 
@@ -198,13 +173,8 @@ def first_step() -> None:
     start_training(dataclasses.replace(arguments.config, ppo=ppo), imported)
 
 
-def _import_jax(flags: EarlyFlags, words: list[str]) -> None:
-    """Import JAX and MuJoCo as a training with these flags does, or as Playground needs
-    them."""
-    playground = "--peer playground" in " ".join(words).replace("=", " ")
-    with contextlib.nullcontext() if playground else unused_left_out(flags):
+def _import_jax(flags: EarlyFlags) -> None:
+    """Import JAX and MuJoCo as a training with these flags does."""
+    with unused_left_out(flags):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    # Playground's MJX may hang where XLA has more than one thread, to which importing
-    # MJX keeps it.
-    if not playground:
-        use_processors(flags)
+    use_processors(flags)

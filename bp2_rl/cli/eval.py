@@ -8,36 +8,41 @@ import importlib
 import os
 import shlex
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
 
+BENCHMARKS = {
+    "topspeed": "ramp to the top speed and hold it",
+    "sprint": "100 m from a standing start",
+    "robustness": "many randomised robots at 10.74 m/s",
+    "manoeuvres": "braking, launches, turns, slow motion, standing, pushes, bad ground",
+    "disturbances": "harder pushes, at all phases of a stride, and rougher ground",
+    "convergence": "topspeed under finer physics",
+    "losses": "what each loss costs, alone and together",
+    "sensitivity": "topspeed and sprint on robots other than the one assumed",
+    "all": "one after the other",
+}
+"""The benchmarks of the registry, which is slow to import, in words for the help."""
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
-Run a policy from a standing start, measure it, and leave a report with table, plots
-and film. Without a policy: built, which ships, as gentle, fastest and ideal do.
+{what}
 
 what is run:
   POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
                         or of a run
-  --benchmark NAME      topspeed: ramp to the top speed and hold it [topspeed]
-                        sprint: 100 m from a standing start
-                        robustness: many randomised robots at 10.74 m/s
-                        manoeuvres: braking, launches, turns, slow motion, standing,
-                        pushes, bad ground
-                        disturbances: harder pushes, at all phases of a stride
-                        convergence: topspeed under finer physics
-                        losses: what each loss costs, alone and together
-                        sensitivity: topspeed and sprint on other robots
-                        all: one after the other
+  --benchmark NAME      what is measured [topspeed]
+{benchmarks}
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; by
                         default built, or the policy's own robot
   --backend {mujoco,mjx,drake}
@@ -61,20 +66,9 @@ all flags, with the operator's and Drake's: {prog} --help-all
 examples:
   python eval.py --no-video                 # the policy that ships
   python eval.py runs/RUN --benchmark sprint"""
-"""What `--help` prints."""
+"""What `--help` prints; the benchmarks are filled in."""
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
-BenchmarkName = Literal[
-    "topspeed",
-    "sprint",
-    "robustness",
-    "manoeuvres",
-    "disturbances",
-    "convergence",
-    "losses",
-    "sensitivity",
-    "all",
-]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,15 +79,14 @@ class Target:
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")
     ] = None
     """A policy that ships, by its name, or the folder of a policy or of a run."""
-    benchmark: Annotated[BenchmarkName, tyro.conf.arg(metavar="NAME")] = "topspeed"
-    """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start.
-    robustness: many randomised robots at 10.74 m/s. manoeuvres: braking, launches,
-    turns, slow motion, standing, pushes, bad ground.
-    disturbances: harder pushes, at all phases of a stride, and rougher ground.
-    convergence: topspeed under finer physics. losses: what each loss costs, alone and
-    together. sensitivity: topspeed and sprint on robots other than the one assumed.
-    all: one after the other. `bp2 paper eval` has the deep ones: endurance, mechanism,
-    efficiency, stability."""
+    benchmark: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="NAME",
+            help=" ".join(f"{name}: {what}." for name, what in BENCHMARKS.items())
+            + " `bp2 paper eval` has the deep ones.",
+        ),
+    ] = "topspeed"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,14 +105,26 @@ class EvalConfig(Setup, Target):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command `bp2 eval`; return its exit status."""
-    words, prog = (
-        list(sys.argv[1:] if argv is None else argv),
-        "python eval.py" if argv is None else "bp2 eval",
-    )
+    words = list(sys.argv[1:] if argv is None else argv)
+    prog = "python eval.py" if argv is None else "bp2 eval"
     again = f"{prog} {shlex.join(words)}".strip()
-    return app.run(
-        lambda: evaluate(app.parse(EvalConfig, words, prog, screen=SCREEN), again=again)
+    rows = (
+        textwrap.fill(
+            f"{name}: {what}",
+            app.COLUMNS,
+            initial_indent=" " * 24,
+            subsequent_indent=" " * 24,
+        )
+        for name, what in BENCHMARKS.items()
     )
+    screen = SCREEN.replace("{benchmarks}", "\n".join(rows))
+
+    def command() -> None:
+        config = app.parse(EvalConfig, words, prog, screen=screen)
+        require_one_of("--benchmark", config.benchmark, BENCHMARKS)
+        evaluate(config, again=again)
+
+    return app.run(command)
 
 
 def evaluate(
@@ -184,7 +189,8 @@ def evaluate(
     folders = {name: out / name if config.benchmark == ALL else out for name in chosen}
     folder.open_folder(out, config.benchmark)
 
-    console, evaluations = Console(), []
+    console = Console()
+    evaluations = []
     with keep_workers() if config.benchmark == ALL else contextlib.nullcontext():
         for name, setup in chosen.items():
             folder.open_folder(folders[name], name)

@@ -89,10 +89,8 @@ def export(config: ExportConfig) -> None:
     results = policy.card.results
     for folder in config.report:
         report = read_report(folder)
-        ours, theirs = (
-            policy.card.weights_sha256,
-            report.conditions.get("weights_sha256", ""),
-        )
+        ours = policy.card.weights_sha256
+        theirs = report.conditions.get("weights_sha256", "")
         if theirs != ours:
             raise UserError(
                 f"report {folder} is of another policy: weights {theirs[:12] or 'unknown'}, those of "

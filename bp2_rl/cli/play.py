@@ -63,8 +63,8 @@ def play(config: PlayConfig) -> None:
         f"{path}: loading it and the simulator; compiling takes a minute at the first start",
         flush=True,
     )
-    # Imported here so that --help and a mistyped flag are answered at once; a window
-    # brings its own GL library.
+    # Imported here so that --help and a mistyped flag are answered at once; the page
+    # draws in the browser and needs no GL library.
     with without_gl_library():
         import mujoco  # noqa: F401
     from bp2_rl.base.processes import keep_compiled
@@ -83,10 +83,8 @@ def play(config: PlayConfig) -> None:
     sys.setswitchinterval(1e-3)
     keep_compiled()
     policy = load_policy(path, layout_of=layout_of)
-    robot, (least, most) = (
-        robot_of(policy, Setup(robot=config.robot)),
-        wish_limits(policy.card.env.commands),
-    )
+    robot = robot_of(policy, Setup(robot=config.robot))
+    least, most = wish_limits(policy.card.env.commands)
     if not least.speed <= config.speed <= most.speed:
         raise UserError(
             f"--speed must be from {least.speed:g} to {most.speed:g}, what this policy was trained "

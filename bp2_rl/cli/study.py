@@ -18,9 +18,7 @@ from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
 
 SCREEN = """usage: {prog} [FLAGS]
 
-Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo,
-and compare. One training on each GPU at a time, or each a job of a cluster. Stopped,
-it goes on where it stands when called again. The table grows as trainings end.
+{what}
 
 flags:
   --variants NAME ...   some of those below [all]

@@ -47,7 +47,7 @@ PROG = "bp2 train"
 WORDS = "docs/words.md"
 SCREEN = """usage: {prog} [FLAGS]
 
-Train a robot to run. A preset chooses the settings; flags change them.
+{what}
 
 what is trained:
   --stage {imitation,relaxed}  imitation first, then relaxed [imitation]
@@ -117,7 +117,6 @@ class EarlyFlags:
     """repeat this run's train step that was not finite, and say what was not finite
     first"""
     impl: Impl | None = None
-    """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
     deterministic: bool = False
     """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
     track: Tracker | None = None
@@ -196,7 +195,7 @@ def _read_early(
 ) -> tuple[EarlyFlags, TrainArguments | None]:
     """Parse the flags before JAX is imported, to report mistakes at once; return all
     arguments if already known."""
-    flags = read_early_flags(words, prog, SCREEN)
+    flags = read_early_flags(words, prog, SCREEN, TrainArguments)
     if app.HELP_ALL not in words and not flags.known_without_jax:
         return flags, None
     arguments = read_arguments(words, prog, flags)
@@ -204,13 +203,15 @@ def _read_early(
     return flags, arguments
 
 
-def read_early_flags(words: list[str], prog: str, screen: str) -> EarlyFlags:
+def read_early_flags(
+    words: list[str], prog: str, screen: str, arguments: type[object]
+) -> EarlyFlags:
     """Return the early flags of a command line; for help, print the first screen and
     exit.
 
     The whole help shows the defaults of the preset `cpu` where none is named.
     """
-    app.show_screen(words, prog, screen)
+    app.show_screen(words, prog, screen, arguments)
     flags = app.parse_known(EarlyFlags, words, prog)
     if app.HELP_ALL in words and flags.preset == "auto":
         return dataclasses.replace(flags, preset="cpu")

@@ -90,9 +90,7 @@ all flags, with --hardware.*, --form.* and --weights.*: {{prog}} --help-all"""
 """Template of the `--help` text of commands that solve a problem, with places for
 description and flags."""
 SOLVE_SCREEN = PROBLEM_SCREEN.format(
-    what="""Find the stride that costs least at one speed, by trajectory optimisation; verify it
-and draw it. It takes about three minutes of a processor. The solution, a .npz and a
-.json file, and its picture are named after the speed.""",
+    what="{what}",
     flags="""  --speed FLOAT         m/s [10]
   --starts INT          guesses to start from; the cheapest solution is kept [3]
   --refine INT          intervals a segment on which that is solved again; 0: not [32]
@@ -105,10 +103,7 @@ examples:
   bp2 trajopt solve --gait gallop --starts 5 --out reports/gallop"""
 LIBRARY_SCREEN = """usage: {prog} build [FLAGS]
 
-Build the library of a robot's reference motions: solve the family, verify it, write
-the file. A library of BP2 has the speeds asked for. Another robot's goes up to the
-robot's limit, found by walking on until no faster trot solves. Interrupted, it goes
-on where it stopped when run again.
+{what}
 
 flags:
   --robot NAME|FILE     whose hardware holds [ideal]
@@ -148,7 +143,8 @@ class SolveArguments:
         check_bounds(self)
         if self.refine == 1:
             raise UserError("refine must be 0 or at least 2 intervals, got 1")
-        hardware, speed = self.problem.hardware, self.problem.speed
+        hardware = self.problem.hardware
+        speed = self.problem.speed
         rate = self.problem.speed_margin * float(np.max(hardware.joint_no_load_speed))
         # two from hip to foot, one from knee to foot
         fastest = rate * 3.0 * hardware.anatomy.leg_length
@@ -237,7 +233,8 @@ def library_of_robot(words: Sequence[str]) -> LibraryArguments:
     robot = app.parse_known(_Named, words, "bp2 trajopt library").robot
     if robot == LibraryArguments.robot:
         return LibraryArguments("build")
-    name, file = Path(robot).stem, Path(robot)
+    name = Path(robot).stem
+    file = Path(robot)
     return LibraryArguments(
         "build",
         family=FamilyConfig.on(find_robot(robot)),
@@ -308,7 +305,7 @@ def _build(arguments: LibraryArguments) -> None:
                 ),
             )
     print_solutions(family)
-    if arguments.family.fastest is None:
+    if arguments.family.to_limit:
         print(
             f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s"
         )

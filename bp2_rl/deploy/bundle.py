@@ -220,10 +220,8 @@ def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
     """Return the watchdog's limits for an environment's robot; docs/deploy.md compares
     each with normal running."""
     robot, control = env.hardware, env.control
-    size, fastest = (
-        robot.size,
-        float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED,
-    )
+    size = robot.size
+    fastest = float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED
     return WatchdogLimits(
         silence=0.05,
         ahead=0.005,  # a tick: stamp and `now` may be read in either order

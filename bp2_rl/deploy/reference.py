@@ -30,10 +30,8 @@ def playback(config: EnvConfig) -> Playback:
         return _trot(motion)
     if isinstance(motion, Standing):
         with jax.enable_x64(True):
-            pose, rate = (
-                motion(jnp.zeros(3), jnp.zeros(())),
-                motion.phase_rate(jnp.zeros(3)),
-            )
+            pose = motion(jnp.zeros(3), jnp.zeros(()))
+            rate = motion.phase_rate(jnp.zeros(3))
         return {"kind": "none", "phase_rate": float(rate)}, {
             "pose": np.asarray(pose.joint_position)
         }

@@ -132,10 +132,8 @@ class Controller:
             )
             velocity = reference.joint_velocity
         else:
-            centre, velocity = (
-                jnp.asarray(self._stand),
-                jnp.zeros(conventions.NUM_MOTORS),
-            )
+            centre = jnp.asarray(self._stand)
+            velocity = jnp.zeros(conventions.NUM_MOTORS)
         targets = Targets(
             position=centre + control.action_scale * action, velocity=velocity
         )

@@ -4,6 +4,10 @@ schedule.
 Each function returns one row *without* its base coefficient (the imitation rows
 together carry c_m, the tracking row c_v; see `speed_schedule`). `reward_terms` puts the
 rows together.
+
+The coefficients are written for BP2. Lengths, speeds and powers of another robot come
+divided by the factors of its `Size`, which have no unit and are 1 for BP2. So m, m/s,
+rad/s and W below are those of a robot of BP2's size.
 """
 
 import math
@@ -209,23 +213,23 @@ def speed_schedule(
 
 
 class RewardInputs(struct.PyTreeNode):
-    """Quantities of Table S4 at a robot's control step, scaled to BP2 by the robot's
-    `Size`."""
+    """Quantities of Table S4 at a robot's control step, over the factors of the robot's
+    `Size`; units are those of a robot of BP2's size."""
 
-    command: Float[Array, "... 3"]  # v_x, v_y, omega_z
-    z: Float[Array, "..."]
-    z_ref: Float[Array, "..."]
+    command: Float[Array, "... 3"]  # v_x, v_y, m/s; omega_z, rad/s
+    z: Float[Array, "..."]  # m
+    z_ref: Float[Array, "..."]  # m
     e_z: Float[Array, "... 3"]
     e_z_ref: Float[Array, "... 3"]
-    q: Float[Array, "... 12"]
-    q_ref: Float[Array, "... 12"]
-    qd: Float[Array, "... 12"]
-    qd_ref: Float[Array, "... 12"]
-    v: Float[Array, "... 2"]  # horizontal, heading frame
-    yaw_rate: Float[Array, "..."]
-    tau_n: Float[Array, "... 12"]
+    q: Float[Array, "... 12"]  # rad
+    q_ref: Float[Array, "... 12"]  # rad
+    qd: Float[Array, "... 12"]  # rad/s
+    qd_ref: Float[Array, "... 12"]  # rad/s
+    v: Float[Array, "... 2"]  # m/s, horizontal, heading frame
+    yaw_rate: Float[Array, "..."]  # rad/s
+    tau_n: Float[Array, "... 12"]  # torque over the motor's peak torque
     tau_n_last: Float[Array, "... 12"]
-    power: Float[Array, "... 12"]
+    power: Float[Array, "... 12"]  # W
     action: Float[Array, "... 12"]
     last_action: Float[Array, "... 12"]
     mean_action: Float[Array, "... 12"]  # averaged over `ACTION_AVERAGING`
@@ -295,10 +299,8 @@ def reward_terms(
     """Return all reward terms with their coefficients, by name; the reward is their
     sum."""
     reward, size = config.reward, config.hardware.size
-    max_forward, max_lateral = (
-        config.commands.max_forward / size.speed,
-        config.commands.max_lateral / size.speed,
-    )
+    max_forward = config.commands.max_forward / size.speed
+    max_lateral = config.commands.max_lateral / size.speed
     max_yaw_rate = config.commands.max_yaw_rate / size.rate
     c_m, c_v = speed_schedule(
         x.command[0], max_forward, reward.imitation, reward.tracking, reward.schedule

@@ -45,7 +45,8 @@ def filming(
         gl_library: to film with, or else the first that works.
         until: the speed, m/s, that ends the run.
     """
-    filmed, finished = Filmed(workers, say, gl_library, until), False
+    filmed = Filmed(workers, say, gl_library, until)
+    finished = False
     try:
         yield filmed
         finished = True
@@ -63,12 +64,16 @@ class Filmed:
         gl_library: str | None,
         until: float | None,
     ):
-        self.places, self._until = workers.places, until
-        self._workers, self._say, self._gl_library = workers, say, gl_library
+        self.places = workers.places
+        self._until = until
+        self._workers = workers
+        self._say = say
+        self._gl_library = gl_library
         self._results: dict[int, JudgeResult] | None = None  # not yet looked for
         self._run_dir = Path()
         self._no_film = ""  # why there are none
-        self._writing, self._closed = threading.RLock(), False
+        self._writing = threading.RLock()
+        self._closed = False
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
     def submit(self, policy: Path) -> Future[JudgeResult]:

@@ -194,7 +194,8 @@ class JudgeProcesses:
     """
 
     def __init__(self, pool: ProcessPoolExecutor, count: int):
-        self._pool, self.places = pool, count
+        self._pool = pool
+        self.places = count
 
     def submit(
         self, policy: Path, kept: Path | None = None, length: float = 0.0

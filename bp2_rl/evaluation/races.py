@@ -14,12 +14,10 @@ Athletics 26, 2011)."""
 # s, paper, Results, Hundred-meter sprint benchmark
 TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1
 
-BOLT, LYLES, TRAINED, UNTRAINED = (
-    "Bolt, Berlin 2009",
-    "Lyles, Paris 2024",
-    "trained sprinter",
-    "untrained adults",
-)
+BOLT = "Bolt, Berlin 2009"
+LYLES = "Lyles, Paris 2024"
+TRAINED = "trained sprinter"
+UNTRAINED = "untrained adults"
 PAPER_BP2 = "BP2, paper"
 TIMES = {  # s over 100 m
     BOLT: BOLT_SPLITS[-1],

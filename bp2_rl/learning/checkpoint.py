@@ -73,7 +73,7 @@ class Metadata:
     log: dict[str, Any]  # what the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
     files: dict[str, str]  # the SHA-256 of every other file
-    devices: str = ""  # that trained the state; empty: of a program that did not say
+    devices: str  # that trained the state
 
 
 # --- Saving ---------------------------------------------------------------------------
@@ -109,7 +109,8 @@ class Saver:
     def __init__(
         self, run_dir: Path, config: Mapping[str, object], folder: str = CHECKPOINTS
     ):
-        self._folder, self._config = Path(run_dir) / folder, config
+        self._folder = Path(run_dir) / folder
+        self._config = config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
@@ -143,7 +144,8 @@ class Saver:
     def wait(self) -> None:
         """Wait until the last save is on disk; raise `CheckpointError` where it could
         not be written."""
-        pending, self._pending = self._pending, None
+        pending = self._pending
+        self._pending = None
         if pending is not None:
             pending.result()
 

@@ -20,7 +20,7 @@ import numpy as np
 from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.processes import STOPPING, listening
+from bp2_rl.base.processes import STOPPING, handling
 from bp2_rl.settings.training import ClusterConfig
 
 EXIT_DELAY = 10.0
@@ -143,17 +143,13 @@ class StopSignals:
 
     def __enter__(self) -> "StopSignals":
         """Install handlers for the signals."""
-        if threading.current_thread() is threading.main_thread():
-            self._open.enter_context(listening(self._hear))
-            for number in STOPPING:
-                if (
-                    number not in (signal.SIGINT, signal.SIGTERM)
-                    and signal.getsignal(number) == signal.SIG_IGN
-                ):
-                    continue
-                self._open.callback(
-                    signal.signal, number, signal.signal(number, lambda *_: None)
-                )
+        obeyed = [
+            number
+            for number in STOPPING
+            if number in (signal.SIGINT, signal.SIGTERM)
+            or signal.getsignal(number) != signal.SIG_IGN
+        ]
+        self._open.enter_context(handling(obeyed, lambda *_: None, self._hear))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -169,7 +165,7 @@ class StopSignals:
         return self.caught if number else None
 
     def _hear(self, number: signal.Signals) -> None:
-        if self.caught is None and number in STOPPING:
+        if self.caught is None:
             self.caught = number
             with contextlib.suppress(OSError):  # a full disk must not deafen us
                 self._say(

@@ -135,7 +135,8 @@ class ExportedPolicies:
                 self._go_on_without_judge(error)
 
     def _add_result(self, steps: int, result: JudgeResult) -> None:
-        seconds, late = time.time() - self._began, self.reached
+        seconds = time.time() - self._began
+        late = self.reached
         self._judged[steps] = JudgedPolicy(steps, seconds, result)
         self._write(self._best)
         self._monitor.add(
@@ -171,7 +172,8 @@ class ExportedPolicies:
     def _go_on_without_judge(self, error: Exception) -> None:
         """Go on without the judge, as if there had been none: the newest policy becomes
         the run's own."""
-        self._judge, self._pending = None, {}
+        self._judge = None
+        self._pending = {}
         self._write(None)
         why = one_line(str(error)) or type(error).__name__
         self._monitor.note(

@@ -132,7 +132,8 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
         "fault/observation": after.obs,
         "fault/reward": (after.reward, after.done),
     }
-    sound, faults = jnp.ones(after.done.shape, bool), {}
+    sound = jnp.ones(after.done.shape, bool)
+    faults = {}
     for name, part in parts.items():
         faults[name] = (sound & ~_finite(part)).astype(jnp.float32)
         sound &= faults[name] == 0
@@ -141,10 +142,8 @@ def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
         return jnp.where(sound | jnp.isfinite(value), value, 0.0)
 
     metrics = {**jax.tree.map(clean, after.metrics), **faults}
-    reward, done = (
-        jnp.where(sound, after.reward, 0.0),
-        jnp.where(sound, after.done, 1.0),
-    )
+    reward = jnp.where(sound, after.reward, 0.0)
+    done = jnp.where(sound, after.done, 1.0)
     return dataclasses.replace(after, reward=reward, done=done, metrics=metrics), sound
 
 

@@ -91,7 +91,8 @@ def explain(learner: PPO, state: TrainState) -> str:
         return f"in the batch (of robots and times): {found}"
 
     gradient_of = jax.jit(learner.differentiate)
-    shuffle, gradient_step = jax.jit(learner.shuffle), jax.jit(learner.gradient_step)
+    shuffle = jax.jit(learner.shuffle)
+    gradient_step = jax.jit(learner.gradient_step)
     for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
         batches = shuffle(data, key)
         for i in range(config.num_minibatches):

@@ -23,9 +23,8 @@ class JudgeResult:
     falls: int  # launches that ended in a fall
     launches: int
     # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the
-    # command taken off,
+    # command taken off, and 0 after a fall in the first: the better policy has more
     mean: float
-    # and 0 after a fall in the first: the better policy has more
     fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
     fell_after: float = 0.0  # m/s, best second of that launch before the fall
 

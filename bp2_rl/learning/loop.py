@@ -54,7 +54,7 @@ class TrainingRun:
     judge: Judge | None = None
     # of the metrics, beside the run's own files; only in the first process
     writers: Sequence[Writer] = ()
-    # devices that trained the checkpoint of a resumed run, if that is known
+    # devices that trained the checkpoint of a resumed run
     before: str | None = None
 
 
@@ -79,13 +79,15 @@ def train(
         RunStopped: by a signal, a full disk or a train step that is not finite; its
             line says how to go on.
     """
-    config, run_dir, devices = run.config, run.run_dir, cluster.devices()
-    total, per_step = train_steps(config), config.ppo.steps_per_train_step
-    started, first = time.monotonic(), int(state.step)
-    title, shown = (
-        f"{config.stage} on {devices}",
-        run_dir if cluster.is_first() else None,
-    )
+    config = run.config
+    run_dir = run.run_dir
+    devices = cluster.devices()
+    total = train_steps(config)
+    per_step = config.ppo.steps_per_train_step
+    started = time.monotonic()
+    first = int(state.step)
+    title = f"{config.stage} on {devices}"
+    shown = run_dir if cluster.is_first() else None
     monitor = Monitor(
         shown,
         total * per_step,
@@ -122,7 +124,8 @@ def train(
         if int(state.step) < done:
             _stop_at_failed(state, config, run_dir)
         if done < total and signals.caught:
-            name, status = signals.caught.name, 128 + signals.caught
+            name = signals.caught.name
+            status = 128 + signals.caught
             raise RunStopped(
                 f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}",
                 status,
@@ -182,16 +185,13 @@ def _stop_at_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> No
     )
 
 
+@dataclasses.dataclass(frozen=True)
 class _Loop:
     """Repeats the train step, and saves, logs and exports on the way."""
 
-    def __init__(self, run: TrainingRun, monitor: Monitor, policies: ExportedPolicies):
-        self._run, self._config, self._monitor, self._policies = (
-            run,
-            run.config,
-            monitor,
-            policies,
-        )
+    run: TrainingRun
+    monitor: Monitor
+    policies: ExportedPolicies
 
     def repeat(
         self, state: TrainState, log: Log, saver: Saver, signals: cluster.StopSignals
@@ -202,14 +202,16 @@ class _Loop:
         The number is smaller than the run's total where a signal came or a policy was
         fast enough, and larger than `state.step` where a train step was not finite.
         """
-        lengths, policies = self._config.run, self._policies
-        total = train_steps(self._config)
+        lengths = self.run.config.run
+        policies = self.policies
+        total = train_steps(self.run.config)
         save_every = max(1, -(-total // lengths.checkpoints))
         judge_every = max(1, -(-total // max(lengths.checkpoints, lengths.judged)))
         log_every = max(1, total // lengths.logs)
-        done, stop = int(state.step), self._reached()
+        done = int(state.step)
+        stop = self._reached()
         while done < total and not stop and not log.not_finite:
-            state, metrics = self._run.learner.train_step(state)
+            state, metrics = self.run.learner.train_step(state)
             done += 1
             policies.collect()
             stop = signals.received() or self._reached()
@@ -234,19 +236,19 @@ class _Loop:
         # or the others would train on when process 0 cannot write
         with cluster.together():
             saver.wait()
-            if not (self._run.run_dir / CONFIG).is_file():
+            if not (self.run.run_dir / CONFIG).is_file():
                 raise FileNotFoundError(
-                    errno.ENOENT, "no such run any more", str(self._run.run_dir)
+                    errno.ENOENT, "no such run any more", str(self.run.run_dir)
                 )
         step = int(state.step)
         saver.save(step, state, to_json(log.unwritten()))
-        self._monitor.record(f"saving step {step}")
+        self.monitor.record(f"saving step {step}")
 
     def _reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run, on all
         processes."""
-        return self._config.run.until is not None and bool(
-            cluster.largest(self._policies.reached)
+        return self.run.config.run.until is not None and bool(
+            cluster.largest(self.policies.reached)
         )
 
     def export_late(self, steps: Sequence[int], newest: TrainState) -> None:
@@ -258,10 +260,10 @@ class _Loop:
                 continue
             try:
                 _, state = restore_checkpoint(
-                    self._run.run_dir, self._run.learner.shape, step
+                    self.run.run_dir, self.run.learner.shape, step
                 )
             except CheckpointError as error:
-                self._monitor.note(f"warning: no policy of step {step}: {error}")
+                self.monitor.note(f"warning: no policy of step {step}: {error}")
                 continue
             self._export(state)
 
@@ -277,9 +279,9 @@ class _Loop:
         if not cluster.is_first():
             return
         step = int(state.step)
-        steps = step * self._config.ppo.steps_per_train_step
+        steps = step * self.run.config.ppo.steps_per_train_step
         card = make_card(
-            self._config,
+            self.run.config,
             steps,
             {
                 "curriculum_level": level,
@@ -289,13 +291,13 @@ class _Loop:
         )
         try:
             policy = make_policy(
-                dense_layers(params, self._run.learner.mirrors), normalizer, card
+                dense_layers(params, self.run.learner.mirrors), normalizer, card
             )
-            self._policies.export(policy, steps)
+            self.policies.export(policy, steps)
         except PolicyError as error:
             if isinstance(error.__cause__, OSError):
                 raise
-            self._monitor.note(f"warning: no policy of step {step}: {error}")
+            self.monitor.note(f"warning: no policy of step {step}: {error}")
 
 
 def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> PolicyCard:
@@ -350,7 +352,8 @@ def is_finished(run_dir: Path) -> bool:
 def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
     """Return the steps of the checkpoints without a policy: a kill between save and
     export has left them."""
-    exported, per_step = exported_steps(run_dir), config.ppo.steps_per_train_step
+    exported = exported_steps(run_dir)
+    per_step = config.ppo.steps_per_train_step
     return [
         step
         for step in sorted(saved_steps(run_dir))

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from brax.training.acme.running_statistics import RunningStatisticsState
 from brax.training.agents.ppo import networks
 from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.types import Transition
@@ -18,7 +19,7 @@ def ppo_loss(
     network: networks.PPONetworks,
     config: PPOConfig,
     params: PPONetworkParams,
-    normalizer: Any,
+    normalizer: RunningStatisticsState,
     data: Transition,
     entropy_cost: Array | float,
     mean: Callable[[Array], Array] = jnp.mean,
@@ -81,7 +82,7 @@ def ppo_loss(
 def _values(
     network: networks.PPONetworks,
     params: PPONetworkParams,
-    normalizer: Any,
+    normalizer: RunningStatisticsState,
     data: Transition,
 ) -> Float[Array, "robots values"]:
     """Return the critic's values of all observations, the one after the last included."""
@@ -104,15 +105,15 @@ def targets_and_advantages(
     """
     values = jax.lax.stop_gradient(values)
     truncation = data.extras["state_extras"]["truncation"]
-    goes_on, counts = 1.0 - (1.0 - data.discount) * (1.0 - truncation), 1.0 - truncation
-    rewards, discount = (
-        config.reward_scaling * data.reward,
-        config.discounting * goes_on,
-    )
+    goes_on = 1.0 - (1.0 - data.discount) * (1.0 - truncation)
+    counts = 1.0 - truncation
+    rewards = config.reward_scaling * data.reward
+    discount = config.discounting * goes_on
     known, after = values[:, :-1], values[:, 1:]
     delta = counts * (rewards + discount * after - known)
     keep = counts * config.gae_lambda * discount
-    beyond, backwards = jnp.zeros_like(delta[:, 0]), []
+    beyond = jnp.zeros_like(delta[:, 0])
+    backwards = []
     for time in reversed(range(delta.shape[1])):
         beyond = delta[:, time] + keep[:, time] * beyond
         backwards.append(beyond)

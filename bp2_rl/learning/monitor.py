@@ -225,14 +225,16 @@ class Log:
     def close(self, done: int) -> None:
         """End the interval with train step `done`, and write the interval before it."""
         self.flush()
-        self._pending, self._interval = (done, self._interval), Interval()
+        self._pending = (done, self._interval)
+        self._interval = Interval()
 
     def flush(self) -> None:
         """Write the metrics of the interval closed last, and warn of bad signs; write
         nothing from a train step that is not finite on."""
         if self._pending is None or self.not_finite:
             return
-        (done, interval), self._pending = self._pending, None
+        done, interval = self._pending
+        self._pending = None
         means = {
             name: float(value) / interval.count
             for name, value in jax.device_get(interval.sums).items()
@@ -244,7 +246,8 @@ class Log:
         # To fetch an interval's metrics is to wait for its end, and that of the one
         # before has been waited for.
         now = time.monotonic()
-        rate, self._since = interval.timed * per_step / (now - self._since), now
+        rate = interval.timed * per_step / (now - self._since)
+        self._since = now
         self._monitor.log(
             done * per_step, summarize(means) | {"steps_per_second": rate}
         )
@@ -304,16 +307,21 @@ class Progress(Writer):
     """
 
     def __init__(self, console: Console, title: str, start_step: int, total_steps: int):
-        self._total, self._step, self._title = total_steps, start_step, title
-        self._console, self._clock = console, console.get_time
+        self._total = total_steps
+        self._step = start_step
+        self._title = title
+        self._console = console
+        self._clock = console.get_time
         self._began = self._clock()
         self._metrics: Mapping[str, float] = {}
         # below the progress line, and what of it has been printed
-        self.remark, self._said = "", ""
+        self.remark = ""
+        self._said = ""
         # (time, step) of recent logs
         self._history: collections.deque[tuple[float, int]] = collections.deque()
         # step of the last plain line, time of the next
-        self._shown, self._next_line = start_step, -math.inf
+        self._shown = start_step
+        self._next_line = -math.inf
         self._live = (
             Live(self, console=console, refresh_per_second=4)
             if console.is_terminal and not console.quiet

@@ -11,7 +11,7 @@ would take half the multiplications, but XLA is slower so on processors.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -118,7 +118,7 @@ class SymmetricMLP(linen.Module):
     inputs: Mirror
     outputs: Mirror
     layer_sizes: Sequence[int]
-    activation: Any
+    activation: Callable[[Array], Array]
     dtype: Any  # of the hidden layers' computation
     output_kernel_init: Any = HIDDEN
 
@@ -195,7 +195,7 @@ class SymmetricPolicy(linen.Module):
     inputs: Mirror
     outputs: Mirror
     layer_sizes: Sequence[int]
-    activation: Any
+    activation: Callable[[Array], Array]
     dtype: Any
     initial_std: float
 

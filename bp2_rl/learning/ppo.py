@@ -39,6 +39,8 @@ from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
 make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
+Learned = tuple[losses.PPONetworkParams, optax.OptState]
+"""What a gradient step changes: parameters and the optimiser's state."""
 NOT_FINITE = "not_finite"
 """Name of the metric that is 1 where a train step was not finite and left the state as
 it was."""
@@ -290,8 +292,8 @@ class PPO:
         fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
 
         def control_step(
-            carry: tuple[envs.State, Any], time: Array
-        ) -> tuple[tuple[envs.State, Any], Transition]:
+            carry: tuple[envs.State, dict[str, Array]], time: Array
+        ) -> tuple[tuple[envs.State, dict[str, Array]], Transition]:
             fleet, sums = carry
             noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(
                 split[:, 1]
@@ -326,14 +328,14 @@ class PPO:
         and mean metrics after them."""
 
         def minibatch_step(
-            carry: tuple[Any, Any], minibatch: Transition
-        ) -> tuple[tuple[Any, Any], Any]:
+            carry: Learned, minibatch: Transition
+        ) -> tuple[Learned, dict[str, Array]]:
             params, optimizer = carry
             return self.gradient_step(
                 state.replace(params=params, optimizer=optimizer), minibatch
             )
 
-        def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
+        def epoch(carry: Learned, key: Array) -> tuple[Learned, dict[str, Array]]:
             return jax.lax.scan(minibatch_step, carry, self.shuffle(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
@@ -351,7 +353,8 @@ class PPO:
     ) -> tuple[tuple[Any, Any], dict[str, Array]]:
         """Take one gradient step; return (parameters, optimiser) after it, and the
         metrics of the step."""
-        config, step = self.config, state.step
+        config = self.config
+        step = state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
         metrics, gradient = self.differentiate(
@@ -428,7 +431,8 @@ class PPO:
         """Return an epoch's minibatches: robots shuffled within blocks, of which each
         minibatch has equal shares."""
         config = self.config
-        blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
+        blocks = config.shuffle_blocks
+        size = config.num_envs // config.shuffle_blocks
         keys = jax.random.split(key, blocks)
         order = jax.vmap(lambda key: jax.random.permutation(key, size))(keys)
         spread = NamedSharding(self.mesh, PartitionSpec(None, "robots"))

@@ -148,7 +148,7 @@ def resume(
             f"{config_hash(config)} {step} {unexported}", "checkpoints"
         )
         resumed = loop.TrainingRun(
-            config, run_dir, learner, judge, writers, before=metadata.devices or None
+            config, run_dir, learner, judge, writers, before=metadata.devices
         )
         return loop.train(resumed, state, unlogged, unexported)
 

@@ -163,18 +163,14 @@ def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
     vary = (
         (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
     )
-    stride, speed, size, anatomy = (
-        problem.stride,
-        problem.speed,
-        problem.hardware.size,
-        problem.hardware.anatomy,
-    )
+    stride = problem.stride
+    speed = problem.speed
+    size = problem.hardware.size
+    anatomy = problem.hardware.anatomy
     stance = vary(0.8, 1.25) * min(0.6 * size.length / speed, 0.25 * size.time)
     flight = vary(0.8, 1.25) * 0.12 * size.time * speed / (speed + 2.0 * size.speed)
-    height, lift = (
-        vary(0.95, 1.05) * 1.42 * anatomy.leg_length,
-        vary(0.7, 1.5) * 0.12 * size.length,
-    )
+    height = vary(0.95, 1.05) * 1.42 * anatomy.leg_length
+    lift = vary(0.7, 1.5) * 0.12 * size.length
     durations = np.array([stance if feet else flight for feet in stride.standing])
     starts = np.concatenate([[0.0], np.cumsum(durations)])
     cycle = starts[-1] / stride.cycles

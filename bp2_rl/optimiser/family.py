@@ -208,15 +208,11 @@ class FamilyConfig:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        if (
-            not self.slowest
-            <= self.anchor
-            <= (self.anchor if self.fastest is None else self.fastest)
-        ):
+        if not self.slowest <= self.anchor <= self.ends[1]:
             raise UserError(
                 f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order"
             )
-        if ((self.fastest or self.anchor) - self.slowest) / self.step > MOST_SPEEDS:
+        if (self.ends[1] - self.slowest) / self.step > MOST_SPEEDS:
             raise UserError(
                 f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one"
             )
@@ -253,19 +249,24 @@ class FamilyConfig:
         )
 
     @property
+    def to_limit(self) -> bool:
+        """Return whether the family goes on to the fastest trot that is found."""
+        return self.fastest is None
+
+    @property
     def time_limit(self) -> float:
         """Time limit of a solve, s of a processor's time."""
-        return LIMIT_TIME if self.fastest is None else SOLVE_TIME
+        return LIMIT_TIME if self.to_limit else SOLVE_TIME
 
     def at(self, speed: float) -> Problem:
         """Return the trajectory problem at a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
     @property
-    def ends(self) -> list[float]:
-        """Speeds, m/s, to which trots are solved from the anchor; the slowest alone
-        where the fastest is not known."""
-        return [self.slowest] if self.fastest is None else [self.slowest, self.fastest]
+    def ends(self) -> tuple[float, float]:
+        """The speeds to which the walks from the anchor go, m/s; the upper one is the
+        anchor's where the fastest is not known."""
+        return self.slowest, self.anchor if self.fastest is None else self.fastest
 
     @property
     def speeds(self) -> list[float]:
@@ -312,14 +313,14 @@ def build_family(
         UserError: the folder belongs to another family.
     """
     config.claim_folder(folder, "family.json", settings, "a family")
-    asked = None if settings.fastest is None else len(settings.speeds)
+    asked = None if settings.to_limit else len(settings.speeds)
     with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
         walks = [
             pool.submit(_walk, settings, folder, settings.walk(end))
             for end in settings.ends
         ]
-        if settings.fastest is None:
+        if settings.to_limit:
             walks.append(pool.submit(_climb, settings, folder))
         while True:
             waiting = concurrent.futures.wait(
@@ -331,7 +332,7 @@ def build_family(
                 break
     found = {s.problem.speed: s for walk in walks for s in walk.result()}
     family = [found[speed] for speed in sorted(found)]
-    return [s for s in family if settings.fastest is not None or _sound(s)]
+    return [s for s in family if _sound(s)] if settings.to_limit else family
 
 
 def _kept(
@@ -372,11 +373,11 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> Solution:
 
         problem, limit = settings.at(settings.anchor), settings.time_limit
         near = SolveOptions(
-            proximity=0.0 if settings.fastest else settings.proximity, time_limit=limit
+            proximity=settings.proximity if settings.to_limit else 0.0, time_limit=limit
         )
         coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
         best = solve_best(coarse, settings.starts, time_limit=limit)
-        if settings.fastest is None:
+        if settings.to_limit:
             # who knows how good the coarse mesh is for this robot
             best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
         return refine(best, problem.intervals, near)
@@ -437,7 +438,7 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
     options = SolveOptions(
         proximity=proximity,
         time_limit=settings.time_limit,
-        perhaps_infeasible=not settings.fastest,
+        perhaps_infeasible=settings.to_limit,
     )
     return solve(problem, here.motion, options)
 
@@ -450,7 +451,7 @@ class _Provenance:
     """Origin of a library: settings, robot, statistics of the solves, and versions."""
 
     settings: FamilyConfig
-    robot: str = IDEAL.anatomy.name  # that of files without a name
+    robot: str = IDEAL.anatomy.name  # that of the libraries of BP2 that ship
     solutions: tuple[SolveStatistics, ...]  # by speed
     versions: dict[str, str]
     schema: str

@@ -221,10 +221,8 @@ class Problem:
         if not self.rotor_coupling:
             return
         hardware = self.hardware
-        held, thigh = (
-            hardware.parameter("rotor_inertia"),
-            hardware.mass_scale * hardware.bp2.thigh_inertia,
-        )
+        held = hardware.parameter("rotor_inertia")
+        thigh = hardware.mass_scale * hardware.bp2.thigh_inertia
         if held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "

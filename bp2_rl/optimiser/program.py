@@ -167,10 +167,8 @@ class Program:
         solver = ca.nlpsol(
             "solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options
         )
-        (lbx, ubx), (lbg, ubg) = (
-            _joined(self._unknown_bounds),
-            _joined(self._constraint_bounds),
-        )
+        lbx, ubx = _joined(self._unknown_bounds)
+        lbg, ubg = _joined(self._constraint_bounds)
         end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
         x_end, g_end, on_x, on_g = (
             np.array(end[name]).ravel() for name in ("x", "g", "lam_x", "lam_g")

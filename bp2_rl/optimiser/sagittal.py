@@ -189,10 +189,8 @@ def _bodies(
     """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
     bodies = [trunk_body(ca, hardware.anatomy, legs, (q[0], q[1], q[2]))]
     for i, name in enumerate(legs):
-        leg, (joints, compression) = (
-            leg_of(hardware.anatomy, name),
-            _leg_coordinates(hardware, i, q),
-        )
+        leg = leg_of(hardware.anatomy, name)
+        joints, compression = _leg_coordinates(hardware, i, q)
         links = leg_links(ca, (q[0], q[1], q[2]), leg, joints, 0.0, stretch)
         bodies += leg_bodies(ca, leg, links, compression, stretch)
     return [
@@ -208,10 +206,8 @@ def _rotors(
     them, too."""
     each = per_leg(hardware)
     n = TRUNK + each * len(legs)
-    added, rotors = (
-        ca.SX.zeros(n, n),
-        np.broadcast_to(hardware.rotor_inertia, 3)[1:].tolist(),
-    )
+    added = ca.SX.zeros(n, n)
+    rotors = np.broadcast_to(hardware.rotor_inertia, 3)[1:].tolist()
     for hip in range(TRUNK, n, each):
         for motor, rotor in zip((hip, hip + 1), rotors, strict=True):
             added[motor, motor] = rotor * gear_ratio**2
@@ -301,10 +297,8 @@ def _contact(
     radius: float | None,
 ) -> ca.SX:
     """Return the contact coordinates phi of a foot, m."""
-    leg, (joints, compression) = (
-        leg_of(hardware.anatomy, legs[index]),
-        _leg_coordinates(hardware, index, q),
-    )
+    leg = leg_of(hardware.anatomy, legs[index])
+    joints, compression = _leg_coordinates(hardware, index, q)
     radius = leg.foot_radius if radius is None else radius
     below = leg.lower_length + stretch - compression - radius
     links = leg_links(ca, (q[0], q[1], q[2]), leg, joints, below, stretch)

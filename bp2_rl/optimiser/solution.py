@@ -258,11 +258,9 @@ def speed_name(speed: float) -> str:
 def array_specs(problem: Problem) -> dict[str, ArraySpec]:
     """Return types and shapes of the arrays of a problem's solution."""
     stride = problem.stride
-    segments, points, both = (
-        len(stride.standing),
-        len(problem.points),
-        2 * len(stride.legs),
-    )
+    segments = len(stride.standing)
+    points = len(problem.points)
+    both = 2 * len(stride.legs)
     shapes = {
         "durations": (segments,),
         **dict.fromkeys("qva", (segments, points, stride.nq)),

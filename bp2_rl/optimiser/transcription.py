@@ -198,21 +198,17 @@ def _add_unknowns(
 ) -> Transcription:
     """Begin a program with the design vector and the speed, known or not, and with the
     unknowns of all segments."""
-    program, stride, segments = (
-        Program(),
-        problem.stride,
-        range(len(problem.stride.standing)),
-    )
+    program = Program()
+    stride = problem.stride
+    segments = range(len(problem.stride.standing))
     p = _design(program, problem, options.free)
     speed = ca.MX(problem.speed)
     if options.speed_weight > 0.0:
         speed = program.unknown(np.array([[problem.speed]]), VELOCITY_SCALE, 0.0)
     lower, upper = _range_of_motion(problem)
     names = ("", "trunk height", "pitch", *RANGES[: stride.per_leg] * len(stride.legs))
-    least, most = (
-        SHORTEST * problem.hardware.size.time,
-        LONGEST * problem.hardware.size.time,
-    )
+    least = SHORTEST * problem.hardware.size.time
+    most = LONGEST * problem.hardware.size.time
     T = [
         program.unknown(np.array([[duration]]), TIME_SCALE, least, most)
         for duration in guess.durations
@@ -278,10 +274,8 @@ def _range_of_motion(
     but level."""
     size, hardware, pitch = problem.hardware.size, problem.hardware, problem.pitch_limit
     over = SPRING_OVERTRAVEL * size.length
-    low, high = (
-        [-np.inf, LOWEST_TRUNK * size.length, -pitch],
-        [np.inf, problem.form.highest_trunk, pitch],
-    )
+    low = [-np.inf, LOWEST_TRUNK * size.length, -pitch]
+    high = [np.inf, problem.form.highest_trunk, pitch]
     for name in problem.stride.legs:
         ends = [*leg_of(hardware.anatomy, name).ranges[1:]]
         if hardware.anatomy.sprung:
@@ -433,11 +427,9 @@ def _limit_form(nlp: Transcription) -> None:
 
 def _limit_release(nlp: Transcription, i: int) -> None:
     """Limit the speed at which springs extend as their feet lift off."""
-    stride, fastest, v = (
-        nlp.problem.stride,
-        nlp.problem.form.fastest_release,
-        nlp.segments[i].v[:, -1],
-    )
+    stride = nlp.problem.stride
+    fastest = nlp.problem.form.fastest_release
+    v = nlp.segments[i].v[:, -1]
     if math.isfinite(fastest) and stride.per_leg == 3:
         for leg in stride.liftoffs(i):
             rate = v[TRUNK + stride.per_leg * stride.legs.index(leg) + 2]
@@ -446,11 +438,9 @@ def _limit_release(nlp: Transcription, i: int) -> None:
 
 def _limit_friction(nlp: Transcription, i: int) -> None:
     """Require |F_x| <= mu F_z of standing feet, and of the impulses of landing ones."""
-    stride, mu, (*_, force, impulse) = (
-        nlp.problem.stride,
-        nlp.problem.hardware.friction,
-        nlp.segments[i],
-    )
+    stride = nlp.problem.stride
+    mu = nlp.problem.hardware.friction
+    *_, force, impulse = nlp.segments[i]
     for leg in stride.standing[i]:
         x, z = contact_rows(stride.legs, (leg,))
         # where the force is zero, there is no cone
@@ -604,10 +594,8 @@ def _mean_running_cost(nlp: Transcription, segment: Unknowns) -> ca.MX:
     """Mean of R (paper, Eq. R) over a segment; speeds and torques count as shares of
     the motors' greatest."""
     weights = nlp.problem.weights
-    speed, torque = (
-        segment.v[nlp.motors, :] / nlp.no_load_speed,
-        segment.tau / nlp.peak_torque,
-    )
+    speed = segment.v[nlp.motors, :] / nlp.no_load_speed
+    torque = segment.tau / nlp.peak_torque
     load = segment.force / weights.force
     R = weights.power * ca.sum1((speed * torque) ** 2) + weights.load * (
         ca.sum1(torque**2) + ca.sum1(load**2)

@@ -87,8 +87,8 @@ LIMITS = {
 have none."""
 # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
 RESIMULATED = (4.0, 13.2)
-# figures that older files lack, and what stands for them
-LATER = {"bus_excess": 0.0, "energy_error": 0.0}
+# figures that the shipped libraries lack, and what stands for them
+UNTOLD = {"bus_excess": 0.0, "energy_error": 0.0}
 # figures that must not be below their limit; others not above
 LEAST = ("stance_force_min", "swing_clearance_min")
 
@@ -134,7 +134,7 @@ def failures(figures: dict[str, float], *, exact: bool = True) -> list[str]:
     simulate from torques.
 
     A figure that is NaN or missing counts as beyond its limit, except a missing figure
-    in `LATER`.
+    in `UNTOLD`.
     """
     lines = []
     speed = figures.get("speed", math.nan)
@@ -144,7 +144,8 @@ def failures(figures: dict[str, float], *, exact: bool = True) -> list[str]:
             not exact or speed < RESIMULATED[0] or speed > RESIMULATED[1]
         ):
             continue
-        value, least = figures.get(figure, LATER.get(figure, math.nan)), figure in LEAST
+        value = figures.get(figure, UNTOLD.get(figure, math.nan))
+        least = figure in LEAST
         if not (value >= limit if least else value <= limit):
             side = "below" if least else "above"
             lines.append(
@@ -275,14 +276,12 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
 def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     problem, motion = solution.problem, solution.motion
     stride, hardware = problem.stride, problem.hardware
-    push, clearance, excess, overload, fastest, friction = (
-        math.inf,
-        math.inf,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    push = math.inf
+    clearance = math.inf
+    excess = 0.0
+    overload = 0.0
+    fastest = 0.0
+    friction = 0.0
     for i, moment in _on_fine_grid(problem, motion):
         standing = contact_rows(stride.legs, stride.standing[i])
         swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
@@ -375,11 +374,9 @@ def _states_before(
 ) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
     """Yield q and v just before each segment begins: the end of the segment, or of the
     stride, before it."""
-    problem, motion, order = (
-        solution.problem,
-        solution.motion,
-        solution.problem.stride.next_coordinates,
-    )
+    problem = solution.problem
+    motion = solution.motion
+    order = solution.problem.stride.next_coordinates
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
     q[0] -= problem.speed * np.sum(motion.durations)
     yield q, v

@@ -111,10 +111,8 @@ def heated(
 
     `winding_heat` of what is returned is P.
     """
-    k, growth = (
-        flux_ratio(network, temperatures),
-        resistance_ratio(network, temperatures) - 1.0,
-    )
+    k = flux_ratio(network, temperatures)
+    growth = resistance_ratio(network, temperatures) - 1.0
     corner, no_load = actuator.corner_speed, actuator.no_load_speed
     return dataclasses.replace(
         actuator,

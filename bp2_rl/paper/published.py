@@ -99,7 +99,8 @@ def speed_law(mass: FloatOrArray) -> FloatOrArray:
 TABLE_S2 = "published/standards.csv"
 BOLT_REACTION = 0.146  # s, reaction time; Berlin 2009
 # s, Paris 2024 (World Athletics, results of the final)
-LYLES_TIME, LYLES_REACTION = 9.784, 0.178
+LYLES_TIME = 9.784
+LYLES_REACTION = 0.178
 PUBLISHED_ACCELERATIONS = {
     TRAINED: 4.8,
     UNTRAINED: 2.8,

@@ -98,7 +98,8 @@ def _row(
         raise BadFileError(
             f"{place} has {len(cells)} cells, the line of headings {len(head)}"
         )
-    found, hints = dict(zip(head, cells, strict=True)), typing.get_type_hints(row)
+    found = dict(zip(head, cells, strict=True))
+    hints = typing.get_type_hints(row)
     try:
         made = row(
             **{

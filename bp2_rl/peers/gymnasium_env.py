@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from gymnasium import Env, spaces
-from jaxtyping import Float, UInt8
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.robot import conventions
+from bp2_rl.robot.camera import Camera, Picture
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig, Impl
@@ -28,9 +28,8 @@ METADATA: dict[str, Any] = {
     "render_modes": ["rgb_array"],
     "render_fps": round(conventions.POLICY_RATE),
 }
-HEIGHT, WIDTH, CAMERA = 480, 640, "track"  # pixels, and the model's camera
+HEIGHT, WIDTH = 480, 640  # pixels
 RenderMode = Literal["rgb_array"]
-Picture = UInt8[np.ndarray, "height width 3"]
 
 
 def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
@@ -46,49 +45,75 @@ def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
     )
 
 
-def scaled(action: np.ndarray, env: BP2Env) -> jax.Array:
-    """Return actions as `BP2Env` takes them, from actions in [-1, 1]."""
-    return env.config.control.action_limit * jnp.asarray(action, jnp.float32)
-
-
 def draw_key(draws: np.random.Generator) -> int:
     """Draw the seed of JAX's random numbers in an episode."""
     return int(draws.integers(2**31))
 
 
-class Photographer:
-    """Takes pictures of the robot from a camera that follows it.
+def open_camera(hardware: HardwareSpec, render_mode: str | None) -> Camera | None:
+    """Open a camera for a render mode; none without one.
 
     Raises:
         UserError: there is no such render mode, or no GL library.
     """
-
-    def __init__(self, hardware: HardwareSpec, render_mode: str):
-        if render_mode not in METADATA["render_modes"]:
-            raise UserError(f"render_mode must be rgb_array or None, got {render_mode}")
-        self._model = load_model(hardware)
-        self._data = mujoco.MjData(self._model)
-        try:
-            self._renderer = mujoco.Renderer(self._model, HEIGHT, WIDTH)
-        except (mujoco.FatalError, RuntimeError) as error:
-            remedy = "set MUJOCO_GL=egl, or osmesa, before Python starts"
-            raise UserError(
-                f"MuJoCo finds no GL library for render_mode=rgb_array: {remedy} ({error})"
-            ) from error
-
-    def picture(self, qpos: Float[np.ndarray, " nq"]) -> Picture:
-        """Return the robot in a state, as rows and columns of red, green and blue."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_forward(self._model, self._data)
-        self._renderer.update_scene(self._data, CAMERA)
-        return self._renderer.render()
-
-    def close(self) -> None:
-        """Free the GL library's memory."""
-        self._renderer.close()
+    if render_mode is None:
+        return None
+    if render_mode not in METADATA["render_modes"]:
+        raise UserError(f"render_mode must be rgb_array or None, got {render_mode}")
+    try:
+        return Camera(load_model(hardware), HEIGHT, WIDTH)
+    except (mujoco.FatalError, RuntimeError) as error:
+        remedy = "set MUJOCO_GL=egl, or osmesa, before Python starts"
+        raise UserError(
+            f"MuJoCo finds no GL library for render_mode=rgb_array: {remedy} ({error})"
+        ) from error
 
 
-class BP2GymEnv(Env[np.ndarray, np.ndarray]):
+class BP2Peer:
+    """Hold `BP2Env`, its last state and a camera, for one robot or many."""
+
+    def _open(
+        self, env: BP2Env, render_mode: RenderMode | None, *, many: bool = False
+    ) -> None:
+        each = jax.vmap if many else lambda of_one: of_one
+        self.env = env
+        self.render_mode = render_mode
+        self._camera = open_camera(env.config.hardware, render_mode)
+        self._reset = jax.jit(each(env.reset))
+        self._step = jax.jit(each(env.step))
+        self._state: Any = None
+
+    def _act(self, action: np.ndarray) -> None:
+        """Take a control step with actions in [-1, 1]."""
+        limit = self.env.config.control.action_limit
+        self._state = self._step(self._state, limit * jnp.asarray(action, jnp.float32))
+
+    def _seen(self) -> np.ndarray:
+        return np.array(self._state.obs[POLICY])
+
+    def _info(self) -> dict[str, Any]:
+        """Return the critic's observation and the metrics; many robots have an axis."""
+        metrics = self._state.metrics
+        return {
+            CRITIC: np.array(self._state.obs[CRITIC]),
+            **{name: np.array(value, float) for name, value in metrics.items()},
+        }
+
+    def _pictures(self) -> list[Picture]:
+        """Return every robot's picture; none without `render_mode="rgb_array"`."""
+        if not self._camera:
+            return []
+        robots = np.atleast_2d(np.asarray(self._state.pipeline_state.q, float))
+        return [self._camera.picture(qpos) for qpos in robots]
+
+    def close_extras(self, **kwargs: object) -> None:
+        """Free what pictures needed."""
+        del kwargs
+        if self._camera:
+            self._camera.close()
+
+
+class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     """A single robot as a Gymnasium environment.
 
     Args:
@@ -107,14 +132,8 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         impl: Impl = "kernel",
         render_mode: RenderMode | None = None,
     ):
-        self.env = make(name, config, impl=impl)
+        self._open(make(name, config, impl=impl), render_mode)
         self.observation_space, self.action_space = spaces_of(self.env)
-        self.render_mode = render_mode
-        self._photographer = render_mode and Photographer(
-            self.env.config.hardware, render_mode
-        )
-        self._reset, self._step = jax.jit(self.env.reset), jax.jit(self.env.step)
-        self._state: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -124,36 +143,25 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         del options
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
-        return np.array(self._state.obs[POLICY]), self._info()
+        return self._seen(), self._info()
 
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
-        self._state = self._step(self._state, scaled(action, self.env))
-        state = self._state
-        return (
-            np.array(state.obs[POLICY]),
-            float(state.reward),
-            bool(state.done),
-            False,
-            self._info(),
-        )
+        self._act(action)
+        ended = bool(self._state.done)
+        return self._seen(), float(self._state.reward), ended, False, self._info()
 
     def render(self) -> Picture | None:  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium's may be lists
         """Return a picture of the robot, with `render_mode="rgb_array"`."""
-        return self._photographer and self._photographer.picture(
-            np.asarray(self._state.pipeline_state.q, float)
-        )
+        return next(iter(self._pictures()), None)
 
     def close(self) -> None:
         """Free the renderer, if there is one."""
-        if self._photographer:
-            self._photographer.close()
+        self.close_extras()
 
     def _info(self) -> dict[str, Any]:
-        state = self._state
-        return {
-            CRITIC: np.array(state.obs[CRITIC]),
-            **{key: float(value) for key, value in state.metrics.items()},
-        }
+        """Return the metrics as numbers, what the critic sees as an array."""
+        info = super()._info()
+        return {name: x if x.ndim else float(x) for name, x in info.items()}

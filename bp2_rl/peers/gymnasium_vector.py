@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from brax.envs import State
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -20,22 +21,19 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import make
 from bp2_rl.peers import EPISODE
 from bp2_rl.peers.gymnasium_env import (
-    CRITIC,
     METADATA,
-    POLICY,
-    Photographer,
-    Picture,
+    BP2Peer,
     RenderMode,
     draw_key,
-    scaled,
     spaces_of,
 )
+from bp2_rl.robot.camera import Picture
 from bp2_rl.settings.env import EnvConfig, Impl
 
 Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
-class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many robots side by side as a Gymnasium vector environment, in one compiled
     program.
 
@@ -69,28 +67,15 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ):
         if num_envs < 1:
             raise UserError(f"num_envs must be at least 1, got {num_envs}")
-        self.env = make(name, config, impl=impl, num_robots=num_envs)
-        self.render_mode = render_mode
-        self._photographer = render_mode and Photographer(
-            self.env.config.hardware, render_mode
-        )
-        self.num_envs, self._limit = num_envs, max_episode_steps
+        env = make(name, config, impl=impl, num_robots=num_envs)
+        self._open(env, render_mode, many=True)
+        self.num_envs = num_envs
+        self._limit = max_episode_steps
         self.single_observation_space, self.single_action_space = spaces_of(self.env)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._reset, self._step = (
-            jax.jit(jax.vmap(self.env.reset)),
-            jax.jit(jax.vmap(self.env.step)),
-        )
-        self._choose = jax.jit(
-            jax.vmap(
-                lambda which, a, b: jax.tree.map(
-                    lambda x, y: jnp.where(which, x, y), a, b
-                )
-            )
-        )
+        self._choose = jax.jit(jax.vmap(_choose))
         self._draws = [seeding.np_random()[0] for _ in range(num_envs)]
-        self._state: Any = None
         self._age = np.zeros(num_envs, int)  # control steps of the present episodes
         self._over = np.zeros(num_envs, bool)
 
@@ -126,35 +111,21 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
         """Take one control step, 5 ms, with each robot."""
         begins = self._over
-        self._state = self._step(self._state, scaled(actions, self.env))
+        self._act(actions)
         self._age += 1
-        rewards, terminated = (
-            np.array(self._state.reward, float),
-            np.array(self._state.done, bool),
-        )
+        rewards = np.array(self._state.reward, float)
+        terminated = np.array(self._state.done, bool)
         if begins.any():
             self._begin(begins)
-            rewards[begins], terminated[begins] = 0.0, False
+            rewards[begins] = 0.0
+            terminated[begins] = False
         truncated = (self._age >= self._limit) & ~begins
         self._over = terminated | truncated
         return self._seen(), rewards, terminated, truncated, self._info()
 
     def render(self) -> tuple[Picture, ...] | None:
         """Return a picture for each robot, with `render_mode="rgb_array"`."""
-        if not self._photographer:
-            return None
-        return tuple(
-            map(
-                self._photographer.picture,
-                np.asarray(self._state.pipeline_state.q, float),
-            )
-        )
-
-    def close_extras(self, **kwargs: object) -> None:
-        """Free the renderer, if there is one."""
-        del kwargs
-        if self._photographer:
-            self._photographer.close()
+        return tuple(self._pictures()) or None
 
     def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
         """Start new episodes for the robots in `which`; only their random generators
@@ -167,17 +138,15 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._state = (
             fresh if self._state is None else self._choose(which, fresh, self._state)
         )
-        self._age[which], self._over = 0, self._over & ~which
-
-    def _seen(self) -> np.ndarray:
-        return np.array(self._state.obs[POLICY])
+        self._age[which] = 0
+        self._over = self._over & ~which
 
     def _info(self) -> dict[str, Any]:
         """Return `info` as Gymnasium's vector environments do: `_NAME` says for which
         robots NAME holds."""
-        state = self._state
-        info = {
-            CRITIC: np.array(state.obs[CRITIC]),
-            **{name: np.array(x, float) for name, x in state.metrics.items()},
-        }
+        info = super()._info()
         return info | {f"_{name}": np.ones(self.num_envs, bool) for name in info}
+
+
+def _choose(which: jax.Array, one: State, other: State) -> State:
+    return jax.tree.map(lambda x, y: jnp.where(which, x, y), one, other)

@@ -91,7 +91,8 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), model.geom_pos[geom]
+    pose[:3, :3] = turn.reshape(3, 3)
+    pose[:3, 3] = model.geom_pos[geom]
     return mesh.apply_transform(pose)
 
 

@@ -27,7 +27,8 @@ class Pace:
         clock: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ):
-        self._clock, self._sleep = clock, sleep
+        self._clock = clock
+        self._sleep = sleep
         self.slow = 1.0
         """Slow-motion factor: wall-clock seconds for each simulated second."""
         self._began = self._due = clock()

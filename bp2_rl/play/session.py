@@ -75,7 +75,8 @@ class Session:
         self._policy = policy
         self._simulator = settled([robot])
         self.data = self._simulator.data[0]
-        self._model, self._start = self._simulator.models[0], self._simulator.state(0)
+        self._model = self._simulator.models[0]
+        self._start = self._simulator.state(0)
         self._feet = foot_geom_ids(self._model)
         self.falls = 0
         self.best = math.inf
@@ -153,7 +154,8 @@ class Session:
     def tick(self) -> None:
         """Advance by one control step; a fallen robot is reset to the origin after a
         while."""
-        data, simulator = self.data, self._simulator
+        data = self.data
+        simulator = self._simulator
         if (
             self.down_since is not None
             and self.time > self.down_since + DOWN - 0.5 * conventions.CONTROL_STEP
@@ -180,7 +182,9 @@ class Session:
             self.reset()
             return
         if down.happened and self.down_since is None:
-            self.falls, self.down_since, self.wish = self.falls + 1, self.time, Wish()
+            self.falls += 1
+            self.down_since = self.time
+            self.wish = Wish()
         self.distance += float(np.hypot(*data.qvel[:2])) * conventions.CONTROL_STEP
         self._velocities.append(velocity)
         if self._began is not None and not self.finished and self.down_since is None:
@@ -220,9 +224,11 @@ class Session:
         qpos = self.qpos.copy()
         if (reference := self._runner.reference) is None:
             return qpos
-        yaw, up = float(yaw_of(qpos[3:7])), np.asarray(reference.up, np.float64)[0]
+        yaw = float(yaw_of(qpos[3:7]))
+        up = np.asarray(reference.up, np.float64)[0]
         # lean: the least from z to `up`
-        turn, lean = np.zeros(4), np.array([1.0 + up[2], -up[1], up[0], 0.0])
+        turn = np.zeros(4)
+        lean = np.array([1.0 + up[2], -up[1], up[0], 0.0])
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_mulQuat(qpos[3:7], turn, lean / np.linalg.norm(lean))
         qpos[2] = float(reference.height[0])
@@ -237,8 +243,11 @@ class Session:
     def _lead(self) -> None:
         """Move the asked velocity toward the wish, at the rates and within the limits
         of the training."""
-        commands, control, now = self.config.commands, self.config.control, self._asked
-        turning, dt = commands.turn_acceleration, conventions.CONTROL_STEP
+        commands = self.config.commands
+        control = self.config.control
+        now = self._asked
+        turning = commands.turn_acceleration
+        dt = conventions.CONTROL_STEP
         launches = math.isfinite(control.launching)  # then the controller's law says
         rise = np.array(
             [math.inf if launches else COMMAND_ACCELERATION, *2 * [turning]]
@@ -254,7 +263,8 @@ class Session:
     def _steered(self) -> Float[np.ndarray, "3"]:
         """Return the asked velocity; on straight runs with a yaw rate that leads back
         to the line."""
-        (x, y), yaw = self.qpos[:2], float(yaw_of(self.qpos[3:7]))
+        x, y = self.qpos[:2]
+        yaw = float(yaw_of(self.qpos[3:7]))
         if self._asked[1:].any():
             self._line[:] = x, y, yaw
         x0, y0, along = self._line
@@ -265,7 +275,9 @@ class Session:
     def _velocity_now(self) -> Float[np.ndarray, "3"]:
         """Return the velocity (m/s) forward and to the left of the heading, and the yaw
         rate (rad/s)."""
-        (vx, vy), rate, yaw = self.data.qvel[:2], np.zeros(3), yaw_of(self.qpos[3:7])
+        vx, vy = self.data.qvel[:2]
+        rate = np.zeros(3)
+        yaw = yaw_of(self.qpos[3:7])
         mujoco.mju_rotVecQuat(rate, self.data.qvel[3:6], self.qpos[3:7])
         cos, sin = np.cos(yaw), np.sin(yaw)
         return np.array([cos * vx + sin * vy, cos * vy - sin * vx, rate[2]])
@@ -274,7 +286,8 @@ class Session:
 def readings(session: Session, pace: Pace) -> dict[str, str]:
     """Return the texts of the display by name: velocities, commands, sprint, run and
     real-time factor."""
-    (forward, left, turn), told = session.velocity, session.command
+    forward, left, turn = session.velocity
+    told = session.command
     best = f"{session.best:.2f} s" if math.isfinite(session.best) else "none yet"
     paper = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
     fallen = "" if session.down_since is None else "fell; "

@@ -31,7 +31,8 @@ from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
 SECTION = 10.0  # m, between the broad lines on the ground
 # N/m, of an arrow; N, below which there is none: BP2's
-NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0
+NEWTONS_A_METRE = 1500.0
+LEAST_FORCE = 20.0
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
 # m: where the camera is, and what it looks at
 WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
@@ -162,14 +163,16 @@ class Page:
         self._wish = session.wish
 
     def _panel(self) -> None:
-        gui, session = self.server.gui, self._session
+        gui = self.server.gui
+        session = self._session
         gui.configure_theme(
             control_width="medium", show_logo=False, show_share_button=False
         )
         gui.main_panel.dock_right()
         self._readings = gui.add_html("")
         least, most = wish_limits(session.config.commands)
-        self._sliders, self._wish = {}, session.wish
+        self._sliders = {}
+        self._wish = session.wish
         for name, (label, hint) in SLIDERS.items():
             low, high = getattr(least, name), getattr(most, name)
             if low < high:
@@ -215,7 +218,8 @@ class _Scene:
     ground."""
 
     def __init__(self, server: viser.ViserServer, session: Session):
-        scene, self._looks = server.scene, Looks(session.hardware)
+        scene = server.scene
+        self._looks = Looks(session.hardware)
         server.initial_camera.position, server.initial_camera.look_at = WIDE_VIEW
         server.initial_camera.fov = np.deg2rad(45.0)
         scene.configure_environment_map("park", environment_intensity=0.6)
@@ -245,10 +249,8 @@ class _Scene:
         self._robot = _Figure(scene, "/robot", self._looks)
         self._ghost = _Figure(scene, "/ghost", self._looks)
         for i, part in enumerate(self._looks.parts()):
-            name, shape = (
-                self._looks.bodies[part.body - 1],
-                (part.mesh.vertices, part.mesh.faces),
-            )
+            name = self._looks.bodies[part.body - 1]
+            shape = (part.mesh.vertices, part.mesh.faces)
             scene.add_mesh_simple(
                 f"/robot/{name}/{i}", *shape, color=part.color, side="double"
             )
@@ -260,10 +262,8 @@ class _Scene:
                 cast_shadow=False,
             )
         size = session.hardware.size
-        self._least_force, self._stiffness = (
-            size.mass * LEAST_FORCE,
-            size.mass / size.length * NEWTONS_A_METRE,
-        )
+        self._least_force = size.mass * LEAST_FORCE
+        self._stiffness = size.mass / size.length * NEWTONS_A_METRE
         self._toes = self._looks.model.geom_bodyid[foot_geom_ids(self._looks.model)]
         self._sole = self._looks.model.site(SOLE_SITES[0]).pos.copy()
         # On the toes, so that they stay on the feet whatever a browser draws first.

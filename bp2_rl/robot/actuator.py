@@ -128,19 +128,15 @@ def torque_limits(
     `voltage` of the bus is a share of the nominal one, and broadcasts against the
     joints.
     """
-    lower, upper = (
-        -_upper_limit(actuator, -qd, voltage),
-        _upper_limit(actuator, qd, voltage),
-    )
+    lower = -_upper_limit(actuator, -qd, voltage)
+    upper = _upper_limit(actuator, qd, voltage)
     if isinstance(actuator.braking_speed, float) and actuator.braking_speed == float(
         "inf"
     ):
         return lower, upper
     xp = qd.__array_namespace__()
-    braking_down, braking_up = (
-        _braking_limit(actuator, qd),
-        _braking_limit(actuator, -qd),
-    )
+    braking_down = _braking_limit(actuator, qd)
+    braking_up = _braking_limit(actuator, -qd)
     # Beyond the no-load speed the back EMF brakes, whatever the drive can.
     return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(
         xp.minimum(upper, braking_up), lower

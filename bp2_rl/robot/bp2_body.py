@@ -94,11 +94,9 @@ class BP2Body:
     def anatomy(self) -> Anatomy:
         """Return BP2's body as an `Anatomy`."""
         share = self.trunk_inertia_share
-        roll, pitch, yaw = (
-            bp2.TRUNK_ROLL_INERTIA,
-            bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS,
-            bp2.TRUNK_YAW_INERTIA,
-        )
+        roll = bp2.TRUNK_ROLL_INERTIA
+        pitch = bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS
+        yaw = bp2.TRUNK_YAW_INERTIA
         return Anatomy(
             name="BP2",
             trunk=Link(
@@ -121,10 +119,8 @@ class BP2Body:
         )
 
     def _leg(self, index: int) -> Leg:
-        fore, left = (
-            (1.0 if LEGS[index][0] == "F" else -1.0),
-            (1.0 if LEGS[index][1] == "L" else -1.0),
-        )
+        fore = 1.0 if LEGS[index][0] == "F" else -1.0
+        left = 1.0 if LEGS[index][1] == "L" else -1.0
         thigh_twist = self.thigh_mass / bp2.THIGH_MASS * bp2.THIGH_TWIST_INERTIA
         return Leg(
             anchor=(fore * bp2.HIP_FORE_AFT, self.hip_laterals[index], 0.0),

@@ -122,10 +122,8 @@ def _segments(
     # a lower leg without length ends there
     knees = foot_position(joints, geometry.lower, hardware)
     feet = foot_position(joints, compression + geometry.foot_radius, hardware)
-    starts, ends = (
-        xp.stack([hips, knees, feet], axis=-2),
-        xp.stack([knees, feet, feet], axis=-2),
-    )
+    starts = xp.stack([hips, knees, feet], axis=-2)
+    ends = xp.stack([knees, feet, feet], axis=-2)
     return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
 
 

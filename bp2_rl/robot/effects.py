@@ -58,11 +58,9 @@ def effects_of(model: mujoco.MjModel) -> Effects:
     ):
         limited[:] = False
     rest, moved = _after(free), _after(free, position=STEP)
-    fast, told, told_and_moving = (
-        _after(free, FAST),
-        _after(free, command=1.0),
-        _after(free, STEP, command=1.0),
-    )
+    fast = _after(free, FAST)
+    told = _after(free, command=1.0)
+    told_and_moving = _after(free, STEP, command=1.0)
     damping = 0.0 - _after(free, SLOW).qfrc_damper / SLOW
     actuator_damping = (rest.qfrc_actuator - _after(free, STEP).qfrc_actuator) / STEP
     told_damping = (told.qfrc_actuator - told_and_moving.qfrc_actuator) / STEP

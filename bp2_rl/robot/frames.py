@@ -200,10 +200,8 @@ def _read_joint(
                 (sign * float(np.mean(model.jnt_range[j])) + offset) / (2.0 * math.pi)
             )
         )
-    stiffness, damping = (
-        float(effects.stiffness[dof]),
-        float(effects.actuator_damping[dof]),
-    )
+    stiffness = float(effects.stiffness[dof])
+    damping = float(effects.actuator_damping[dof])
     resisting = float(effects.damping[dof])
     # else the file has no [gains]
     in_loops = np.count_nonzero(effects.stiffness > 0.0) >= len(MOTOR_NAMES)

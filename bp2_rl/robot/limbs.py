@@ -13,16 +13,12 @@ from bp2_rl.robot.conventions import LEGS
 LEVEL = 0.1
 """Share of a foot's radius by which spheres may be nearer to the knee than the farthest
 sphere and still belong to the foot."""
-FREE, HINGE, SLIDE = (
-    int(mujoco.mjtJoint.mjJNT_FREE),
-    int(mujoco.mjtJoint.mjJNT_HINGE),
-    int(mujoco.mjtJoint.mjJNT_SLIDE),
-)
-SPHERE, CAPSULE, CYLINDER = (
-    int(mujoco.mjtGeom.mjGEOM_SPHERE),
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE),
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER),
-)
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+CAPSULE = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
 

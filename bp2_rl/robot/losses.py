@@ -108,11 +108,9 @@ def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Los
     """Return the forces that resist motion in a state (`qpos`, `qvel`) under the
     motors' torque ("... 12", Nm)."""
     r, xp = resistance, qvel.__array_namespace__()
-    qd, rate, compression = (
-        joint_velocities(qvel),
-        compression_rates(qvel),
-        compressions(qpos),
-    )
+    qd = joint_velocities(qvel)
+    rate = compression_rates(qvel)
+    compression = compressions(qpos)
     wind = qvel[..., :3] * xp.asarray([1.0, 1.0, 0.0], dtype=qvel.dtype)
     wind = wind + xp.asarray([1.0, 0.0, 0.0], dtype=qvel.dtype) * r.headwind
     air = -r.drag * xp.sqrt(xp.sum(wind * wind, axis=-1, keepdims=True)) * wind

@@ -198,10 +198,8 @@ def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
             ("toe", design.toe_mass / bp2.TOE_MASS),
         ):
             body = spec.body(f"{leg}_{link}")
-            body.mass, body.inertia = (
-                share * body.mass,
-                share * np.asarray(body.inertia),
-            )
+            body.mass = share * body.mass
+            body.inertia = share * np.asarray(body.inertia)
     thigh, toe = design.leg_length, design.leg_length - bp2.TOE_LENGTH
     for leg, lateral in zip(LEGS, design.hip_laterals, strict=True):
         spec.body(f"{leg}_abad").pos[1] = lateral

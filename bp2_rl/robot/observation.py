@@ -67,13 +67,11 @@ def _by_leg(*sign: int) -> Mirror:
 
 
 VECTOR, ROTATION, COMMAND = _signs(1, -1, 1), _signs(-1, 1, -1), _signs(1, -1, -1)
-SCALAR, CLOCK, LEG, JOINTS, MOTORS = (
-    _signs(1),
-    _signs(-1, -1),
-    _by_leg(1),
-    _by_leg(-1, 1, 1),
-    _by_leg(1, 1, 1),
-)
+SCALAR = _signs(1)
+CLOCK = _signs(-1, -1)
+LEG = _by_leg(1)
+JOINTS = _by_leg(-1, 1, 1)
+MOTORS = _by_leg(1, 1, 1)
 
 
 @dataclasses.dataclass(frozen=True)

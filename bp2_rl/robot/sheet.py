@@ -318,10 +318,8 @@ def draw_robot(hardware: HardwareSpec) -> Figure:
         ) -> np.ndarray:
             return np.asarray(point)[shown] * (sign, 1.0)
 
-        middle, half = (
-            flat(data.body("trunk").xpos),
-            np.array(anatomy.trunk_size)[shown],
-        )
+        middle = flat(data.body("trunk").xpos)
+        half = np.array(anatomy.trunk_size)[shown]
         axes.add_patch(
             Rectangle(
                 tuple(middle - half), *(2.0 * half), facecolor=FAINT, edgecolor=QUIET

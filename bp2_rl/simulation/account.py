@@ -86,83 +86,100 @@ def account(run: Trajectory) -> Account:
 def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     """Put every sample but the last through MuJoCo's forward dynamics; return the run's
     powers and the motion of its soles."""
+    resistance = Resistance.from_hardware(run.hardware)
+    if resistance is None:
+        against = None
+        applied = np.zeros_like(run.qvel)
+    else:
+        against = losses.loss(resistance, run.qpos, run.qvel, run.torque)
+        applied = losses.generalized(against, run.qvel)
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    data, feet = mujoco.MjData(model), foot_geom_ids(model)
+    force, energy, soles = _look_again(model, run, applied)
+    return _balance(run, force, energy, against), soles
+
+
+def _look_again(
+    model: mujoco.MjModel, run: Trajectory, applied: Float[np.ndarray, "_ nv"]
+) -> tuple[dict[str, Float[np.ndarray, "N nv"]], Float[np.ndarray, " N"], SoleAccount]:
+    """Return each sample's forces on the coordinates by their kind, its energy, and the
+    feet's lowest points."""
+    data = mujoco.MjData(model)
+    feet = foot_geom_ids(model)
     floor = int(model.geom("floor").id)
-    resistance = Resistance.from_hardware(run.hardware)
     count = len(run) - 1
     change = np.diff(run.qvel, axis=0)
     names = "momentum", "bias", "spring", "damper", "ground", "legs", "stops"
     force = {name: np.zeros((count, model.nv)) for name in names}
+    energy = np.zeros(count)
     soles = SoleAccount(np.zeros((count, 4)), np.zeros((count, 4, 3)))
-    energy, velocity = np.zeros(count), np.zeros(6)
-    against = (
-        None
-        if resistance is None
-        else losses.loss(resistance, run.qpos, run.qvel, run.torque)
-    )
-    applied = (
-        np.zeros_like(run.qvel)
-        if against is None
-        else losses.generalized(against, run.qvel)
-    )
     for k in range(count):
-        data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = (
-            run.qpos[k],
-            run.qvel[k],
-            run.torque[k],
-            applied[k],
-        )
+        data.qpos[:] = run.qpos[k]
+        data.qvel[:] = run.qvel[k]
+        data.ctrl[:] = run.torque[k]
+        data.qfrc_applied[:] = applied[k]
         mujoco.mj_forward(model, data)
         energy[k] = np.sum(data.energy)
         mujoco.mj_mulM(model, data, force["momentum"][k], change[k] / run.dt)
-        force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
+        force["bias"][k] = data.qfrc_bias
+        force["spring"][k] = data.qfrc_spring
         # implicit, as the integrator has it
         force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]
         split_constraints(
             model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k]
         )
         soles.height[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
-        for leg, geom in enumerate(feet):
-            mujoco.mj_objectVelocity(
-                model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0
-            )
-            soles.velocity[k, leg] = velocity[3:] + np.cross(
-                velocity[:3], (0.0, 0.0, -model.geom_size[geom, 0])
-            )
+        soles.velocity[k] = [
+            _sole_velocity(model, data, foot) for foot in feet.tolist()
+        ]
+    return force, energy, soles
 
-    mean = run.qvel[:-1] + 0.5 * change
-    powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
-    qd, torque = joint_velocities(mean), run.torque[:-1]
-    motors, copper = (
-        torque * qd,
-        winding_heat(Actuator.from_hardware(run.hardware), torque),
-    )
-    lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
-        "copper": np.sum(copper, axis=-1),
-        "dampers": -powers["damper"],
-    }
+
+def _sole_velocity(
+    model: mujoco.MjModel, data: mujoco.MjData, foot: int
+) -> Float[np.ndarray, "3"]:
+    """Return the velocity of a foot's lowest point, m/s, world frame."""
+    velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, foot, velocity, 0)
+    below = 0.0, 0.0, -model.geom_size[foot, 0]
+    return velocity[3:] + np.cross(velocity[:3], below)
+
+
+def _balance(
+    run: Trajectory,
+    force: dict[str, Float[np.ndarray, "N nv"]],
+    energy: Float[np.ndarray, " N"],
+    against: losses.Loss | None,
+) -> Ledger:
+    """Return the powers of the forces, and of the motors that the run has recorded."""
+    mean = run.qvel[:-1] + 0.5 * np.diff(run.qvel, axis=0)
+    qd = joint_velocities(mean)
     rate = compression_rates(mean)
+    torque = run.torque[:-1]
+    powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
+    motors = torque * qd
+    copper = winding_heat(Actuator.from_hardware(run.hardware), torque)
+    lost = {cause: np.zeros(len(mean)) for cause in CAUSES}
+    lost["copper"] = np.sum(copper, axis=-1)
+    lost["dampers"] = -powers["damper"]
+    for cause in ("ground", "stops", "legs"):
+        lost[cause] = -powers[cause]
     if against is not None:
-        lost |= {
-            "gears": -np.sum(against.gear[:-1] * qd, axis=-1),
-            "joints": -np.sum(against.joint[:-1] * qd, axis=-1),
-            "slides": -np.sum(against.slide[:-1] * rate, axis=-1),
-            "air": -np.sum(against.air[:-1] * mean[:, :3], axis=-1),
-        }
+        lost["gears"] = -np.sum(against.gear[:-1] * qd, axis=-1)
+        lost["joints"] = -np.sum(against.joint[:-1] * qd, axis=-1)
+        lost["slides"] = -np.sum(against.slide[:-1] * rate, axis=-1)
+        lost["air"] = -np.sum(against.air[:-1] * mean[:, :3], axis=-1)
         lost["dampers"] = lost["dampers"] - np.sum(against.rebound[:-1] * rate, axis=-1)
-    nothing = np.zeros(count)
     return Ledger(
         bus=np.sum(motors, axis=-1) + lost["copper"],
-        lost={cause: lost.get(cause, nothing) for cause in CAUSES},
+        lost=lost,
         stored=powers["momentum"] + powers["bias"] - powers["spring"],
         energy=energy,
         motors=motors,
         copper=copper,
         springs=compression_rates(force["spring"] * mean),
-    ), soles
+    )
 
 
 def split_constraints(
@@ -195,7 +212,9 @@ def split_constraints(
 def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
     terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     beyond = beyond_envelope(run)
+    qd = run.joint_velocity
     seconds = (len(run) - 2) * run.dt
+    stored = float(ledger.energy[-1] - ledger.energy[0]) / seconds
     means = [window_means(ledger.bus, round(span / run.dt)) for span in (BURST, 1.0)]
     return PowerMetrics(
         mean=float(np.mean(ledger.bus)),
@@ -203,22 +222,13 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
         burst=float(np.max(means[0])) if len(means[0]) else float(np.mean(ledger.bus)),
         second=float(np.max(means[1])) if len(means[1]) else None,
         recharge=max(-float(np.min(ledger.bus)), 0.0),
-        motor_peak=float(
-            np.max(
-                run.torque[:-1]
-                * 0.5
-                * (run.joint_velocity[:-1] + run.joint_velocity[1:])
-            )
-        ),
+        motor_peak=float(np.max(run.torque[:-1] * 0.5 * (qd[:-1] + qd[1:]))),
         beyond=float(np.max(beyond)),
         beyond_share=float(np.mean(beyond > 1.0)),
-        overspeed_share=float(
-            np.mean(np.abs(run.joint_velocity) > run.hardware.joint_no_load_speed)
-        ),
+        overspeed_share=float(np.mean(np.abs(qd) > run.hardware.joint_no_load_speed)),
         lost={cause: float(np.mean(power)) for cause, power in ledger.lost.items()},
-        stored=float(ledger.energy[-1] - ledger.energy[0]) / seconds,
-        integration=float(np.mean(ledger.stored[:-1]))
-        - float(ledger.energy[-1] - ledger.energy[0]) / seconds,
+        stored=stored,
+        integration=float(np.mean(ledger.stored[:-1])) - stored,
         closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
     )
 
@@ -233,7 +243,8 @@ def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
     """
     motors = Actuator.from_hardware(run.hardware)
     voltage = bus_voltage(motors, run.torque[:-2], run.joint_velocity[1:-1])
-    torque, excess = run.torque[1:-1], np.zeros_like(run.torque[1:-1])
+    torque = run.torque[1:-1]
+    excess = np.zeros_like(run.torque[1:-1])
     for qd in (run.joint_velocity[1:-1], run.joint_velocity[2:]):
         lower, upper = torque_limits(motors, qd, voltage)
         excess = np.maximum(excess, np.maximum(torque - upper, lower - torque))
@@ -252,33 +263,22 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
             for leg in range(4)
         ]
     )
-    lost = sum(
-        int(
-            np.sum(
-                standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:], axis=0
-            )[leg]
-        )
-        for leg in range(4)
-    )
-    compression, rate = run.spring_compression[:-1], run.spring_velocity[:-1]
+    broken = standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:]
+    compression = run.spring_compression[:-1]
     onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
-    tops = -rate[1:][onto]
+    tops = -run.spring_velocity[1:-1][onto]
     limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
     over = np.maximum(
         run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position
     )
-    sliding = (standing & touching).any()
+    sliding = speed[standing & touching]
     plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
         depth=max(-float(np.min(soles.height)), 0.0),
-        slip=float(np.median(speed[standing & touching])) if sliding else None,
-        slip_95=float(np.quantile(speed[standing & touching], 0.95))
-        if sliding
-        else None,
-        slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances)
-        if stances
-        else None,
-        breaks=lost / stances if stances else None,
+        slip=float(np.median(sliding)) if len(sliding) else None,
+        slip_95=float(np.quantile(sliding, 0.95)) if len(sliding) else None,
+        slip_distance=float(np.sum(sliding) * run.dt / stances) if stances else None,
+        breaks=int(np.sum(broken)) / stances if stances else None,
         plate_force=max(
             float(np.max(window_means(foot, plate)))
             for foot in run.foot_force[..., 2].T

@@ -169,7 +169,8 @@ class DrakeRobot:
     def bias(self) -> Float[np.ndarray, " nv"]:
         """Return MuJoCo's `qfrc_bias` (Coriolis, gyroscopic and gravity forces) of the
         state last set, N and Nm."""
-        plant, context = self._plant, self._context
+        plant = self._plant
+        context = self._context
         forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(
             context
         )
@@ -211,7 +212,8 @@ class DrakeRobot:
     def _ground_forces(self) -> Float[np.ndarray, "4 3"]:
         """Return the ground's force on each foot in the step that begins in the state
         last set, N, world frame."""
-        forces, results = np.zeros((4, 3)), self._results.Eval(self._context)
+        forces = np.zeros((4, 3))
+        results = self._results.Eval(self._context)
         points = [
             results.point_pair_contact_info(i)
             for i in range(results.num_point_pair_contacts())
@@ -268,11 +270,9 @@ def _add_joints(
     MuJoCo's order, the free joint first."""
     joints = []
     for i in range(model.njnt):
-        body, name, dof = (
-            int(model.jnt_bodyid[i]),
-            model.joint(i).name,
-            int(model.jnt_dofadr[i]),
-        )
+        body = int(model.jnt_bodyid[i])
+        name = model.joint(i).name
+        dof = int(model.jnt_dofadr[i])
         parent, child = bodies[model.body_parentid[body]], bodies[body]
         if model.jnt_type[i] == _Joint.mjJNT_FREE:
             joints.append(
@@ -318,15 +318,14 @@ def _add_contacts(
     """Add the colliding geoms to the plant; return Drake's geometry id for each MuJoCo
     geom."""
     assert contact.stiffness is not None
-    feet, ids = foot_geom_ids(model), {}
+    feet = foot_geom_ids(model)
+    ids = {}
     load = LOAD * conventions.GRAVITY * float(np.sum(model.body_mass))
     # of a sphere on the ground: pi E x^2 = k x at this load
     modulus = contact.stiffness**2 / (np.pi * load)
     for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
-        ground, size = (
-            model.geom_type[geom] == _Geom.mjGEOM_PLANE,
-            model.geom_size[geom],
-        )
+        ground = model.geom_type[geom] == _Geom.mjGEOM_PLANE
+        size = model.geom_size[geom]
         properties = geometry.ProximityProperties()
         friction = multibody.CoulombFriction(
             *2 * [model.geom_friction[feet[0] if ground else geom, 0]]
@@ -342,9 +341,12 @@ def _add_contacts(
                 size[0] / 4.0, modulus, properties
             )
         pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
-        body, name = bodies[model.geom_bodyid[geom]], model.geom(geom).name
         ids[geom] = plant.RegisterCollisionGeometry(
-            body, pose, _shape(int(model.geom_type[geom]), size), name, properties
+            bodies[model.geom_bodyid[geom]],
+            pose,
+            _shape(int(model.geom_type[geom]), size),
+            model.geom(geom).name,
+            properties,
         )
     return ids
 
@@ -356,7 +358,8 @@ def _let_collide_what_does(
 ) -> None:
     """Exclude from Drake's contact the pairs of geoms that pass through each other in
     MuJoCo."""
-    body, parent = model.geom_bodyid, model.body_parentid
+    body = model.geom_bodyid
+    parent = model.body_parentid
     for one, other in itertools.combinations(ids, 2):
         meant = model.geom_contype[[one, other]] & model.geom_conaffinity[[other, one]]
         of, on = body[one], body[other]

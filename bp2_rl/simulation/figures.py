@@ -79,9 +79,11 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
         speed.legend(loc="lower right", handlelength=1.6)
     else:
         legend_above(speed)
-    left, turned = run.qpos[:, 1] - run.qpos[0, 1], run.heading - run.heading[0]
-    lane.plot(run.time, left, color=LEG_COLORS["RR"], label="to the left [m]")
-    lane.plot(run.time, turned, color=LEG_COLORS["RL"], label="heading [rad]")
+    for drift, leg, label in (
+        (run.qpos[:, 1], "RR", "to the left [m]"),
+        (run.heading, "RL", "heading [rad]"),
+    ):
+        lane.plot(run.time, drift - drift[0], color=LEG_COLORS[leg], label=label)
     lane.axhline(0.0, color=QUIET, linewidth=0.8)
     lane.set(
         title="Drift",
@@ -171,10 +173,16 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     for i, (axes, leg) in enumerate(
         zip(rows, leg_metrics(strides, strides), strict=True)
     ):
-        color, height = LEG_COLORS[leg.name], axes.get_xaxis_transform()
-        stands = {"where": standing[:, i], "transform": height}
+        color = LEG_COLORS[leg.name]
         axes.fill_between(
-            strides.time, 0.0, 1.0, **stands, color=color, alpha=0.16, linewidth=0
+            strides.time,
+            0.0,
+            1.0,
+            where=standing[:, i],
+            transform=axes.get_xaxis_transform(),
+            color=color,
+            alpha=0.16,
+            linewidth=0,
         )
         axes.plot(strides.time, smooth[:, i], color=color, linewidth=1.6)
         axes.axhline(weight, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
@@ -200,7 +208,8 @@ def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     panels = figure.subplots(3 if run.hardware.anatomy.sprung else 2, 1, sharex=True)
     hip, knee = panels[:2]
     for leg in PAIR:
-        i, color = conventions.LEGS.index(leg), LEG_COLORS[leg]
+        i = conventions.LEGS.index(leg)
+        color = LEG_COLORS[leg]
         for axes, j in ((hip, 1), (knee, 2)):
             axes.plot(strides.time, angle[:, i, j], color=color, label=leg)
             axes.plot(

@@ -5,6 +5,7 @@ process, so the film is made by a process of its own: `make_video` starts it onc
 each library, this module run as a script is that process.
 """
 
+import contextlib
 import dataclasses
 import importlib.util
 import io
@@ -22,6 +23,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
+from bp2_rl.robot.camera import Camera
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
@@ -33,7 +35,6 @@ SLOW_FRAME = 0.1
 TIME_LIMIT = 300.0  # s, for one library
 # m: where the film is made, in the midst of the scene's lane lines and metre marks
 SCENE = 90.0
-CAMERA = "track"
 LAST = 19  # niceness
 
 
@@ -118,30 +119,25 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     to its middle than it ran.
     """
     model = load_model(run.hardware)
-    data = mujoco.MjData(model)
-    if shot.beside or _seconds_a_frame(model, data, shot) > SLOW_FRAME:
+    if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
         model.mat_reflectance[:] = 0.0
     with tempfile.TemporaryDirectory(prefix="bp2-film-") as folder:
         temporary = Path(folder) / output.name
-        poster = _draw(run, model, data, temporary, shot)
+        poster = _draw(run, model, temporary, shot)
         write_bytes(output, temporary.read_bytes())
     write_bytes(output.with_suffix(POSTER), poster)
 
 
-def _draw(
-    run: Trajectory,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    output: Path,
-    shot: Shot,
-) -> bytes:
+def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> bytes:
     """Render the frames into a film at `output`; return the middle frame as a JPEG."""
     import imageio_ffmpeg  # an evaluation goes without a film where it is missing
 
-    samples, poster = frame_samples(run, shot), io.BytesIO()
-    forward, ripple = run.ground_velocity[:, 0], round(RIPPLE / run.dt)
+    samples = frame_samples(run, shot)
+    poster = io.BytesIO()
+    forward = run.ground_velocity[:, 0]
+    ripple = round(RIPPLE / run.dt)
     # The index in front lets a browser begin before it has the whole file.
     writer = imageio_ffmpeg.write_frames(
         str(output),
@@ -152,17 +148,14 @@ def _draw(
     )
     writer.send(None)
     try:
-        with mujoco.Renderer(model, shot.height, shot.width) as renderer:
+        with contextlib.closing(Camera(model, shot.height, shot.width)) as camera:
+            # the endless floor is laid out around the camera's last place
+            camera.picture(_near_the_middle(run.qpos[samples[0]]))
             for i, k in enumerate(samples):
-                data.qpos[:] = run.qpos[k]
-                data.qpos[0] += SCENE - np.floor(data.qpos[0])
-                mujoco.mj_forward(model, data)
-                # the endless floor is laid out around the camera's last place
-                for _ in range(2 if i == 0 else 1):
-                    renderer.update_scene(data, camera=CAMERA)
                 recent = forward[max(0, k - ripple) : k + 1]
                 text = f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
-                image = _captioned(renderer.render(), text)
+                picture = camera.picture(_near_the_middle(run.qpos[k]))
+                image = _captioned(picture, text)
                 writer.send(image.tobytes())
                 if i == len(samples) // 2:
                     image.save(poster, "JPEG", quality=80)
@@ -171,13 +164,18 @@ def _draw(
     return poster.getvalue()
 
 
-def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData, shot: Shot) -> float:
-    with mujoco.Renderer(model, shot.height, shot.width) as renderer:
-        mujoco.mj_forward(model, data)
-        renderer.update_scene(data, camera=CAMERA)
-        renderer.render()  # the first one sets up the scene
+def _near_the_middle(qpos: np.ndarray) -> np.ndarray:
+    """Return a robot's positions moved by whole metres to the midst of the scene."""
+    moved = qpos.copy()
+    moved[0] += SCENE - np.floor(qpos[0])
+    return moved
+
+
+def _seconds_a_frame(model: mujoco.MjModel, run: Trajectory, shot: Shot) -> float:
+    with contextlib.closing(Camera(model, shot.height, shot.width)) as camera:
+        camera.picture(run.qpos[0])  # the first one sets up the scene
         start = time.perf_counter()
-        renderer.render()
+        camera.picture(run.qpos[0])
         return time.perf_counter() - start
 
 
@@ -195,11 +193,10 @@ def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
 def _captioned(frame: np.ndarray, text: str) -> Image.Image:
     image = Image.fromarray(frame)
     size = max(image.height / 22.0, 12.0)
-    place, font = (1.2 * size, image.height - 2.0 * size), ImageFont.load_default(size)
     ImageDraw.Draw(image).text(
-        place,
+        (1.2 * size, image.height - 2.0 * size),
         text,
-        font=font,
+        font=ImageFont.load_default(size),
         fill="white",
         stroke_width=round(size / 12),
         stroke_fill="#1F2328",

@@ -69,10 +69,8 @@ def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
 def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
     """Return the clearances between legs and between legs and trunk at each sample, m,
     also for legs that pass through each other."""
-    joints, compression = (
-        run.joint_position[samples].reshape(-1, 4, 3),
-        run.spring_compression[samples],
-    )
+    joints = run.joint_position[samples].reshape(-1, 4, 3)
+    compression = run.spring_compression[samples]
     chunks = (slice(start, start + CHUNK) for start in range(0, len(joints), CHUNK))
     parts = [
         clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks

@@ -40,7 +40,9 @@ ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
 def run_metrics(run: Trajectory) -> RunMetrics:
     """Compute all figures of merit of a run."""
     end = round(len(run) * run.dt, 6)
-    hold, best, steady = hold_phase(run), best_window(run, 1.0), steady_window(run)
+    hold = hold_phase(run)
+    best = best_window(run, 1.0)
+    steady = steady_window(run)
     speed = steady.ground_velocity[:, 0]
     envelope = envelope_use(run)
     mechanical, electrical = mean_powers(steady)
@@ -55,9 +57,12 @@ def run_metrics(run: Trajectory) -> RunMetrics:
     off_half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
-    held, slowest, error = None, None, None
+    held = None
+    slowest = None
+    error = None
     if hold is not None:
-        held, forward = best_window(hold, HELD), hold.ground_velocity[:, 0]
+        held = best_window(hold, HELD)
+        forward = hold.ground_velocity[:, 0]
         slowest = float(np.min(window_means(forward, round(1.0 / run.dt))))
         # the speed's ripple within a stride counts
         error = float(np.mean(np.abs(forward - hold.command[:, 0])))
@@ -153,10 +158,8 @@ def envelope_use(
 
     `motors` are those of each sample where they changed with time.
     """
-    motors, qd = (
-        motors or actuator.Actuator.from_hardware(run.hardware),
-        run.joint_velocity,
-    )
+    motors = motors or actuator.Actuator.from_hardware(run.hardware)
+    qd = run.joint_velocity
     before = np.concatenate([run.torque[:1], run.torque[:-1]])
     low, high = actuator.torque_limits(
         motors, qd, actuator.bus_voltage(motors, before, qd)

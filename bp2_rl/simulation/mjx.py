@@ -31,27 +31,28 @@ class MjxSimulator(Simulator):
     """
 
     backend: ClassVar[Backend] = "mjx"
+    takes_again: ClassVar[bool] = False
 
     def __init__(
         self,
         robots: Sequence[RobotSetup],
         models: Sequence[mujoco.MjModel] | None = None,
     ):
-        super().__init__(robots, models)
         if any(robot != RobotSetup(robot.config) for robot in robots):
             raise UserError(
                 "MJX runs robots as designed on level ground without other numerics; use --backend mujoco"
             )
-        self._throughout[:], self._all_throughout = False, False
+        super().__init__(robots, models)
         self._physics = [_compiled_step(robot.config.hardware) for robot in robots]
 
     def _advance(self, robot: int) -> None:
         data = self.data[robot]
         mujoco.mj_forward(self.models[robot], data)  # for the forces on the feet
         before = data.qpos, data.qvel, data.qacc_warmstart, data.ctrl, data.qfrc_applied
-        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._physics[robot](
-            *before
-        )
+        qpos, qvel, warm_start = self._physics[robot](*before)
+        data.qpos[:] = qpos
+        data.qvel[:] = qvel
+        data.qacc_warmstart[:] = warm_start
         data.time += self.models[robot].opt.timestep
 
 
@@ -61,7 +62,8 @@ def _compiled_step(hardware: HardwareSpec) -> Callable[..., tuple[jax.Array, ...
     qvel, warm start)."""
     # a robot falls before its trunk touches
     model = load_model(hardware, visual=False, feet_only=True)
-    on_device, template = mjx.put_model(model), mjx.make_data(model)
+    on_device = mjx.put_model(model)
+    template = mjx.make_data(model)
 
     @jax.jit
     def step(*before: jax.Array) -> tuple[jax.Array, ...]:

@@ -213,7 +213,8 @@ def run_fleet(
         seed: of everything that is drawn.
         backend: the simulator.
     """
-    schedule, hardware = request.schedule, request.hardware or policy.card.env.hardware
+    schedule = request.schedule
+    hardware = request.hardware or policy.card.env.hardware
     draws = [Draw(ranges, seed, number) for number in range(robots)]
     worlds = [
         dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration))

@@ -65,7 +65,8 @@ class PolicyRunner:
         noise: RandomizationConfig | None = None,
     ):
         robots = len(operators)
-        self._filled, self._each = filled(robots), np.arange(robots)
+        self._filled = filled(robots)
+        self._each = np.arange(robots)
         self._by_operator = {
             operator: [robot for robot, its in enumerate(operators) if its == operator]
             for operator in {*operators}
@@ -76,10 +77,8 @@ class PolicyRunner:
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
             function, weights = _apart(policy)
-            self._weights, self._control = (
-                jax.device_put(weights),
-                _compiled_control_step(function, config, noise),
-            )
+            self._weights = jax.device_put(weights)
+            self._control = _compiled_control_step(function, config, noise)
             start = Controller(config).init()
             self._state = jax.tree.map(
                 lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0),

@@ -196,7 +196,8 @@ def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> Env
             )
         return config
     config = config or policy.card.env
-    wanted, given = policy.card.observation_layout, layout_of(config.control)
+    wanted = policy.card.observation_layout
+    given = layout_of(config.control)
     if wanted != given:
         entry, other = next(
             pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1]
@@ -218,7 +219,9 @@ def _in_parts(
     order."""
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
-        yield from _simulate(policy, config, [requests[i] for i in part], engine)
+        yield from _SideBySide(
+            policy, config, [requests[i] for i in part], engine
+        ).run()
 
 
 def _engine(backend: Backend) -> type[Simulator]:
@@ -234,100 +237,116 @@ def _engine(backend: Backend) -> type[Simulator]:
     return Simulator
 
 
-def _simulate(
-    policy: ActionFunction,
-    config: EnvConfig,
-    requests: Sequence[RunRequest],
-    engine: type[Simulator],
-) -> list[Trajectory]:
-    count = len(requests)
-    robots = [request.robot(config) for request in requests]
-    simulator = settled(robots, engine)
-    schedules = [sampled_commands(request.schedule) for request in requests]
-    ticks = np.array([len(commands) - 1 for commands in schedules])
-    longest = int(np.max(ticks))
-    scheduled = np.stack(
-        [
-            commands[np.minimum(np.arange(longest + 1), len(commands) - 1)]
-            for commands in schedules
-        ]
-    )
-    noise = draw_sensor_noise(requests, longest)
-    runner = PolicyRunner(
-        policy,
-        config,
-        operators=[request.operator for request in requests],
-        latencies=[robot.latency for robot in robots],
-        commands=scheduled[:, 0],
-        noise=config.randomization if noise else None,
-    )
-    recording = Recording.empty(config.hardware, count, longest * conventions.SUBSTEPS)
-    finish = np.array([request.finish for request in requests])
-    pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
-    watches = {
-        robot: request.watch
-        for robot, request in enumerate(requests)
-        if request.watch is not None
-    }
-    lasted, fell, ended = (
-        ticks * conventions.SUBSTEPS,
-        np.zeros(count, bool),
-        ticks == 0,
-    )
-    for k in range(longest):
-        poses = zip(requests, simulator.qpos, strict=True)
-        sensed = np.stack(
+class _SideBySide:
+    """Make many runs in one simulator, under one policy, and record them."""
+
+    def __init__(
+        self,
+        policy: ActionFunction,
+        config: EnvConfig,
+        requests: Sequence[RunRequest],
+        engine: type[Simulator],
+    ):
+        self._config = config
+        self._requests = requests
+        robots = [request.robot(config) for request in requests]
+        self._simulator = settled(robots, engine)
+        schedules = [sampled_commands(request.schedule) for request in requests]
+        self._ticks = np.array([len(commands) - 1 for commands in schedules])
+        self._longest = int(np.max(self._ticks))
+        # (N, T + 1, 3): a run that is over holds its last command
+        self._commands = np.stack(
             [
-                sensed_pose(x, one.world, one.gyro_bias, k * conventions.CONTROL_STEP)
-                for one, x in poses
+                commands[np.minimum(np.arange(self._longest + 1), len(commands) - 1)]
+                for commands in schedules
             ]
         )
-        targets = runner.tick(
-            sensed,
-            simulator.qvel,
-            scheduled[:, k + 1],
-            *(drawn[:, k] for drawn in noise),
-        )
-        for step, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
-            for robot in pushed:
-                if not ended[robot]:
-                    requests[robot].world.push(simulator.data[robot], step)
-                    simulator.read(robot)
-            recording.qpos[:, step], recording.qvel[:, step] = (
-                simulator.qpos,
-                simulator.qvel,
-            )
-            recording.target[:, step], recording.command[:, step] = (
-                position,
-                runner.command,
-            )
-            enough = simulator.qpos[:, 0] >= finish
-            recording.torque[:, step] = simulator.millisecond(
-                position, velocity, np.flatnonzero(~ended)
-            )
-            recording.foot_force[:, step] = simulator.foot_force
-            down = fall(simulator.qpos, simulator.qvel, config.termination).happened
-            for robot, watch in watches.items():
-                enough[robot] |= not ended[robot] and watch(
-                    simulator, robot, recording.torque[robot, step]
-                )
-            over = ~ended & (down | enough)
-            lasted[over], fell[over & down] = step + 1, True
-            ended |= over
-        ended |= ticks <= k + 1
-        if ended.all():
-            break
-    return [
-        recording.of(i).trajectory(
-            request,
+        self._noise = draw_sensor_noise(requests, self._longest)
+        self._runner = PolicyRunner(
+            policy,
             config,
-            engine.backend,
-            length=int(lasted[i]),
-            fell=bool(fell[i]),
-            mass=simulator.mass(i),
+            operators=[request.operator for request in requests],
+            latencies=[robot.latency for robot in robots],
+            commands=self._commands[:, 0],
+            noise=config.randomization if self._noise else None,
         )
-        for i, request in enumerate(requests)
-    ]
+        self._recording = Recording.empty(
+            config.hardware, len(requests), self._longest * conventions.SUBSTEPS
+        )
+        self._finish = np.array([request.finish for request in requests])
+        self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
+        self._watched = [i for i, one in enumerate(requests) if one.watch]
+        self._lasted = self._ticks * conventions.SUBSTEPS  # ms
+        self._fell = np.zeros(len(requests), bool)
+        self._ended = self._ticks == 0
+
+    def run(self) -> list[Trajectory]:
+        """Simulate all runs to their ends; return what was recorded."""
+        for tick in range(self._longest):
+            self._control_step(tick)
+            if self._ended.all():
+                break
+        return [
+            self._recording.of(i).trajectory(
+                request,
+                self._config,
+                self._simulator.backend,
+                length=int(self._lasted[i]),
+                fell=bool(self._fell[i]),
+                mass=self._simulator.mass(i),
+            )
+            for i, request in enumerate(self._requests)
+        ]
+
+    def _control_step(self, tick: int) -> None:
+        """Let the policy set the joints' targets, and simulate until it does again."""
+        time = tick * conventions.CONTROL_STEP
+        poses = zip(self._requests, self._simulator.qpos, strict=True)
+        sensed = [sensed_pose(x, one.world, one.gyro_bias, time) for one, x in poses]
+        targets = self._runner.tick(
+            np.stack(sensed),
+            self._simulator.qvel,
+            self._commands[:, tick + 1],
+            *(drawn[:, tick] for drawn in self._noise),
+        )
+        for step, target in enumerate(targets, tick * conventions.SUBSTEPS):
+            self._push(step)
+            self._millisecond(step, *target)
+        self._ended |= self._ticks <= tick + 1
+
+    def _push(self, step: int) -> None:
+        for robot in self._pushed:
+            if not self._ended[robot]:
+                world = self._requests[robot].world
+                world.push(self._simulator.data[robot], step)
+                self._simulator.read(robot)
+
+    def _millisecond(
+        self,
+        step: int,
+        position: Float[np.ndarray, "N 12"],
+        velocity: Float[np.ndarray, "N 12"],
+    ) -> None:
+        """Simulate and record a millisecond, and see which runs end with it."""
+        simulator = self._simulator
+        recording = self._recording
+        recording.qpos[:, step] = simulator.qpos
+        recording.qvel[:, step] = simulator.qvel
+        recording.target[:, step] = position
+        recording.command[:, step] = self._runner.command
+        enough = simulator.qpos[:, 0] >= self._finish
+        torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
+        recording.torque[:, step] = torque
+        recording.foot_force[:, step] = simulator.foot_force
+        down = fall(simulator.qpos, simulator.qvel, self._config.termination).happened
+        for robot in self._watched:
+            watch = self._requests[robot].watch
+            if watch and not self._ended[robot]:
+                enough[robot] |= watch(simulator, robot, recording.torque[robot, step])
+        over = ~self._ended & (down | enough)
+        self._lasted[over] = step + 1
+        self._fell |= over & down
+        self._ended |= over
 
 
 def draw_sensor_noise(

@@ -152,6 +152,8 @@ class Simulator:
     """
 
     backend: ClassVar[Backend] = "mujoco"
+    takes_again: ClassVar[bool] = True
+    """whether a step can be taken again with less torque"""
 
     def __init__(
         self,
@@ -169,12 +171,12 @@ class Simulator:
         self._steps = [
             robot.numerics.steps // robot.numerics.updates for robot in robots
         ]
+        self._most_updates = int(np.max(self._updates))
         self._throughout = np.array(
-            [robot.config.hardware.envelope == "throughout" for robot in robots]
-        )
-        self._most_updates, self._all_throughout = (
-            int(np.max(self._updates)),
-            bool(np.all(self._throughout)),
+            [
+                self.takes_again and robot.config.hardware.envelope == "throughout"
+                for robot in robots
+            ]
         )
         self._rows = None
         for model, data in zip(self.models, self.data, strict=True):
@@ -205,11 +207,15 @@ class Simulator:
     def read(self, robot: int) -> None:
         """Update a robot's state in the simulator after a change of its `data` from
         outside."""
-        self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[
-            robot
-        ]
+        self._copy(robot)
         self.torque = self.torque.copy()  # a millisecond has returned it
         self.torque[robot] = self.data[robot].ctrl
+
+    def _copy(self, robot: int) -> None:
+        qpos, qvel, foot_force = self._outputs[robot]
+        self.qpos[robot] = qpos
+        self.qvel[robot] = qvel
+        self.foot_force[robot] = foot_force
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
         """Return the full integration state of a robot, in MuJoCo's order."""
@@ -225,7 +231,8 @@ class Simulator:
 
     def set_motors(self, robot: int, motors: Actuator) -> None:
         """Give a robot other motors from the next millisecond on."""
-        self.motors[robot], self._rows = motors, None
+        self.motors[robot] = motors
+        self._rows = None
 
     def settle(self) -> None:
         """Let all robots stand under the joint PD loop until they are at rest, then
@@ -233,17 +240,17 @@ class Simulator:
 
         The robots' sway is damped meanwhile.
         """
-        stand, still = (
-            joint_positions(self.qpos).copy(),
-            np.zeros((len(self), conventions.NUM_MOTORS)),
-        )
+        stand = joint_positions(self.qpos).copy()
+        still = np.zeros_like(stand)
         for _ in range(round(SETTLING_TIME / DT)):
             self.millisecond(stand, still)
             for robot, data in enumerate(self.data):
                 data.qvel *= 1.0 - SETTLING_DAMPING * DT
                 self.qvel[robot] = data.qvel
         for robot, data in enumerate(self.data):
-            data.qpos[:2], data.qvel[:], data.time = 0.0, 0.0, 0.0
+            data.qpos[:2] = 0.0
+            data.qvel[:] = 0.0
+            data.time = 0.0
             self.read(robot)
 
     def millisecond(
@@ -281,9 +288,12 @@ class Simulator:
         if self._rows is None:
             parts = zip(self.motors, self._resistance, self._periods, strict=True)
             self._rows = laws.stacked([laws.numbers_of(*part) for part in parts])
-        before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
+        before = self.torque
+        qpos = self.qpos.copy()
+        qvel = self.qvel.copy()
         forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
-        tried = robots if self._all_throughout else robots[self._throughout[robots]]
+        throughout = self._throughout[robots]
+        tried = robots[throughout]
         for robot in tried.tolist():
             mujoco.mj_getState(
                 self.models[robot], self.data[robot], self._start[robot], STATE
@@ -312,8 +322,7 @@ class Simulator:
                     self.models[robot], self.data[robot], self._start[robot], STATE
                 )
         self._step(tried, forces)
-        if not self._all_throughout:
-            self._step(robots[~self._throughout[robots]], forces)
+        self._step(robots[~throughout], forces)
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
@@ -321,17 +330,11 @@ class Simulator:
         self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]
     ) -> None:
         for robot in robots.tolist():
-            (torque, force), (qpos, qvel, foot_force) = (
-                self._inputs[robot],
-                self._outputs[robot],
-            )
-            torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
+            torque, force = self._inputs[robot]
+            torque[:] = forces[robot, :12]
+            force[:] = forces[robot, 12:]
             self._advance(robot)
-            self.qpos[robot], self.qvel[robot], self.foot_force[robot] = (
-                qpos,
-                qvel,
-                foot_force,
-            )
+            self._copy(robot)
 
     def _advance(self, robot: int) -> None:
         """Take the physics steps of a torque update; `data` then holds the new state

@@ -253,7 +253,8 @@ def hold_phase(run: Trajectory) -> Trajectory | None:
 def steady_window(run: Trajectory) -> Trajectory:
     """Return the part of a run that represents steady running: the hold phase, else the
     fastest second, else the whole run."""
-    hold, best = hold_phase(run), best_window(run, 1.0)
+    hold = hold_phase(run)
+    best = best_window(run, 1.0)
     if hold is not None:
         return hold
     return run.between(best.start, best.start + 1.0) if best is not None else run

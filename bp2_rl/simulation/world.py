@@ -85,16 +85,15 @@ class World(Bounded, path="world."):
         rows, columns = (round(size / self.cell) + 1 for size in (BREADTH, LENGTH))
         drawn = np.random.default_rng(self.seed).uniform(size=(rows, columns))
         share = (drawn - drawn.min()) / (drawn.max() - drawn.min()) - 0.5
-        y, x = (
-            np.linspace(-BREADTH / 2, BREADTH / 2, rows),
-            np.linspace(-BEHIND, LENGTH - BEHIND, columns),
-        )
+        y = np.linspace(-BREADTH / 2, BREADTH / 2, rows)
+        x = np.linspace(-BEHIND, LENGTH - BEHIND, columns)
         share[(np.abs(y)[:, None] <= EVEN) & (np.abs(x) <= EVEN)] = 0.0
         return self.roughness * share
 
     def _lay_rough_ground(self, spec: mujoco.MjSpec) -> None:
         """Replace the floor by a height field."""
-        heights, floor = self.heights(), spec.geom("floor")
+        heights = self.heights()
+        floor = spec.geom("floor")
         lowest = -self.roughness / 2
         spec.add_hfield(
             name="rough",
@@ -103,7 +102,8 @@ class World(Bounded, path="world."):
             size=(LENGTH / 2, BREADTH / 2, self.roughness, 1.0),
             userdata=((heights - lowest) / self.roughness).ravel().tolist(),
         )
-        floor.type, floor.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "rough"
+        floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
+        floor.hfieldname = "rough"
         floor.pos = np.array([LENGTH / 2 - BEHIND, 0.0, lowest])
 
 
@@ -117,7 +117,8 @@ def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -
     cos, sin = np.cos(yaw), np.sin(yaw)
     data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
     if turn:
-        to_trunk, spin = np.zeros(4), np.zeros(3)
+        to_trunk = np.zeros(4)
+        spin = np.zeros(3)
         mujoco.mju_negQuat(to_trunk, data.qpos[3:7])
         mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, turn]), to_trunk)
         data.qvel[3:6] += spin
@@ -143,7 +144,8 @@ def sensed_pose(
         ((0.0, 1.0, 0.0), -world.slope),
         ((0.0, 0.0, 1.0), gyro_bias * time),
     ):
-        turn, before = np.zeros(4), sensed[3:7].copy()
+        turn = np.zeros(4)
+        before = sensed[3:7].copy()
         mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
         mujoco.mju_mulQuat(sensed[3:7], turn, before)
     return sensed

@@ -124,31 +124,31 @@ def test_an_integer_is_a_fine_float():
         ({}, "steps: missing"),
         ({"steps": 1, "stepz": 2}, "stepz: unknown key; Outer has steps, name"),
         ({"steps": 1, "inner": {"rat": 2}}, "inner.rat: unknown key"),
-        ({"steps": 1.0}, "steps: expected an integer, got 1.0"),
-        ({"steps": True}, "steps: expected an integer, got True"),
-        ({"steps": 1, "fast": 1}, "fast: expected true or false, got 1"),
-        ({"steps": 1, "name": None}, "name: expected a string, got None"),
-        ({"steps": 1, "limit": "1"}, "limit: expected a number, got '1'"),
-        ({"steps": 1, "limit": True}, "limit: expected a number, got True"),
-        ({"steps": 1, "inner": 3}, "inner: expected an object (Inner), got 3"),
+        ({"steps": 1.0}, "steps takes a whole number, got 1.0"),
+        ({"steps": True}, "steps takes a whole number, got True"),
+        ({"steps": 1, "fast": 1}, "fast takes True or False, got 1"),
+        ({"steps": 1, "name": None}, "name takes a text, got None"),
+        ({"steps": 1, "limit": "1"}, "limit takes a number, got '1'"),
+        ({"steps": 1, "limit": True}, "limit takes a number, got True"),
+        ({"steps": 1, "inner": 3}, "inner takes an object (Inner), got 3"),
         (
             {"steps": 1, "inner": {"sizes": [1, "a"]}},
-            "inner.sizes[1]: expected an integer, got 'a'",
+            "inner.sizes[1] takes a whole number, got 'a'",
         ),
         (
             {"steps": 1, "inner": {"mode": "wild"}},
-            "inner.mode: expected 'adaptive' or 'fixed', got 'wild'",
+            "inner.mode takes 'adaptive' or 'fixed', got 'wild'",
         ),
         ({"steps": 1, "inner": {"rate": -1}}, "inner: rate must be positive"),
-        ({"steps": 1, "spare": {"rate": "x"}}, "spare.rate: expected a number"),
-        ({"steps": 1, "spare": 1}, "spare: expected an object (Inner), got 1"),
-        ({"steps": 1, "number": "x"}, "number: expected a number, got 'x'"),
-        ({"steps": 1, "span": [1]}, "span: expected 2 entries, got 1"),
-        ({"steps": 1, "layout": [["up", "3"]]}, "layout[0][1]: expected an integer"),
-        ({"steps": 1, "sizes": [1, None]}, "sizes[1]: expected an integer"),
-        ({"steps": 1, "results": [1]}, "results: expected an object, got [1]"),
-        ({"steps": 1, "limit": 10**400}, "limit: expected a number, got 1000"),
-        ([1], "config: expected an object (Outer), got [1]"),
+        ({"steps": 1, "spare": {"rate": "x"}}, "spare.rate takes a number"),
+        ({"steps": 1, "spare": 1}, "spare takes an object (Inner), got 1"),
+        ({"steps": 1, "number": "x"}, "number takes a number, got 'x'"),
+        ({"steps": 1, "span": [1]}, "span takes 2 entries, got 1"),
+        ({"steps": 1, "layout": [["up", "3"]]}, "layout[0][1] takes a whole number"),
+        ({"steps": 1, "sizes": [1, None]}, "sizes[1] takes a whole number"),
+        ({"steps": 1, "results": [1]}, "results takes an object, got [1]"),
+        ({"steps": 1, "limit": 10**400}, "limit takes a number, got a huge integer"),
+        ([1], "config takes an object (Outer), got [1]"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_the_path_of_its_key(data: Any, message: str):
@@ -167,7 +167,6 @@ class Typed:
     ("kind", "value", "complaint"),
     [
         (complex, 1j, "thing: a config cannot hold"),
-        (int | str, 1, r"thing: a config cannot hold .* of unions, only X"),
         (Inner | Typed, Inner(), "cannot hold Typed in a union: its field 'type'"),
         (Inner | Typed, Typed(), "cannot hold Typed in a union: its field 'type'"),
     ],
@@ -183,7 +182,7 @@ def test_a_field_that_no_config_can_hold_is_the_programs_mistake(
 def test_a_field_of_the_wrong_type_is_not_written():
     layout: Any = (("up", "fast"),)
     with pytest.raises(
-        ConfigError, match=r"layout\[0\]\[1\]: expected an integer, got 'fast'"
+        ConfigError, match=r"layout\[0\]\[1\] takes a whole number, got 'fast'"
     ):
         to_json(Outer(steps=1, layout=layout))
 
@@ -193,7 +192,7 @@ def test_a_field_of_the_wrong_type_is_not_written():
     [
         (None, r"config\.json cannot be read: No such file"),
         ('{"steps": 1', r"config\.json is damaged or not JSON"),
-        ('{"steps": "x"}', r"config\.json: steps: expected an integer"),
+        ('{"steps": "x"}', r"config\.json: steps takes a whole number"),
     ],
 )
 def test_a_file_that_is_not_ours_is_refused_by_its_name(
@@ -223,9 +222,7 @@ def test_one_of_several_dataclasses_is_read_back_by_its_name():
     assert from_json(Motion, {"gait": {"type": "Run", "speed": 8.0}}) == Motion(
         Run(8.0)
     )
-    with pytest.raises(
-        ConfigError, match=r"gait.type: expected one of Walk, Run, got 'Fly'"
-    ):
+    with pytest.raises(ConfigError, match=r"gait.type takes Walk or Run, got 'Fly'"):
         from_json(Motion, {"gait": {"type": "Fly"}})
 
 
@@ -299,7 +296,7 @@ def test_what_was_sealed_comes_back_and_nothing_else_does(tmp_path: Path):
         ):
             load_sealed(Card, path, "sum", 3)
     path.write_text(json.dumps(plain | {"a": "x"}))
-    with pytest.raises(ConfigError, match="a: expected a number, got 'x'"):
+    with pytest.raises(ConfigError, match="a takes a number, got 'x'"):
         load_sealed(Card, path, "sum", 3)
     path.write_text(json.dumps(plain))
     with pytest.raises(

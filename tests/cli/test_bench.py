@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import jax
 import pytest
@@ -10,14 +9,14 @@ from aim import Aim
 from refusals import is_told
 from rich.console import Console
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import load_config
 from bp2_rl.cli import app, train
 from bp2_rl.cli import bench as command
 from bp2_rl.settings.training import TrainConfig
 from bp2_rl.tools import bench as measuring
-from bp2_rl.tools.bench import Bench, BenchRequest
-from bp2_rl.tools.playground import PlaygroundRate
-from bp2_rl.tools.throughput import OUT_OF_MEMORY, Case, PartTiming
+from bp2_rl.tools.bench import Bench
+from bp2_rl.tools.throughput import TooManyRobotsError, share_out
 
 SMALL = [
     "--preset",
@@ -71,8 +70,6 @@ def whole(tmp_path_factory):
         patch.setattr(command, "FIRST_STEP", STARTS)
         argv = [
             *SMALL,
-            "--peer",
-            "brax",
             "--startup",
             "--out",
             str(folder / "out"),
@@ -100,11 +97,10 @@ print(json.dumps({"imported": now, "traced": now, "compiled": now + 1, "first_st
 
 def test_the_report_holds_every_number(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
-    (case,) = report.cases
-    assert tuple(m.part for m in case.measurements) == MEASURED
-    assert case.error is None
-    assert sum(case.shares.values()) == pytest.approx(1.0)
-    for m in case.measurements:
+    assert tuple(m.part for m in report.timings) == MEASURED
+    assert report.errors == ()
+    assert sum(share_out(report.timings).values()) == pytest.approx(1.0)
+    for m in report.timings:
         assert m.control_steps_per_second == pytest.approx(16 * 5 / m.seconds)
         assert (m.robots, m.devices, m.compilations) == (16, jax.device_count(), 0)
     assert report.config.ppo.num_envs == 16
@@ -115,102 +111,25 @@ def test_the_report_holds_every_number(whole):
     rows = re.findall(r"^(\w+), 16 robots|(control/s)", whole[1], re.MULTILINE)
     assert [row or head for row, head in rows] == [
         *MEASURED,
-        "acting",
-        "brax",
         "control/s",
     ]
 
 
-def test_the_peer_runs_beside_the_learner(whole):
-    report = load_config(Bench, whole[0] / "out" / "bench.json")
-    assert report.peer is not None
-    assert [m.part for m in report.peer.measurements] == ["acting", "brax"]
-    assert {(m.robots, m.devices) for m in report.peer.measurements} == {(16, 1)}
-    ours, theirs = (m.control_steps_per_second for m in report.peer.measurements)
-    assert f"acts {ours / theirs:.2f} times as fast as stock Brax" in whole[1]
-
-
-@pytest.mark.parametrize(
-    ("argv", "measured"),
-    [
-        # of these the first is compared
-        (["--robots", "16", "32", "--parts", "training"], [16, 32]),
-        # training is measured, though not asked for
-        (["--robots", "16", "--parts", "resets"], [16, 16]),
-        (["--parts", "resets"], [16, 16]),
-    ],
-)
-def test_playground_is_compared_with_a_training_of_as_many_robots_on_one_device(
-    argv, measured, tmp_path, monkeypatch, capsys
-):
-    asked, rows = [], []
-
-    def theirs(settings, seconds):
-        asked.append((settings["num_envs"], seconds))
-        return PlaygroundRate("jax", settings["num_envs"], 0.02, 12_800, 50.0)
-
-    def ours(request, size, parts, console):
-        rows.append(size[0])
-        robots, devices = size
-        rate = 10.0 * robots
-        timed = PartTiming(
-            parts[0],
-            robots,
-            devices,
-            rate,
-            rate,
-            1.0,
-            1.0,
-            0.0,
-            3,
-            0,
-            1.0,
-            1.0,
-            False,
-            None,
-        )
-        return Case(robots, devices, (timed,))
-
-    monkeypatch.setattr(
-        measuring, "playground_settings", lambda robots: {"num_envs": robots or 16}
-    )
-    monkeypatch.setattr(measuring, "measure_playground", theirs)
-    monkeypatch.setattr(measuring, "_measure", ours)
-    assert (
-        command.main([*SMALL, "--peer", "playground", *argv, "--out", str(tmp_path)])
-        == 0
-    )
-    assert asked == [(16, 0.02)]
-    assert rows == measured
-    report = load_config(Bench, tmp_path / "bench.json")
-    assert report.peer is not None
-    assert (report.peer.robots, report.peer.devices, report.peer.rate("training")) == (
-        16,
-        1,
-        160.0,
-    )
-    assert (
-        "50 control steps/s of 20 ms; ours, 16 robots, make 3.20 times as many, of 5 ms"
-        in capsys.readouterr().out
-    )
-
-
 def test_the_second_start_finds_what_the_first_compiled(whole):
     report = load_config(Bench, whole[0] / "out" / "bench.json")
-    for start, takes in ((report.cold_start, 60), (report.warm_start, 2)):
-        assert start is not None
+    for name, takes in (("cold", 60), ("warm", 2)):
+        start = report.starts[name]
         # from before the process began: Python takes its time
-        assert 0 < start.imported < 5
-        assert start.first_step == pytest.approx(start.imported + takes)
+        assert 0 < start["imported"] < 5
+        assert start["first_step"] == pytest.approx(start["imported"] + takes)
 
 
 def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
     argv = [*SMALL, "--robots", "15", "16", "--parts", "resets", "--out", str(tmp_path)]
     assert command.main(argv) == 0
-    failed, measured = json.loads((tmp_path / "bench.json").read_text())["cases"]
-    assert "num_minibatches" in failed["error"]
-    assert measured["error"] is None
-    assert measured["measurements"][0]["robots"] == 16
+    report = json.loads((tmp_path / "bench.json").read_text())
+    assert "num_minibatches" in report["errors"][0]
+    assert [row["robots"] for row in report["timings"]] == [16]
     assert (
         "15 robots on 1 device: ppo.num_envs (15) must be a multiple"
         in capsys.readouterr().out
@@ -231,22 +150,22 @@ def test_each_number_of_robots_is_measured_on_each_number_of_devices(
     assert command.choose_sizes(read("--preset", "gpu", *flags)) == sizes
 
 
-def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
+def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(
+    tmp_path, monkeypatch, capsys
+):
     tried = []
 
-    def measure(request, size, parts, console):
-        tried.append(size)
-        return Case(*size, error=errors.get(size))
+    def measure(config, robots, devices, parts, seconds):
+        tried.append((robots, devices))
+        raise errors.get((robots, devices), UserError("an odd number"))
 
-    errors = {(15, 1): "an odd number", (64, 1): OUT_OF_MEMORY}
-    monkeypatch.setattr(measuring, "_measure", measure)
+    errors = {(64, 1): TooManyRobotsError("out of memory")}
+    monkeypatch.setattr(measuring, "measure", measure)
     sizes = ((15, 1), (16, 1), (64, 1), (128, 1), (64, 2), (48, 1))
-    request = BenchRequest(
-        TrainConfig(), sizes, ("training",), 1.0, None, None, (), Path()
-    )
-    cases = list(measuring.measure_sizes(request, Console()))
+    with pytest.raises(UserError, match="nothing could be measured: 15 robots on 1"):
+        measuring.run_bench(TrainConfig(), sizes, ("training",), 1.0, tmp_path)
     assert tried == [(15, 1), (16, 1), (64, 1), (64, 2), (48, 1)]
-    assert cases[3].error == "not tried: 64 robots were out of memory"
+    assert "64 robots on 1 device: out of memory" in capsys.readouterr().out
 
 
 def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
@@ -269,7 +188,6 @@ def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
         (["--seconds", "nan"], ["--seconds"]),
         (["--parts", "brains"], ["--parts", "physics"]),
         (["--parts", "brax"], ["--parts"]),
-        (["--peer", "isaac"], ["--peer", "brax"]),
         (["--preset", "huge"], ["--preset", "smoke"]),
         (["--ppo.num-minibatches", "3"], ["num_minibatches"]),
         (["--speed"], ["--speed"]),

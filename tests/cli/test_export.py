@@ -186,7 +186,7 @@ def test_a_mistake_is_told(capsys, arguments, words):
     ("content", "words"),
     [
         ("", "damaged or not JSON"),
-        ("[1, 2]", "expected an object"),
+        ("[1, 2]", "takes an object"),
         ('{"loss": 3}', "loss: unknown key"),
         (
             '{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}',

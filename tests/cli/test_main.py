@@ -120,11 +120,13 @@ def test_the_package_runs_as_a_module_and_tells_its_version():
     assert ended.stdout == f"bp2_rl {bp2_rl.__version__}\n"
 
 
-@pytest.mark.parametrize("script", ["train.py", "eval.py"])
-def test_a_python_without_our_packages_is_told_to_activate_the_environment(script):
-    path = Path(bp2_rl.__file__).parents[1] / script
+@pytest.mark.parametrize(
+    "words", [["train.py"], ["eval.py"], ["-m", "bp2_rl", "robot", "check"]]
+)
+def test_a_python_without_our_packages_is_told_to_activate_the_environment(words):
     ended = subprocess.run(
-        [sys.executable, "-S", "-E", path, "--help"],
+        [sys.executable, "-S", "-E", *words, "--help"],
+        cwd=Path(bp2_rl.__file__).parents[1],
         capture_output=True,
         text=True,
         check=False,

@@ -2,13 +2,8 @@
 
 import numpy as np
 
-from bp2_rl.paper.benchmarks.mechanism.forces import (
-    HIPS_AND_KNEES,
-    TERMS,
-    THROUGH,
-    WITHIN,
-    Forces,
-)
+from bp2_rl.paper.benchmarks.mechanism.forces import COORDINATES
+from bp2_rl.paper.trajectories.sources import LIMBS, SPATIAL_TERMS, Sources
 from bp2_rl.simulation.account import CAUSES, Ledger
 
 STRIDES, N = 4, 400
@@ -16,29 +11,30 @@ SAMPLES = 4001  # ms of four cycles a second, and the one that is left out
 HIND_KNEES = (8, 11)
 
 
-def known_forces(legs: float = 0.02) -> Forces:
+def known_forces(legs: float = 0.02) -> Sources:
     """Return forces of four strides in which the spring balances 0.4 of a hip's main
     torque, the knee 0.3, and the leg across `legs`."""
     phase = 2 * np.pi * STRIDES * np.arange(N) / N
     main = np.sin(phase)[:, None] * np.full(8, 100.0)
-    within, through = np.zeros((len(WITHIN), N, 8)), np.zeros((len(THROUGH), N, 8))
-    within[WITHIN.index("spring")] = -0.4 * main
-    within[WITHIN.index("other joint")] = -0.3 * main
-    within[WITHIN.index("trunk x")] = through[THROUGH.index("same pair")] = -legs * main
-    terms = np.zeros((len(TERMS), N, 22))
-    terms[TERMS.index("main inertial")][:, HIPS_AND_KNEES] = main
-    terms[TERMS.index("coupled inertial")][:, HIPS_AND_KNEES] = np.sum(within, axis=0)
-    terms[TERMS.index("active")] = terms[0] + terms[1]
-    terms[TERMS.index("main inertial"), :, 0] = terms[
-        TERMS.index("ground reaction"), :, 0
+    nothing = np.zeros((N, 8))
+    within = {"other joint": -0.3 * main, "spring": -0.4 * main, "abduction": nothing}
+    within |= dict.fromkeys(COORDINATES.trunk, nothing) | {"trunk x": -legs * main}
+    through = dict.fromkeys(LIMBS, nothing) | {"same pair": -legs * main}
+    coupled = sum(within.values())
+    terms = np.zeros((len(SPATIAL_TERMS), N, 22))
+    terms[SPATIAL_TERMS.index("main inertial")][:, COORDINATES.motors] = main
+    terms[SPATIAL_TERMS.index("coupled inertial")][:, COORDINATES.motors] = coupled
+    terms[SPATIAL_TERMS.index("active")] = terms[0] + terms[1]
+    terms[SPATIAL_TERMS.index("main inertial"), :, 0] = terms[
+        SPATIAL_TERMS.index("ground reaction"), :, 0
     ] = 5.0
-    terms[TERMS.index("gravity"), :, 2] = terms[
-        TERMS.index("ground reaction"), :, 2
+    terms[SPATIAL_TERMS.index("gravity"), :, 2] = terms[
+        SPATIAL_TERMS.index("ground reaction"), :, 2
     ] = 350.0
-    terms[TERMS.index("centrifugal"), :, 2] = terms[TERMS.index("passive"), :, 2] = (
-        -35.0 * np.cos(phase)
-    )
-    return Forces(terms, within, through)
+    terms[SPATIAL_TERMS.index("centrifugal"), :, 2] = terms[
+        SPATIAL_TERMS.index("passive"), :, 2
+    ] = -35.0 * np.cos(phase)
+    return Sources(COORDINATES, terms, within, through)
 
 
 def known_ledger(amplitude: float = 300.0) -> Ledger:

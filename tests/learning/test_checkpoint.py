@@ -426,7 +426,7 @@ def test_metadata_of_another_program_are_refused(
         ({"format_version": 99}, "this one reads format 3: update bp2_rl"),
         ({"format_version": 2}, "format 3: use the bp2_rl that wrote it"),
         *(
-            ({name: None}, f"{name}: expected an object, got None")
+            ({name: None}, f"{name} takes an object, got None")
             for name in ("config", "log", "tree", "files")
         ),
         ({"files": {}}, "is damaged"),

@@ -260,7 +260,7 @@ def test_a_damaged_file_of_results_is_a_line_on_how_to_mend_it(tmp_path):
     run = training.start(short(), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
     (run / "judged.json").write_text('{"began": 1.0, "own": "best"}')
     for read in (load_policy, lambda run: training.resume(run, judge=Fake({}))):
-        with pytest.raises(UserError, match=r"own: expected an integer, .*; remove it"):
+        with pytest.raises(UserError, match=r"own takes a whole number, .*; remove it"):
             read(run)
     (run / "judged.json").unlink()
     judge = Fake(steady(*range(STEPS)))

@@ -457,15 +457,15 @@ def test_weights_that_no_export_wrote_are_refused(
             {"env": {"gravity": 1.62}},
             "card.json (written by bp2_rl 0.1.0): env.gravity: unknown key",
         ),
-        ({"versions": None}, "versions: expected an object, got None"),
+        ({"versions": None}, "versions takes an object, got None"),
         (
             {"activation": "gelu"},
-            "activation: expected 'swish' or 'elu' or 'tanh' or 'relu', got 'gelu'",
+            "activation takes 'swish' or 'elu' or 'tanh' or 'relu', got 'gelu'",
         ),
         # with the weights for them, which are read in no time, the network would never
         # be compiled
         ({"hidden_layer_sizes": [1] * 200_000}, "has over 100 layers"),
-        ({"stage": "$\\frac{$"}, "stage: expected 'imitation' or 'relaxed', got '$"),
+        ({"stage": "$\\frac{$"}, "stage takes 'imitation' or 'relaxed', got '$"),
         ({"created": "\x1b[31m"}, "a text holds the control character '\\x1b'"),
         ({"results": {"\u202e": 1}}, "a text holds the control character '\\u202e'"),
     ],

@@ -108,12 +108,12 @@ def test_a_library_survives_the_disk(built, tmp_path):
         ),
         (
             lambda old: old | {"solutions": [None] * 3},
-            r"solutions\[0\]: expected an object",
+            r"solutions\[0\] takes an object",
         ),
-        (lambda old: old | {"versions": None}, "versions: expected an object"),
+        (lambda old: old | {"versions": None}, "versions takes an object"),
         (
             lambda old: old | {"settings": old["settings"] | {"step": "far"}},
-            "settings.step: expected a number",
+            "settings.step takes a number",
         ),
         (
             lambda old: old | {"settings": to_json(FamilyConfig())},

@@ -82,11 +82,11 @@ def test_pictures_are_taken(library):
 def test_without_a_gl_library_pictures_are_refused_in_one_line():
     program = """
 from bp2_rl.base.errors import UserError
-from bp2_rl.peers.gymnasium_env import Photographer
+from bp2_rl.peers.gymnasium_env import open_camera
 from bp2_rl.robot.hardware import BUILT
 for mode in ("rgb_array", "human"):
     try:
-        Photographer(BUILT, mode)
+        open_camera(BUILT, mode)
     except UserError as error:
         print(error)
 """

@@ -1,7 +1,9 @@
 """Studies: the order of runs, the runs that are not repeated, and the metrics over
 seeds."""
 
+import asyncio
 import dataclasses
+import gc
 import json
 import math
 import operator
@@ -131,7 +133,7 @@ def trained(tmp_path, monkeypatch, make_card):
     trainings that were run."""
     started: list[str] = []
 
-    def run_train(self, arguments, run_dir):
+    async def run_train(self, arguments, run_dir, gpu):
         started.append(run_dir.name)
         if run_dir.name in failing:
             return False
@@ -305,7 +307,7 @@ def here(tmp_path, monkeypatch):
         )
         script.chmod(0o755)
         monkeypatch.setattr(running.sys, "executable", str(script))
-        return running.Here(("3",), lock.fileno(), print)
+        return running.Here(("3",), lock.fileno())
 
     yield make
     lock.close()
@@ -315,7 +317,8 @@ RUN, PYTHON = PLAN.chains[0][0], sys.executable
 
 
 def begin(place, folder):
-    return place.train(PLAN.command(RUN, folder), folder / RUN.name)
+    [gpu] = place.slots
+    return running._train(PLAN, folder, place, gpu, RUN, print)
 
 
 @pytest.mark.parametrize(
@@ -326,15 +329,15 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, here, code, end
     policy = killed_early / POLICIES / "1024"
     killed_early.mkdir()
     output = killed_early.with_suffix(".txt")
-    assert begin(here(code), tmp_path) is ended
+    assert asyncio.run(begin(here(code), tmp_path)) is ended
     assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
     assert not killed_early.exists()
     policy.mkdir(parents=True)  # a run that has policies is never deleted
-    begin(here(code), tmp_path)
+    asyncio.run(begin(here(code), tmp_path))
     assert policy.is_dir()
     (killed_early / "checkpoints" / "2").mkdir(parents=True)
     (killed_early / "checkpoints" / "2" / "metadata.json").touch()
-    begin(here(code), tmp_path)
+    asyncio.run(begin(here(code), tmp_path))
     assert f"'--resume', '{killed_early}'" in output.read_text()
 
 
@@ -346,51 +349,71 @@ def test_neither_a_training_nor_what_it_prints_goes_through_a_link(
     )
     victim.write_text("theirs")
     run_dir.with_suffix(".txt").symlink_to(victim)
-    assert begin(here(), tmp_path) is False
+    assert asyncio.run(begin(here(), tmp_path)) is False
     assert victim.read_text() == "theirs"
     elsewhere.mkdir()
     run_dir.symlink_to(elsewhere)
-    assert begin(here(), tmp_path) is False
+    assert asyncio.run(begin(here(), tmp_path)) is False
     said = capsys.readouterr().out
-    assert said.endswith(f"{run_dir} is a link to elsewhere: remove it\n")
+    assert f"{run_dir} is a link to elsewhere: remove it\n" in said
     assert list(elsewhere.iterdir()) == []
 
 
-def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, here, capsys):
-    place = here("time.sleep(60)")
+def test_stopping_ends_what_runs(tmp_path, here, capsys):
     output = (tmp_path / RUN.name).with_suffix(".txt")
-    with ThreadPoolExecutor(1) as threads:
-        training = threads.submit(begin, place, tmp_path)
+
+    async def stop_early():
+        training = asyncio.ensure_future(begin(here("time.sleep(60)"), tmp_path))
         while not (output.is_file() and "-m" in output.read_text()):
-            time.sleep(0.01)
-        place.stop()
-        assert training.result(timeout=30.0) is False
+            await asyncio.sleep(0.01)
+        training.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asyncio.wait_for(training, timeout=30.0)
+
+    asyncio.run(stop_early())
     assert capsys.readouterr().out == f"{RUN.name} stopped: see {output}\n"
-    output.unlink()
-    assert begin(place, tmp_path) is False
-    assert not output.exists()
 
 
 def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
-    trained, monkeypatch
+    trained, monkeypatch, caplog
 ):
     folder, started, _ = trained
     train, stopped = running.Here.train, []
 
-    def interrupt(self, arguments, run_dir):
+    async def interrupt(self, arguments, run_dir, gpu):
         if run_dir.name == "ours-1-relaxed":
             raise KeyboardInterrupt
-        return train(self, arguments, run_dir)
+        if run_dir.name == "ours-0-relaxed":
+            try:
+                await asyncio.sleep(60)
+            except asyncio.CancelledError:
+                stopped.append(run_dir.name)
+                raise
+        return await train(self, arguments, run_dir, gpu)
 
     with monkeypatch.context() as patch:
         patch.setattr(running.Here, "train", interrupt)
-        patch.setattr(running.Here, "stop", lambda self: stopped.append(True))
         with pytest.raises(KeyboardInterrupt):
             run(folder)
-    assert stopped == [True]
+    assert stopped == ["ours-0-relaxed"]
+    gc.collect()  # then asyncio would say what nobody asked for
+    assert caplog.records == []
     before = len(started)
     assert run(folder)[0] == []
     assert len(set(started)) == len(started) == 6 > before
+
+
+def test_what_cannot_be_measured_ends_the_study_with_its_own_error(
+    trained, monkeypatch
+):
+    folder, *_ = trained
+
+    def fail(policy):
+        raise UserError("the disk is full")
+
+    monkeypatch.setattr(outcome, "_measure", fail)
+    with pytest.raises(UserError, match="the disk is full"):
+        run(folder)
 
 
 STUDY = """

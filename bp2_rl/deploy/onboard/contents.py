@@ -24,12 +24,10 @@ from bp2_rl.robot.conventions import MOTOR_NAMES, POLICY_RATE
 from bp2_rl.robot.operator import COMMAND_LIMITS, CommandLaw
 
 FORMAT = 5
-SETTINGS, NETWORK, REFERENCE, MANIFEST = (
-    "deploy.json",
-    "policy.onnx",
-    "reference.npz",
-    "manifest.json",
-)
+SETTINGS = "deploy.json"
+NETWORK = "policy.onnx"
+REFERENCE = "reference.npz"
+MANIFEST = "manifest.json"
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 PARTS = (SETTINGS, NETWORK, REFERENCE, NEEDS, f"{CODE}/*.py", f"{ROBOT_FOLDER}/*.xml")
 """The files of a bundle, as glob patterns; other files may lie beside them."""
@@ -159,10 +157,8 @@ def read_bundle(folder: Path | str) -> tuple[Settings, dict[str, bytes]]:
             raise BundleError(
                 f"{path / SETTINGS} has format {found}, this controller reads {FORMAT}: export it anew"
             )
-        sealed, there = (
-            parse_json(read_bytes(path / MANIFEST, LARGEST), str(path / MANIFEST)),
-            _hashes(files),
-        )
+        sealed = parse_json(read_bytes(path / MANIFEST, LARGEST), str(path / MANIFEST))
+        there = _hashes(files)
         changed = [
             name
             for name in sorted({*sealed, *there})

@@ -191,19 +191,13 @@ class Trot:
     """
 
     def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
-        self._strides, self._cubics = (
-            arrays["strides"].astype(float).tolist(),
-            arrays["cubics"].astype(float),
-        )
-        self._rest, self._hips = (
-            arrays["stand_feet"].tolist(),
-            arrays["leg_origins"].tolist(),
-        )
+        self._strides = arrays["strides"].astype(float).tolist()
+        self._cubics = arrays["cubics"].astype(float)
+        self._rest = arrays["stand_feet"].tolist()
+        self._hips = arrays["leg_origins"].tolist()
         self._rest_torque = arrays["stand_torque"].astype(float)
-        self._stepping_speed, self._foot_circle = (
-            settings["stepping_speed"],
-            settings["foot_circle"],
-        )
+        self._stepping_speed = settings["stepping_speed"]
+        self._foot_circle = settings["foot_circle"]
         self._legs = [
             _PlayedLengths(**leg)
             for leg, _ in zip(settings["legs"], LATER, strict=True)
@@ -323,10 +317,8 @@ class Trot:
         """
         vx, vy, omega = min(command[0], self._strides[-1][0]), command[1], command[2]
         library = stepping * stride.speed
-        x0, y0 = (
-            self._rest[leg][0] + stepping * (stride.middle[leg] - self._rest[leg][0]),
-            self._rest[leg][1],
-        )
+        x0 = self._rest[leg][0] + stepping * (stride.middle[leg] - self._rest[leg][0])
+        y0 = self._rest[leg][1]
 
         def drift(tau: complex) -> tuple[complex, complex]:
             x, y = _ground(x0, y0, vx, vy, omega, tau)

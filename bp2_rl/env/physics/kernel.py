@@ -7,8 +7,8 @@ import mujoco
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
-from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
+from bp2_rl.env.physics.drive import Drive
 from bp2_rl.env.physics.interface import (
     TARGET_AGES,
     Effort,
@@ -17,9 +17,8 @@ from bp2_rl.env.physics.interface import (
     target_history,
 )
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import conventions, losses
-from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.coordinates import joint_positions, joint_velocities, with_legs
+from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.coordinates import with_legs
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.step import MuJoCoState, step
 from bp2_rl.robot.losses import Resistance
@@ -43,7 +42,7 @@ class KernelPhysics:
     ):
         self.design = Design.of(model)
         self._foot_radius = model.geom_size[foot_geom_ids(model), 0]
-        self.motors, self.resistance = motors, resistance
+        self.drive = Drive(motors, resistance)
         self._one = custom_vmap(self._single)
         self._one.def_vmap(self._batched)
 
@@ -88,12 +87,7 @@ class KernelPhysics:
         the last."""
         masses = Masses.of(self.design, robot.mass.T, robot.com_offset.T)
         robots = Robots(self.design, masses, robot.friction)
-        motors, resistance = (
-            randomization.randomize_actuator(self.motors, robot),
-            self.resistance,
-        )
-        if resistance is not None:
-            resistance = randomization.randomize_resistance(resistance, robot)
+        drive = self.drive.randomized(robot)
         history, remembered = jax.vmap(target_history)(physics, targets)
 
         def physics_step(
@@ -103,25 +97,14 @@ class KernelPhysics:
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = moving.qpos.T, moving.qvel.T
-            q, qd = joint_positions(qpos), joint_velocities(qvel)
-            torque = joint_torque(
-                motors,
-                torque,
-                q,
-                qd,
-                issued.position,
-                issued.velocity,
-                conventions.PHYSICS_STEP,
-            )
+            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
             applied = with_legs(
                 jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4])
             )
-            if resistance is not None:
-                applied += losses.generalized(
-                    losses.loss(resistance, qpos, qvel, torque), qvel
-                )
+            if resisting is not None:
+                applied += resisting
             moving, heights = step(robots, moving, applied.T)
-            return (moving, torque), (torque, torque * qd, heights)
+            return (moving, torque), (torque, power, heights)
 
         before = MuJoCoState(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
         (after, torque), (torques, powers, heights) = jax.lax.scan(

@@ -9,8 +9,8 @@ import mujoco
 from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
+from bp2_rl.env.physics.drive import Drive
 from bp2_rl.env.physics.interface import (
     TARGET_AGES,
     Effort,
@@ -19,9 +19,8 @@ from bp2_rl.env.physics.interface import (
     target_history,
 )
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import conventions, losses
-from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.coordinates import joint_positions, joint_velocities
+from bp2_rl.robot import conventions
+from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import foot_geom_ids
@@ -63,7 +62,7 @@ class MjxPhysics:
         num_robots: int = 1,
     ):
         self.model, self._template = _put_on_device(model, impl, num_robots)
-        self.motors, self.resistance = motors, resistance
+        self.drive = Drive(motors, resistance)
         self._trunk = int(model.body("trunk").id)
         self._feet = foot_geom_ids(model)
         self._foot_radius = model.geom_size[self._feet, 0]
@@ -73,12 +72,7 @@ class MjxPhysics:
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """See `interface.PhysicsEngine`."""
         model = randomize_model(self.model, robot, self._trunk)
-        motors, resistance = (
-            randomization.randomize_actuator(self.motors, robot),
-            self.resistance,
-        )
-        if resistance is not None:
-            resistance = randomization.randomize_resistance(resistance, robot)
+        drive = self.drive.randomized(robot)
         history, remembered = target_history(physics, targets)
 
         def physics_step(
@@ -86,28 +80,16 @@ class MjxPhysics:
         ) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, ...]]:
             qpos, qvel, warmstart, torque = state
             now = newest_active(ages, robot.latency)
-            q, qd = joint_positions(qpos), joint_velocities(qvel)
-            torque = joint_torque(
-                motors,
-                torque,
-                q,
-                qd,
-                history.position[now],
-                history.velocity[now],
-                conventions.PHYSICS_STEP,
-            )
+            issued = jax.tree.map(lambda x: x[now], history)
+            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
             data = self._template.replace(
                 qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
             )
-            if resistance is not None:
-                data = data.replace(
-                    qfrc_applied=losses.generalized(
-                        losses.loss(resistance, qpos, qvel, torque), qvel
-                    )
-                )
+            if resisting is not None:
+                data = data.replace(qfrc_applied=resisting)
             data = mjx.step(model, data)
             after = data.qpos, data.qvel, data.qacc_warmstart, torque
-            return after, (torque, torque * qd, data.geom_xpos[self._feet, 2])
+            return after, (torque, power, data.geom_xpos[self._feet, 2])
 
         # All else in `mjx.Data` is computed anew at each step, to save memory.
         before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque

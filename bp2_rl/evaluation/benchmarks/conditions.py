@@ -42,7 +42,8 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
-    fastest, own = policy.card.env.commands.max_forward, top_speed(policy)
+    fastest = policy.card.env.commands.max_forward
+    own = top_speed(policy)
     return round(own, 2) if BEYOND[0] <= own / fastest < BEYOND[1] else fastest
 
 
@@ -114,17 +115,18 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
 
 
 def conditions(
-    policy: Policy, schedule: str, simulator: str, setup: Setup
+    policy: Policy, setup: Setup, schedule: str, simulator: str | None = None
 ) -> dict[str, str]:
     """Return the conditions under which an evaluation can be repeated, in words, by
-    name."""
+    name; the simulator is by default the one of `setup`."""
+    robot = robot_of(policy, setup)
     return {
-        "robot": describe_robot(robot_of(policy, setup)),
+        "robot": describe_robot(robot),
         "schedule": schedule,
         "policy": describe(policy),
         "trained on": describe_robot(policy.card.env.hardware),
         "weights_sha256": policy.card.weights_sha256,
-        "simulator": simulator,
+        "simulator": simulator or describe_simulator(setup.backend, robot, setup.drake),
         "sensors": describe_sensors(policy.card.env.randomization, setup.noise_seed),
         "operator": describe_operator(setup.operator),
         "controller": describe_easing(policy.card.env.control),
@@ -152,7 +154,8 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 def describe_robot(hardware: HardwareSpec) -> str:
     """Describe a robot in one line: name and losses, and a hash of its settings if it
     is not a known BP2."""
-    losses, name = hardware.losses, robot_name(hardware)
+    losses = hardware.losses
+    name = robot_name(hardware)
     if name == "ideal":
         return (
             "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "

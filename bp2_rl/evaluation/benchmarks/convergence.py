@@ -103,8 +103,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="convergence",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(policy, describe_ramp(ramp), simulator, setup),
+        conditions=conditions(policy, setup, describe_ramp(ramp), simulator),
         verdict=summarise_convergence(metrics),
         good=metrics.greatest_change <= TOLERANCE
         and not any(variant.fell_at for variant in metrics.variants),

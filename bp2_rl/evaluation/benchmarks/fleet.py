@@ -21,6 +21,7 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
     cruising_speed,
     describe_ramp,
     describe_sensors,
@@ -29,7 +30,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
-from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, run_conditions
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
@@ -145,7 +146,8 @@ class RobustnessMetrics:
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run a fleet of randomised robots; return falls, speeds and lane offsets as an
     evaluation."""
-    count, seed = setup.robots or NUM_ROBOTS, setup.seed or 0
+    count = setup.robots or NUM_ROBOTS
+    seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
     request = RunRequest(
@@ -153,12 +155,13 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
     run = run_fleet(policy, request, drawn, count, seed, setup.backend)
     metrics = fleet_metrics(run)
-    speed, offset = metrics.mean_speed, metrics.offset
+    speed = metrics.mean_speed
+    offset = metrics.offset
     return Evaluation(
         benchmark="robustness",
         subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend=TITLES[setup.backend],
-        conditions=run_conditions(policy, setup, describe_ramp(ramp))
+        conditions=conditions(policy, setup, describe_ramp(ramp))
         | {
             "robots": f"{count}, seed {seed}",
             "sensors": describe_sensors(drawn, seed),
@@ -260,7 +263,8 @@ def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the 95 % Wilson score interval of a share (Wilson 1927), valid also for no
     and all successes."""
-    z, p = CONFIDENCE_95, successes / trials
+    z = CONFIDENCE_95
+    p = successes / trials
     middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
     half = (
         z
@@ -323,15 +327,14 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
         label="command",
     )
     if fallen:
-        floor, at = [0.03] * len(fallen), axes.get_xaxis_transform()
         axes.plot(
             fallen,
-            floor,
+            [0.03] * len(fallen),
             "x",
             ms=7,
             mew=1.8,
             color=FALL,
-            transform=at,
+            transform=axes.get_xaxis_transform(),
             label=f"{len(fallen)} fell",
         )
     axes.set(title="Mean speed held", xlabel="Friction [1]", ylabel="Speed [m/s]")
@@ -375,7 +378,6 @@ def fleet_figure(run: FleetRun) -> Figure:
     )
     fell = run.fell_at[np.isfinite(run.fell_at)]
     if len(fell):
-        at = axes.get_xaxis_transform()
         axes.plot(
             fell,
             0.03 + 0.0 * fell,
@@ -383,7 +385,7 @@ def fleet_figure(run: FleetRun) -> Figure:
             ms=10,
             mew=1.6,
             color=FALL,
-            transform=at,
+            transform=axes.get_xaxis_transform(),
             label="falls",
         )
     axes.set(

@@ -20,7 +20,6 @@ from bp2_rl.base.metric import (
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_ramp,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -181,7 +180,6 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
             over_treadmill=metrics.without_air.speed - bp2.TREADMILL_TOP_SPEED,
             over_outdoors=metrics.built.speed - bp2.OUTDOOR_TOP_SPEED,
         )
-    simulator = describe_simulator("mujoco", built)
     costliest = max(priced, key=lambda loss: loss.cost)
     rows = (
         Row("Ideal robot", f"{metrics.ideal.speed:.2f} m/s", "mean while held"),
@@ -192,8 +190,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="losses",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(policy, describe_ramp(ramp), simulator, setup),
+        conditions=conditions(policy, setup, describe_ramp(ramp)),
         verdict=summarise_losses(metrics),
         good=metrics.built.fell_at is None,
         rows=rows,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import Row, Table
+from bp2_rl.simulation.backend import TITLES
 from bp2_rl.simulation.trajectory import Trajectory
 
 
@@ -26,7 +27,6 @@ class Evaluation:
 
     benchmark: str
     subject: str  # who ran, for titles
-    backend: str  # the simulator, for titles
     conditions: dict[str, str]  # what a reader must know to do it again
     verdict: str  # in one sentence ...
     good: bool  # ... and whether it is a good one
@@ -37,4 +37,5 @@ class Evaluation:
     # what a policy's card says: SI units, shares of 1, None where it was not measured
     results: dict[str, Any]
     tables: tuple[Table, ...] = ()
+    backend: str = TITLES["mujoco"]  # the simulator, for titles
     trajectory: Trajectory | None = None  # of the one run, where there was one

@@ -22,7 +22,6 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_ramp,
     describe_rise,
-    describe_simulator,
     describe_subject,
     on_card,
     robot_of,
@@ -62,14 +61,6 @@ def run_once(
     return run
 
 
-def run_conditions(policy: Policy, setup: Setup, schedule: str) -> dict[str, str]:
-    """Return the conditions of an evaluation, with simulator and contact from
-    `setup`."""
-    robot = robot_of(policy, setup)
-    simulator = describe_simulator(setup.backend, robot, setup.drake)
-    return conditions(policy, schedule, simulator, setup)
-
-
 # --- Top speed ------------------------------------------------------------------------
 
 TOPSPEED_HOLD = 20.0  # s
@@ -89,7 +80,7 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="topspeed",
         subject=run.name,
         backend=run.backend,
-        conditions=run_conditions(policy, setup, describe_ramp(ramp)) | {"good": good},
+        conditions=conditions(policy, setup, describe_ramp(ramp)) | {"good": good},
         verdict=summarise_topspeed(metrics),
         good=metrics.fell_at is None and follows(metrics),
         rows=rows_of(metrics),
@@ -250,7 +241,7 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="sprint",
         subject=run.name,
         backend=run.backend,
-        conditions=run_conditions(policy, setup, describe_race(ramp)) | {"good": good},
+        conditions=conditions(policy, setup, describe_race(ramp)) | {"good": good},
         verdict=summarise_sprint(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=(*rows_of(metrics, *own), *rows_of(metrics.run, *OF_THE_RUN)),
@@ -323,7 +314,8 @@ def sprint_metrics(run: Trajectory, acceleration: float) -> SprintMetrics:
 
 def measure_splits(run: Trajectory) -> tuple[Split, ...]:
     """Return time and mean speed for every 10-m split that the robot finished."""
-    splits, last = [], Split(0.0, 0.0, 0.0)
+    splits = []
+    last = Split(0.0, 0.0, 0.0)
     for mark in map(float, MARKS):
         time = time_at(run, mark)
         if time is None:

@@ -8,18 +8,19 @@ they are.
 import dataclasses
 from collections.abc import Sequence
 
+from bp2_rl.base.bounds import Range
 from bp2_rl.base.metric import (
     Row,
     card_of,
     metric,
     rounded,
     show,
+    show_fall,
     table_of,
 )
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_ramp,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -62,12 +63,8 @@ ROBOTS = (
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """Return the assumed robot and variants with one property changed, by name."""
     changed = assumed.changed
-
-    stop, rebound = assumed.spring_stop_stiffness, assumed.rebound_stiffness
-
-    def losing(**parameters: float) -> HardwareSpec:
-        return changed(losses=dataclasses.replace(assumed.losses, **parameters))
-
+    stop = assumed.spring_stop_stiffness
+    rebound = assumed.rebound_stiffness
     springs = {
         "spring stops x 2": changed(
             spring_stop_stiffness=2.0 * stop, rebound_stiffness=2.0 * rebound
@@ -99,7 +96,7 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "legs that pass through" if assumed.solid_legs else "solid legs": changed(
             solid_legs=not assumed.solid_legs
         ),
-        "no air": losing(drag_area=0.0),
+        "no air": changed(drag_area=0.0),
     }
     if assumed.is_bp2:
         others |= {
@@ -108,13 +105,13 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
             "spring damping 100 N s/m": changed(spring_damping=100.0),
             "no braking at 30 rad/s": changed(braking_speed=30.0),
             "peak torque 100 Nm": changed(peak_torque=100.0),
-            "bus sag 2.5 %/kW": losing(bus_sag=0.025),
-            "bus sag 5 %/kW": losing(bus_sag=0.05),
-            "bus 6 kW": losing(bus_power_out=6e3),
-            "bus 5 kW": losing(bus_power_out=5e3),
-            "charging 1 kW": losing(bus_power_in=1e3),
-            "drag area 0.3 m²": losing(drag_area=0.3),
-            "drag area 0.4 m²": losing(drag_area=0.4),
+            "bus sag 2.5 %/kW": changed(bus_sag=0.025),
+            "bus sag 5 %/kW": changed(bus_sag=0.05),
+            "bus 6 kW": changed(bus_power_out=6e3),
+            "bus 5 kW": changed(bus_power_out=5e3),
+            "charging 1 kW": changed(bus_power_in=1e3),
+            "drag area 0.3 m²": changed(drag_area=0.3),
+            "drag area 0.4 m²": changed(drag_area=0.4),
             "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
             "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
             "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
@@ -126,10 +123,6 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     return {AS_ASSUMED: assumed} | {
         name: robot for name, robot in others.items() if robot != assumed
     }
-
-
-def _show_fell(fell_at: float | None) -> str:
-    return "none" if fell_at is None else f"fell at {fell_at:.2f} s"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +137,7 @@ class RobotMetrics:
     # while held; None if it fell
     mean_speed: float | None = metric("Mean held", "m/s")
     # while ramping up to top speed or holding it
-    fell_at: float | None = metric("Fall", form=_show_fell)
+    fell_at: float | None = metric("Fall", form=show_fall)
     # times that a spring came onto its stop meanwhile
     stop_hits: int = metric("Stop hits", form="d")
     # for which a leg was at or in another or the trunk meanwhile
@@ -152,7 +145,7 @@ class RobotMetrics:
     leg_depth: float = metric("Depth", "mm", ".0f")
     # None if it did not arrive
     time_100m: float | None = metric("100 m", "s")
-    fell_in_sprint_at: float | None = metric("Fall in the sprint", form=_show_fell)
+    fell_in_sprint_at: float | None = metric("Fall in the sprint", form=show_fall)
     # in the sprint, to its end
     lane_kept: bool = metric("Lane kept")
 
@@ -161,9 +154,6 @@ class RobotMetrics:
         """Return whether the robot stayed upright, both at top speed and in the
         sprint."""
         return self.fell_at is None and self.fell_in_sprint_at is None
-
-
-Range = tuple[float, float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -181,12 +171,17 @@ class SensitivityMetrics:
     )
     robots: tuple[RobotMetrics, ...]
 
+    @property
+    def lanes_kept(self) -> int:
+        """The number of robots that stayed in their lane to the sprint's end."""
+        return sum(robot.lane_kept for robot in self.robots)
+
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run every variant of the robot at several commands and over 100 m; return the
     results as an evaluation."""
-    race, robot = ramp_to_sprint(policy, setup), robot_of(policy, setup)
-    robots = robots_of(robot)
+    race = ramp_to_sprint(policy, setup)
+    robots = robots_of(robot_of(policy, setup))
     commands = [share * ramp.target[0] for share in COMMANDS]
     requests = [
         RunRequest(
@@ -209,17 +204,17 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         ],
         ramp.target[0],
     )
-    said = conditions(
-        policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup
-    )
-    kept, all_robots = sum(r.lane_kept for r in metrics.robots), len(robots)
+    said = conditions(policy, setup, describe_ramp(ramp))
+    best_speeds = {
+        r.name: None if r.fell_at is not None else r.best_speed for r in metrics.robots
+    }
+    times_100m = {r.name: r.time_100m for r in metrics.robots}
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
         conditions=said | {"sprint": describe_race(race), "robots": ROBOTS},
         verdict=summarise_sensitivity(metrics),
-        good=metrics.upright == all_robots,
+        good=metrics.upright == len(robots),
         rows=sensitivity_rows(metrics),
         tiles=(
             "Without a fall",
@@ -231,16 +226,8 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         pictures=(sensitivity_picture(metrics.robots),),
         metrics=metrics,
         results=card_of(metrics)
-        | {"robots": all_robots, "lanes_kept": kept}
-        | rounded(
-            {
-                "best_speeds": {
-                    r.name: None if r.fell_at is not None else r.best_speed
-                    for r in metrics.robots
-                },
-                "times_100m": {r.name: r.time_100m for r in metrics.robots},
-            }
-        ),
+        | {"robots": len(robots), "lanes_kept": metrics.lanes_kept}
+        | rounded({"best_speeds": best_speeds, "times_100m": times_100m}),
         tables=(table_of("Robots", metrics.robots),),
     )
 
@@ -314,26 +301,27 @@ def summarise_sensitivity(metrics: SensitivityMetrics) -> str:
     count = f"{metrics.upright} of {len(metrics.robots)} robots did not fall"
     if metrics.best_speeds is None:
         return f"{count}."
-    (slow, fast), raced = metrics.best_speeds, metrics.times_100m
+    slow, fast = metrics.best_speeds
+    raced = metrics.times_100m
     times = f", {TRACK:g} m in {raced[0]:.2f} to {raced[1]:.2f} s" if raced else ""
     return f"{count}: {slow:.2f} to {fast:.2f} m/s{times}."
 
 
 def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
     """Return report rows: the ranges over the robots, then one row for each robot."""
-    (slow, fast), (least, most) = (
-        metrics.best_speeds or (None, None),
-        metrics.times_100m or (None, None),
-    )
-    robots, best = metrics.robots, "best 1-s mean, of the upright"
-    kept = sum(robot.lane_kept for robot in robots)
+    slow, fast = metrics.best_speeds or (None, None)
+    least, most = metrics.times_100m or (None, None)
+    robots = metrics.robots
+    best = "best 1-s mean, of the upright"
     return (
         Row("Without a fall", f"{metrics.upright} of {len(robots)}", "in both runs"),
         Row("Lowest best speed", show(slow, ".2f", "m/s"), best),
         Row("Highest best speed", show(fast, ".2f", "m/s"), best),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row("Lane kept", f"{kept} of {len(robots)}", "to the sprint's end"),
+        Row(
+            "Lane kept", f"{metrics.lanes_kept} of {len(robots)}", "to the sprint's end"
+        ),
         *(
             Row(
                 robot.name[0].upper() + robot.name[1:],
@@ -347,13 +335,15 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
 
 def _describe_runs(robot: RobotMetrics) -> str:
     """Describe a robot's command at top speed, or its fall there, and its sprint."""
-    upright, arrived = robot.fell_at is None, robot.time_100m is not None
-    held = f"told {robot.told:.1f}" if upright else _show_fell(robot.fell_at)
-    if arrived:
+    upright = robot.fell_at is None
+    held = f"told {robot.told:.1f}" if upright else f"fell {show_fall(robot.fell_at)}"
+    if robot.time_100m is not None:
         left = "" if robot.lane_kept else ", left its lane"
         return f"{held}; 100 m in {show(robot.time_100m, '.2f', 's')}{left}"
     fell = robot.fell_in_sprint_at
-    return f"{held}; 100 m: {'not reached' if fell is None else _show_fell(fell)}"
+    return (
+        f"{held}; 100 m: {'not reached' if fell is None else f'fell {show_fall(fell)}'}"
+    )
 
 
 def sensitivity_picture(robots: Sequence[RobotMetrics]) -> Picture:

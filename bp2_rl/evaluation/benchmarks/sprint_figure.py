@@ -68,7 +68,8 @@ def sprint_figure(run: Trajectory) -> Figure:
 
 
 def _draw_speed(axes: Axes, run: Trajectory) -> None:
-    along, forward = track_position(run)[0], run.ground_velocity[:, 0]
+    along = track_position(run)[0]
+    forward = run.ground_velocity[:, 0]
     axes.plot(along, forward, color=FRONT, alpha=0.25, linewidth=0.7)
     axes.plot(
         along,
@@ -77,10 +78,9 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
         linewidth=2.0,
         label=POLICY,
     )
-    middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
     axes.plot(
-        middles,
-        means,
+        np.array(MARKS) - 5.0,  # the middles
+        10.0 / np.diff((0.0, *BOLT_SPLITS)),
         "o",
         ms=5,
         color=LEG_COLORS["FL"],

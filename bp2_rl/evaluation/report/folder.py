@@ -70,14 +70,13 @@ def write_report(
     """
     for old in (PAGE, VIDEO, STILL, TRAJECTORY):
         (folder / old).unlink(missing_ok=True)
-    results, metrics = (
+    report = Report(
+        evaluation.benchmark,
+        evaluation.conditions,
         {evaluation.benchmark: card_results(evaluation)},
         to_json(evaluation.metrics),
     )
-    save_config(
-        folder / METRICS,
-        Report(evaluation.benchmark, evaluation.conditions, results, metrics),
-    )
+    save_config(folder / METRICS, report)
     for picture in evaluation.pictures:
         write_bytes(folder / f"{picture.name}.png", png(picture.figure))
     no_video = None

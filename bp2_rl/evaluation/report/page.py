@@ -73,9 +73,11 @@ def data_url(figure: Figure) -> str:
     An SVG stays sharp; what would be too large an SVG is a PNG.
     """
     with mpl.rc_context({"svg.hashsalt": "bp2_rl"}):  # the same figure, the same bytes
-        kind, content = "svg+xml", _saved(figure, "svg", metadata={"Date": None})
+        kind = "svg+xml"
+        content = _saved(figure, "svg", metadata={"Date": None})
     if len(content) > LARGEST_SVG:
-        kind, content = "png", png(figure)
+        kind = "png"
+        content = png(figure)
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 

@@ -1,16 +1,23 @@
 """Runs of a policy at several speeds: their whole strides, tables and panels."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import Row, Table, card_of, rounded, rows_of, show_fall
 from bp2_rl.base.plotting import INK
-from bp2_rl.evaluation.benchmarks.conditions import describe_rise, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_rise,
+    describe_subject,
+    robot_of,
+)
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.robot.conventions import LEGS
@@ -22,7 +29,6 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 LEG = LEGS.index("RR")  # whose touchdowns begin the strides
 EASING = 1.5  # s of the hold that are not looked at
-Result = TypeVar("Result")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,34 +40,89 @@ class AtSpeed:
     fell_at: float | None  # s
 
 
-def commands_below(speeds: Sequence[float], top: float) -> tuple[float, ...]:
-    """Return the speeds below the top speed, and the top speed, m/s."""
-    return (*(speed for speed in speeds if speed < top), top)
+Found = Sequence[tuple[AtSpeed, object]]
+"""Runs that could be measured, each with a dataclass of its metrics."""
 
 
-def run_speeds(
-    measure: Callable[[Ramp, Trajectory], Result],
-    policy: Policy,
-    ramp: Ramp,
-    commands: Sequence[float],
-    setup: DeepSetup,
-) -> list[Result]:
-    """Simulate a run to each commanded speed, m/s, and return what `measure` makes of
-    the runs.
+class MetricsOverSpeed(Protocol):
+    """Metrics of a policy's runs at several speeds."""
 
-    `measure` must be picklable.
+    @property
+    def found(self) -> Found:
+        """Runs that could be measured, each with its metrics."""
+        ...
+
+
+Metrics = TypeVar("Metrics", bound=MetricsOverSpeed)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SpeedBenchmark(Generic[Metrics]):
+    """A benchmark that measures a policy's strides at several speeds.
+
+    All functions are module-level ones, as they go to other processes.
     """
-    robot = robot_of(policy, setup)
-    ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
-    requests = [RunRequest(each, robot, setup.operator) for each in ramps]
-    return simulate_all(functools.partial(_measure, measure), policy, requests)
 
+    name: str
+    speeds: tuple[float, ...]  # m/s, commands; the top one comes on top
+    short: tuple[float, ...]  # of them in the quick version
+    holds: tuple[float, float]  # s, of the top speed, and in the quick version
+    most: int | None = None  # strides that are measured
+    part: str  # in words, which strides are measured
+    # of the strides, and how many they are
+    measure: Callable[[Trajectory, int], object]
+    # of commanded speed, speed, time of a fall, and what was measured
+    at_speed: Callable[..., AtSpeed]
+    gather: Callable[..., Metrics]  # of all speeds
+    say: Callable[[Metrics], str]  # in one sentence
+    tiles: tuple[str, ...]
+    tabulate: Callable[[Metrics], Sequence[Table]]
+    picture: tuple[str, str]  # its name and caption
+    draw: Callable[[Metrics], Figure]  # where a speed was run through
+    # what the policy's card keeps beside the lists over the speeds
+    card: Callable[[Metrics], Mapping[str, object]] | None = None
 
-def _measure(
-    measure: Callable[[Ramp, Trajectory], Result], one: RunRequest, run: Trajectory
-) -> Result:
-    assert isinstance(one.schedule, Ramp)
-    return measure(one.schedule, run)
+    def ramp(self, policy: Policy, setup: DeepSetup) -> Ramp:
+        """Return the command's ramp to the top speed, held as `holds` says by default."""
+        return ramp_to_topspeed(policy, setup, hold=self.holds[setup.quick])
+
+    def evaluate(self, policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
+        """Run a policy at each speed, measure the strides, and evaluate the metrics."""
+        robot = robot_of(policy, setup)
+        top = ramp.target[0]
+        below = self.short if setup.quick else self.speeds
+        commands = (*(speed for speed in below if speed < top), top)
+        ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
+        requests = [RunRequest(each, robot, setup.operator) for each in ramps]
+        ran = simulate_all(self.measure_run, policy, requests)
+        metrics = self.gather(tuple(ran))
+        found = metrics.found
+        more = self.card(metrics) if self.card else {}
+        return Evaluation(
+            benchmark=self.name,
+            subject=describe_subject(policy, setup),
+            conditions=conditions(
+                policy, setup, describe_speeds(ramp, commands, self.part)
+            ),
+            verdict=self.say(metrics),
+            good=len(found) == len(ran),
+            rows=rows_over_speed(ran, found),
+            tiles=self.tiles,
+            pictures=(Picture(*self.picture, self.draw(metrics)),) if found else (),
+            metrics=metrics,
+            results={**card_over_speed(ran, found), **more},
+            tables=tuple(self.tabulate(metrics)),
+        )
+
+    def measure_run(self, request: RunRequest, run: Trajectory) -> AtSpeed:
+        """Return the speed of a run's whole strides at the held command, and their
+        metrics."""
+        ramp = request.schedule
+        assert isinstance(ramp, Ramp)
+        part, strides = steady_strides(run, ramp, self.most) or (run, 0)
+        measured = self.measure(part, strides) if strides else None
+        speed = float(np.mean(part.ground_velocity[:, 0]))
+        return self.at_speed(ramp.target[0], speed, run.fell_at, measured)
 
 
 def steady_strides(
@@ -88,15 +149,11 @@ def whole_strides(
         landed = landed[-most - 1 :]
     if len(landed) < 2:
         return None
-    return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(
-        landed
-    ) - 1
+    first, last = run.time[landed[[0, -1]]].tolist()
+    return run.between(first, last), len(landed) - 1
 
 
 # --- Rows, cards and tables -----------------------------------------------------------
-
-Found = Sequence[tuple[AtSpeed, object]]
-"""Runs that could be measured, each with a dataclass of its metrics."""
 
 
 def rows_over_speed(speeds: Sequence[AtSpeed], found: Found) -> tuple[Row, ...]:
@@ -185,7 +242,8 @@ def draw_stacks(
 ) -> None:
     """Draw a bar for each speed, of shares by cause; negative shares hang below
     zero."""
-    places, tops = np.arange(len(speeds)), np.zeros((2, len(speeds)))
+    places = np.arange(len(speeds))
+    tops = np.zeros((2, len(speeds)))
     for cause, color in colors.items():
         values = np.array([each[cause] for each in shares])
         parts = values.clip(min=0.0), values.clip(max=0.0)

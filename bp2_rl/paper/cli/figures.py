@@ -24,7 +24,8 @@ from bp2_rl.paper.index.item import Statement, statements_of
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
-OUT, METRICS = Path("reports/figures"), "metrics.json"
+OUT = Path("reports/figures")
+METRICS = "metrics.json"
 
 
 @dataclasses.dataclass(frozen=True)

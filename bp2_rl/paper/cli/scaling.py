@@ -15,7 +15,8 @@ from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import with_folder
 
-OUT, FIGURE = Path("reports/scaling"), "limits"
+OUT = Path("reports/scaling")
+FIGURE = "limits"
 # of the optimiser: whose limits it looks for, and those found
 SEARCH, LIMITS = "search.json", "limits.json"
 

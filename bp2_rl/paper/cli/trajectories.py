@@ -6,7 +6,7 @@ is answered at once.
 
 import dataclasses
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -230,7 +230,9 @@ def _set_beside(
         tabulate_variants,
     )
 
-    problem, speeds, rows = arguments.problem, arguments.speeds, []
+    problem = arguments.problem
+    speeds = arguments.speeds
+    rows = []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
     with own_folder(arguments.out), trajopt.progress_bar() as progress:
         compared = compare_variants(
@@ -276,7 +278,8 @@ def run_schemes(arguments: SchemesArguments) -> None:
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.paper.trajectories.robustness import SCHEMES, SchemeRow, compare_schemes
 
-    problem, meshes = Problem(speed=arguments.speed), arguments.meshes
+    problem = Problem(speed=arguments.speed)
+    meshes = arguments.meshes
     rows: list[SchemeRow] = []
     try:
         with trajopt.progress_bar() as progress:
@@ -307,15 +310,9 @@ class ObjectiveArguments(Bounded):
 def compare_objective_weights(arguments: ObjectiveArguments) -> None:
     """Print and save the cheapest trajectories under each F bar; solutions in the
     folder are not solved again."""
-    from bp2_rl.paper.trajectories import objective
+    from bp2_rl.paper.trajectories.objective import Objective, compare_objectives
 
-    settings, numbers = arguments.settings, arguments.out / "objective.json"
-    with own_folder(arguments.out):
-        rows = objective.compare_objectives(settings, arguments.out, arguments.workers)
-        save_config(numbers, objective.Objective(settings, tuple(rows)))
-    if rows:
-        print_table(table_of("", rows))
-    print(f"numbers: {numbers}")
+    _leave_rows(arguments, compare_objectives, Objective, "objective.json")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -332,13 +329,24 @@ class CodesignArguments(Bounded):
 def run_codesign(arguments: CodesignArguments) -> None:
     """Print and save the optimal design on each mesh; solutions in the folder are not
     solved again."""
-    from bp2_rl.paper.trajectories import codesign
+    from bp2_rl.paper.trajectories.codesign import Codesign, optimise_design
 
-    settings, numbers = arguments.settings, arguments.out / "codesign.json"
+    _leave_rows(arguments, optimise_design, Codesign, "codesign.json")
+
+
+def _leave_rows(
+    arguments: ObjectiveArguments | CodesignArguments,
+    find: Callable[..., Sequence[object]],
+    record: Callable[..., object],
+    name: str,
+) -> None:
+    """Print a table of the rows that are found, and leave them in a file."""
+    numbers = arguments.out / name
     with own_folder(arguments.out):
-        rows = codesign.optimise_design(settings, arguments.out, arguments.workers)
-        save_config(numbers, codesign.Codesign(settings, rows))
-    print_table(table_of("", rows))
+        rows = find(arguments.settings, arguments.out, arguments.workers)
+        save_config(numbers, record(arguments.settings, tuple(rows)))
+    if rows:
+        print_table(table_of("", rows))
     print(f"numbers: {numbers}")
 
 
@@ -378,12 +386,11 @@ def draw_figures(arguments: FiguresArguments) -> None:
     from bp2_rl.paper.trajectories import coupling, decomposition, figures
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
-    sources = coupling.split_sources(shown)
     accounts = coupling.account_family(solutions)
     for name, figure in (
         ("decomposition", figures.decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),
-        ("coupling", figures.coupling_figure(sources)),
+        ("coupling", figures.coupling_figure(terms)),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
     numbers = coupling.FigureNumbers(

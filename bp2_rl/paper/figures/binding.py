@@ -17,15 +17,15 @@ from bp2_rl.paper.benchmarks.efficiency.measured import measure_energy
 from bp2_rl.paper.benchmarks.speeds import whole_strides
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.runs import read_runs
-from bp2_rl.paper.figures.settings import BindingSettings
+from bp2_rl.paper.figures.settings import BindingFigureSettings
 from bp2_rl.paper.trajectories.comparison import (
     GaitSummary,
     running_cost,
     summarise_gait,
 )
 from bp2_rl.paper.trajectories.shadow_prices import (
-    LIMITS,
-    LOSSES,
+    LIMIT_CHANGES,
+    LOSS_CHANGES,
     Change,
     ShadowPrices,
     find_shadow_prices,
@@ -73,7 +73,7 @@ class BindingNumbers:
     gaps: tuple[Gap, ...]
 
 
-def price_limits(settings: BindingSettings) -> BindingNumbers:
+def price_limits(settings: BindingFigureSettings) -> BindingNumbers:
     """Solve a trot at each speed, find its limits' shadow prices, and compare policies'
     runs.
 
@@ -90,8 +90,8 @@ def price_limits(settings: BindingSettings) -> BindingNumbers:
     policies = [(name, describe_run(run)) for name, _, run in ran]
     problem = Problem(intervals=settings.intervals, hardware=hardware)
     changes: dict[str, Change] = {
-        **LIMITS,
-        **(LOSSES if hardware.losses != IDEAL.losses else {}),
+        **LIMIT_CHANGES,
+        **(LOSS_CHANGES if hardware.losses != IDEAL.losses else {}),
     }
     found: list[BindingAtSpeed] = []
     solutions: list[Solution] = []
@@ -199,7 +199,7 @@ MORE = 0.1  # by which a parameter is thought to grow where the greatest speed i
 COLORS = FRONT, FALL, *(LEG_COLORS[leg] for leg in ("RR", "RL", "FL")), INK, QUIET
 
 
-def binding(settings: BindingSettings) -> Drawn:
+def binding(settings: BindingFigureSettings) -> Drawn:
     """Draw and tabulate the limits' shadow prices, and policies beside the
     optimiser."""
     numbers = price_limits(settings)

@@ -66,7 +66,7 @@ def swatch(color: str, label: str, **style: Any) -> Line2D:
     return Line2D([], [], color=color, label=label, **style)
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
+def legend_above_panels(figure: Figure, axes: Axes, columns: int) -> None:
     """Put the labels of a panel above its figure, each once."""
     handles, labels = axes.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))

@@ -13,7 +13,6 @@ the multipliers of their programs (`shadow_prices`); closed forms.
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -22,20 +21,21 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from scipy.optimize import root_scalar
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import INK, WIDTH, styled
+from bp2_rl.evaluation.races import TRACK
 from bp2_rl.optimiser.collocation import fastest, solve
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilityFigureSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
 from bp2_rl.paper.trajectories.shadow_prices import (
-    LIMITS,
-    LOSSES,
+    LIMIT_CHANGES,
+    LOSS_CHANGES,
     Change,
     find_shadow_prices,
     times_fields,
@@ -46,7 +46,7 @@ from bp2_rl.robot.hardware import BUILT
 
 # --- What had to be assumed, and how far off it may be --------------------------------
 
-BODY_WEIGHT = CostWeights().force  # N
+F_BAR = CostWeights().force  # N
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,33 +72,47 @@ def _foot_radius(problem: Problem, factor: float) -> Problem:
     return dataclasses.replace(problem, foot_radius=factor * bp2.FOOT_RADIUS)
 
 
-_LOSSES, _MOTOR = BUILT.losses, MotorHeat()
+_MOTOR = MotorHeat()
 MECHANICAL = (
     Assumed(
         "F bar",
         "N",
-        BODY_WEIGHT,
-        BODY_WEIGHT,
-        3.0 * BODY_WEIGHT,
+        F_BAR,
+        F_BAR,
+        3.0 * F_BAR,
         times_fields("weights.force"),
     ),
     # the text, and Table S1
-    Assumed("peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),
+    Assumed(
+        "peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMIT_CHANGES["peak torque"]
+    ),
     Assumed(
         "corner speed",
         "rad/s",
         bp2.CORNER_SPEED,
         bp2.CORNER_SPEED,
         18.0,
-        LIMITS["corner speed"],
+        LIMIT_CHANGES["corner speed"],
     ),
     Assumed(
-        "rotor inertia", "kg m2", 1e-4, bp2.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]
+        "rotor inertia",
+        "kg m2",
+        1e-4,
+        bp2.ROTOR_INERTIA,
+        4e-4,
+        LIMIT_CHANGES["rotor inertia"],
     ),
     # for the spring's rest length
-    Assumed("leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMITS["leg length"]),
     Assumed(
-        "spring travel", "m", 0.10, bp2.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]
+        "leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMIT_CHANGES["leg length"]
+    ),
+    Assumed(
+        "spring travel",
+        "m",
+        0.10,
+        bp2.SPRING_TRAVEL,
+        0.15,
+        LIMIT_CHANGES["spring travel"],
     ),
     Assumed(
         "stops' stiffness",
@@ -106,24 +120,24 @@ MECHANICAL = (
         15e3,
         bp2.SPRING_STOP_STIFFNESS,
         60e3,
-        LIMITS["stops' stiffness"],
+        LIMIT_CHANGES["stops' stiffness"],
     ),
     Assumed("foot radius", "m", 0.01, bp2.FOOT_RADIUS, 0.04, _foot_radius),
-    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMITS["friction"]),
+    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMIT_CHANGES["friction"]),
 )
 """Assumptions about the robot's mechanics and about the optimiser's objective."""
 
 LOST = tuple(
     # BP2's joints are alike
-    Assumed(name, unit, low, cast(float, value), high, LOSSES[name])
+    Assumed(name, unit, low, cast(float, value), high, LOSS_CHANGES[name])
     for name, unit, low, value, high in (
-        ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
-        ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),
-        ("joint friction", "Nm", 1.0, _LOSSES.joint_friction, 4.0),
-        ("joint viscosity", "Nm s/rad", 0.025, _LOSSES.joint_viscosity, 0.1),
-        ("slide friction", "N", 10.0, _LOSSES.spring_friction, 40.0),
-        ("bus sag", "1/kW", 0.00625, _LOSSES.bus_sag, 0.025),
-        ("bus power", "W", 6e3, _LOSSES.bus_power_out, 10e3),
+        ("drag area", "m2", 0.1, BUILT.losses.drag_area, 0.3),
+        ("gear loss", "-", 0.03, 1.0 - BUILT.losses.gear_efficiency, 0.15),
+        ("joint friction", "Nm", 1.0, BUILT.losses.joint_friction, 4.0),
+        ("joint viscosity", "Nm s/rad", 0.025, BUILT.losses.joint_viscosity, 0.1),
+        ("slide friction", "N", 10.0, BUILT.losses.spring_friction, 40.0),
+        ("bus sag", "1/kW", 0.00625, BUILT.losses.bus_sag, 0.025),
+        ("bus power", "W", 6e3, BUILT.losses.bus_power_out, 10e3),
     )
 )
 """Assumptions about a machine's losses, which the paper's analysis leaves out."""
@@ -154,39 +168,6 @@ ASSUMED = (*MECHANICAL, *LOST, *HEAT)
 # --- The paper's numbers --------------------------------------------------------------
 
 SHARE = 0.1  # of a unit, by which an assumption is changed to either side
-TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = (
-    "main torque",
-    "C_z",
-    "thigh reverses",
-    "lesser power",
-)
-GREATEST, BELT, OUTDOORS = "greatest power", "belt", "outdoors"
-SPRINT, LAUNCH, HEATING = "100 m", "launch", "heating"
-
-
-@dataclasses.dataclass(frozen=True)
-class Printed:
-    """A number that the paper prints, with its unit, rounding and place."""
-
-    name: str
-    value: float
-    unit: str
-    rounding: float  # half a unit of its last digit
-    where: str
-
-
-PRINTED = (
-    Printed(TORQUE, 250.0, "Nm", 5.0, "Fig. 4 B"),
-    Printed(VELOCITY_FORCE, 1.19, "m g", 0.005, "Fig. 4 A"),
-    Printed(REVERSAL, 0.21, "T", 0.005, "Fig. 4 B"),
-    Printed(POWERS, bp2.HIND_PEAK_POWERS[0], "W", 0.5, "Fig. 5 E"),
-    Printed(GREATEST, bp2.HIND_PEAK_POWERS[1], "W", 0.5, "Fig. 5 E"),
-    Printed(BELT, bp2.TREADMILL_TOP_SPEED, "m/s", 0.05, "Results"),
-    Printed(OUTDOORS, bp2.OUTDOOR_TOP_SPEED, "m/s", 0.005, "Abstract"),
-    Printed(SPRINT, bp2.SPRINT_100M_TIME, "s", 0.05, "Abstract"),
-    Printed(LAUNCH, bp2.LAUNCH_ACCELERATION, "m/s2", 0.005, "Results"),
-    Printed(HEATING, bp2.HEATING_RATE, "K/s", 0.05, "Fig. 7"),
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,6 +184,25 @@ class RowNumbers:
     slopes: dict[str, float]  # d ln / d ln, by assumption
 
 
+PRINTED = tuple(
+    RowNumbers(name, unit, where, printed, None, rounding / printed, {})
+    # rounding: half a unit of the last digit
+    for name, printed, unit, rounding, where in (
+        ("main torque", 250.0, "Nm", 5.0, "Fig. 4 B"),
+        ("C_z", 1.19, "m g", 0.005, "Fig. 4 A"),
+        ("thigh reverses", 0.21, "T", 0.005, "Fig. 4 B"),
+        ("lesser power", bp2.HIND_PEAK_POWERS[0], "W", 0.5, "Fig. 5 E"),
+        ("greatest power", bp2.HIND_PEAK_POWERS[1], "W", 0.5, "Fig. 5 E"),
+        ("belt", bp2.TREADMILL_TOP_SPEED, "m/s", 0.05, "Results"),
+        ("outdoors", bp2.OUTDOOR_TOP_SPEED, "m/s", 0.005, "Abstract"),
+        ("100 m", bp2.SPRINT_100M_TIME, "s", 0.05, "Abstract"),
+        ("launch", bp2.LAUNCH_ACCELERATION, "m/s2", 0.005, "Results"),
+        ("heating", bp2.HEATING_RATE, "K/s", 0.05, "Fig. 7"),
+    )
+)
+"""The paper's numbers, without ours."""
+
+
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilityNumbers:
     """All numbers of the figure: slopes over the assumptions, and what is left of their
@@ -216,34 +216,27 @@ class IdentifiabilityNumbers:
     left: dict[str, float]
 
 
-@dataclasses.dataclass(frozen=True)
-class AssumptionRow:
-    """One assumption, and what the paper's numbers leave of its range."""
-
-    name: str = metric("Assumed", form="s")
-    value: float = metric("Value", form="g")
-    low: float = metric("From", form="g")
-    high: float = metric("To", form="g")
-    unit: str = metric("Unit", form="s")
-    left: float = metric("Left of its range", form=".0%")
-
-
-def identifiability(settings: IdentifiabilitySettings) -> Drawn:
+def identifiability(settings: IdentifiabilityFigureSettings) -> Drawn:
     """Draw and tabulate how far the paper's numbers determine the assumed
     parameters."""
     numbers = identify(settings)
-    rows = [
-        AssumptionRow(
-            one.name, one.value, one.low, one.high, one.unit, numbers.left[one.name]
+    title = "What is assumed, and what the paper's numbers leave of it"
+    head = ("Assumed", "Value", "From", "To", "Unit", "Left of its range")
+    lines = [
+        (
+            one.name,
+            *(f"{number:g}" for number in (one.value, one.low, one.high)),
+            one.unit,
+            f"{numbers.left[one.name]:.0%}",
         )
         for one in ASSUMED
     ]
-    table = table_of("What is assumed, and what the paper's numbers leave of it", rows)
+    table = Table(title, head, lines)
     picture = identifiability_figure(numbers)
     return Drawn(numbers, (table,), {"identifiability": picture})
 
 
-def identify(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
+def identify(settings: IdentifiabilityFigureSettings) -> IdentifiabilityNumbers:
     """Compute the paper's numbers by the model, their slopes over the assumptions, and
     what is left of the ranges."""
     problem = Problem(speed=settings.speed, intervals=settings.intervals)
@@ -251,22 +244,22 @@ def identify(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
     ours, slopes = _analysed(cruise)
     for name, speed, gains in _greatest(cruise):
         ours[name], slopes[name] = speed, gains
-    ours[GREATEST] = bp2.PEAK_TORQUE * bp2.CORNER_SPEED
-    slopes[GREATEST] = {"peak torque": 1.0, "corner speed": 1.0}
-    v, a = bp2.OUTDOOR_TOP_SPEED, bp2.LAUNCH_ACCELERATION
-    ours[SPRINT] = sprint(v, a)
-    share = v * (0.5 / a - TRACK / v**2) / ours[SPRINT]  # d ln t / d ln v
-    slopes[SPRINT] = {name: share * slope for name, slope in slopes[OUTDOORS].items()}
-    slopes[LAUNCH] = {}
+    ours["greatest power"] = bp2.PEAK_TORQUE * bp2.CORNER_SPEED
+    slopes["greatest power"] = {"peak torque": 1.0, "corner speed": 1.0}
+    v = bp2.OUTDOOR_TOP_SPEED
+    a = bp2.LAUNCH_ACCELERATION
+    ours["100 m"] = sprint_time(v, a)
+    share = v * (0.5 / a - TRACK / v**2) / ours["100 m"]  # d ln t / d ln v
+    slopes["100 m"] = {
+        name: share * slope for name, slope in slopes["outdoors"].items()
+    }
+    slopes["launch"] = {}
     rows = tuple(
-        RowNumbers(
-            printed.name,
-            printed.unit,
-            printed.where,
-            printed.value,
-            ours.get(printed.name),
-            settings.model_error + printed.rounding / printed.value,
-            slopes[printed.name],
+        dataclasses.replace(
+            printed,
+            ours=ours.get(printed.name),
+            uncertainty=settings.model_error + printed.uncertainty,
+            slopes=slopes[printed.name],
         )
         for printed in PRINTED
     )
@@ -318,49 +311,46 @@ def _analysed(cruise: Solution) -> tuple[dict[str, float], Slopes]:
     power = root_scalar(
         lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, bracket=(1.0, 5e3)
     ).root
-    base, cool = _figures(cruise), hip_heat(cruise)
+    base = _figures(cruise)
+    cool = hip_heat(cruise)
 
-    def described(solution: Solution) -> dict[str, float]:
+    def described(problem: Problem) -> dict[str, float]:
+        solution = solve(problem, cruise.motion)
         heat = heating_rate(network, power * hip_heat(solution) / cool)
-        return _figures(solution) | {HEATING: heat}
+        return _figures(solution) | {"heating": heat}
 
-    slopes: Slopes = {name: {} for name in (*base, HEATING)}
-    for one in MECHANICAL:
-        assert one.change is not None
+    def heated(field: str, factor: float) -> dict[str, float]:
+        changed = {field: factor * getattr(network, field)}
+        return {"heating": heating_rate(network.replace(**changed), power)}
+
+    slopes: Slopes = {name: {} for name in (*base, "heating")}
+    for one in (*MECHANICAL, *HEAT):
         h = SHARE * one.reach
         low, high = (
-            described(
-                solve(one.change(cruise.problem, math.exp(way * h)), cruise.motion)
-            )
-            for way in (-1.0, 1.0)
+            heated(one.heat, math.exp(side))
+            if one.change is None
+            else described(one.change(cruise.problem, math.exp(side)))
+            for side in (-h, h)
         )
-        for name in slopes:
+        for name in low:
             slopes[name][one.name] = math.log(high[name] / low[name]) / (2.0 * h)
-    for one in HEAT:
-        h, field = SHARE * one.reach, getattr(network, one.heat)
-        low, high = (
-            heating_rate(
-                network.replace(**{one.heat: math.exp(way * h) * field}), power
-            )
-            for way in (-1.0, 1.0)
-        )
-        slopes[HEATING][one.name] = math.log(high / low) / (2.0 * h)
     # Slopes are of a heat that is scaled to the paper's rate; what is ours is not.
-    return base | {HEATING: heating_rate(network, cool)}, slopes
+    return base | {"heating": heating_rate(network, cool)}, slopes
 
 
 def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
     """Return the built robot's greatest speeds on the belt (no air) and outdoors, m/s,
     with their slopes d ln v / d ln p."""
-    start, found = fastest(cruise), []
+    start = fastest(cruise)
+    found = []
     for name, hardware in (
         (
-            BELT,
+            "belt",
             dataclasses.replace(
                 BUILT, losses=dataclasses.replace(BUILT.losses, drag_area=0.0)
             ),
         ),
-        (OUTDOORS, BUILT),
+        ("outdoors", BUILT),
     ):
         changes = {
             one.name: one.change
@@ -384,11 +374,11 @@ def _figures(solution: Solution) -> dict[str, float]:
     terms = decompose(solution)
     hips = [terms.along("main inertial", f"{leg} hip") for leg in terms.legs]
     return {
-        TORQUE: float(max(np.max(np.abs(hip)) for hip in hips)),
-        VELOCITY_FORCE: peak_velocity_force(terms),
-        REVERSAL: reversal(solution),
-        POWERS: min(
-            float(np.max(of_hind(solution, joint, np.multiply))) for joint in (0, 1)
+        "main torque": float(max(np.max(np.abs(hip)) for hip in hips)),
+        "C_z": peak_velocity_force(terms),
+        "thigh reverses": reversal(solution),
+        "lesser power": min(
+            float(np.max(np.multiply(*hind_motor(solution, joint)))) for joint in (0, 1)
         ),
     }
 
@@ -397,31 +387,31 @@ def _figures(solution: Solution) -> dict[str, float]:
 
 
 STEP = 1.0  # s, of the motor's heat
-TRACK = 100.0  # m
 
 
-def sprint(speed: float, acceleration: float) -> float:
+def sprint_time(speed: float, acceleration: float) -> float:
     """Return the time over 100 m, s, at a constant acceleration and then a constant
     speed."""
     return TRACK / speed + 0.5 * speed / acceleration
 
 
-def of_hind(
-    solution: Solution, joint: int, what: Callable[..., Float[np.ndarray, " N"]]
-) -> Float[np.ndarray, " N"]:
-    """Apply `what` to torque and speed of a hind leg's hip (0) or knee (1) along the
-    cycle."""
+def hind_motor(
+    solution: Solution, joint: int
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """Return torque, Nm, and speed, rad/s, of a hind leg's hip (0) or knee (1) along
+    the cycle."""
     cycle = whole_cycle(solution)
     leg = cycle.problem.stride.legs.index(cycle.hind_leg)
     torque = cycle.motion.tau[..., 2 * leg + joint].ravel()
-    return what(torque, cycle.motion.v[..., 3 + 3 * leg + joint].ravel())
+    return torque, cycle.motion.v[..., 3 + 3 * leg + joint].ravel()
 
 
 def reversal(solution: Solution) -> float:
     """Return when the hind leg that stands first begins to swing forward, in periods
     since it landed: where its hip's speed falls through zero most steeply."""
     cycle = whole_cycle(solution)
-    speed, time = of_hind(solution, 0, lambda torque, speed: speed), cycle.time.ravel()
+    _, speed = hind_motor(solution, 0)
+    time = cycle.time.ravel()
     falls = [
         i
         for i in range(len(speed) - 1)
@@ -439,14 +429,15 @@ def reversal(solution: Solution) -> float:
 def hip_heat(solution: Solution) -> float:
     """Return the mean copper loss of the cold hip motor of the hind leg that stands
     first, W."""
-    cycle, hardware = whole_cycle(solution), solution.problem.hardware
-    squares = of_hind(solution, 0, lambda torque, speed: torque**2)
+    cycle = whole_cycle(solution)
+    hardware = solution.problem.hardware
+    torque, _ = hind_motor(solution, 0)
     stall = stall_torque(
         hardware.joint_peak_torque,
         hardware.joint_corner_speed,
         hardware.joint_no_load_speed,
     )
-    mean = float(cycle.weights.ravel() @ squares) / cycle.period
+    mean = float(cycle.weights.ravel() @ torque**2) / cycle.period
     return float(copper_loss(1.0, hardware.joint_no_load_speed, stall)) * mean
 
 

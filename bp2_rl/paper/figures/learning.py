@@ -13,11 +13,12 @@ from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.learning.judged import read_judged
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import LearningSettings
+from bp2_rl.paper.figures.settings import LearningFigureSettings
 from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
 
 # letters that a line of the legend has room for, and of those a line's sample takes
-LETTERS, SAMPLE = 100, 8
+LETTERS = 100
+SAMPLE = 8
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 
@@ -53,7 +54,7 @@ class CurveSummary:
     best_steps: float = metric("After", "M", ".1f")
 
 
-def learning(settings: LearningSettings) -> Drawn:
+def learning(settings: LearningFigureSettings) -> Drawn:
     """Draw and tabulate the learning curves of trainings."""
     if not settings.runs:
         raise UserError("--runs: name the folders of one training or more")
@@ -68,7 +69,8 @@ def summarise_curve(curve: Curve) -> CurveSummary:
     """Return when a training's policies reached BP2's outdoor speed, and the fastest
     policy."""
     reached = [one for one in curve.judged if one.speed >= OUTDOOR_TOP_SPEED]
-    first, best = next(iter(reached), None), max(curve.judged, key=_speed)
+    first = next(iter(reached), None)
+    best = max(curve.judged, key=_speed)
     return CurveSummary(
         curve.run,
         first and first.steps / 1e6,

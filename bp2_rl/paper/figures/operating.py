@@ -14,7 +14,7 @@ from bp2_rl.base.plotting import FAINT, FALL, INK, LEG_COLORS, QUIET, WIDTH, sty
 from bp2_rl.paper.benchmarks.efficiency.measured import ENDS, motors_of
 from bp2_rl.paper.figures.drawn import DASHES, Drawn, note, swatch
 from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
-from bp2_rl.paper.figures.settings import OperatingSettings
+from bp2_rl.paper.figures.settings import OperatingFigureSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.robot import bp2
@@ -64,7 +64,7 @@ class OperatingNumbers:
     winding: float  # C, of the hot envelope; magnets as warm as the air
 
 
-def operating(settings: OperatingSettings) -> Drawn:
+def operating(settings: OperatingFigureSettings) -> Drawn:
     """Draw and tabulate torque over speed of hips and knees.
 
     Raises:

@@ -20,7 +20,7 @@ from bp2_rl.evaluation import races
 from bp2_rl.evaluation.races import LAUNCH_DISTANCE, TRACK
 from bp2_rl.paper import published
 from bp2_rl.paper.figures.drawn import DASHES, Drawn
-from bp2_rl.paper.figures.settings import RaceSettings
+from bp2_rl.paper.figures.settings import RaceFigureSettings
 from bp2_rl.paper.published import Athlete
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.measuring import track_position
@@ -86,7 +86,7 @@ class RaceNumbers:
     paper: PaperRace
 
 
-def race(settings: RaceSettings) -> Drawn:
+def race(settings: RaceFigureSettings) -> Drawn:
     """Draw the races, and tabulate their times."""
     more = published.read_athletes(settings.athletes) if settings.athletes else ()
     # of one named twice, the user's
@@ -190,7 +190,8 @@ def follow_run(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
     over `RIPPLE` s."""
     from bp2_rl.evaluation.benchmarks.run import measure_splits
 
-    splits, along = measure_splits(run), track_position(run)[0]
+    splits = measure_splits(run)
+    along = track_position(run)[0]
     ends = np.clip(
         (run.time - RIPPLE / 2, run.time + RIPPLE / 2), run.time[0], run.time[-1]
     )

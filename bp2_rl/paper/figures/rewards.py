@@ -12,7 +12,7 @@ from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
 from bp2_rl.env.rewards import speed_schedule
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import RewardsSettings
+from bp2_rl.paper.figures.settings import RewardsFigureSettings
 from bp2_rl.settings.env import Schedule
 from bp2_rl.settings.presets.rewards import OURS, PAPER
 from bp2_rl.settings.training import Stage
@@ -64,7 +64,7 @@ class RewardsNumbers:
     text: Reading  # what the text says
 
 
-def rewards(settings: RewardsSettings) -> Drawn:
+def rewards(settings: RewardsFigureSettings) -> Drawn:
     """Draw the weight of velocity tracking over speed, and tabulate the reward
     coefficients."""
     numbers = read_coefficients()
@@ -130,7 +130,7 @@ def _reading(schedule: Schedule) -> Reading:
 
 
 @styled
-def rewards_figure(settings: RewardsSettings) -> Figure:
+def rewards_figure(settings: RewardsFigureSettings) -> Figure:
     """Draw the weight of tracking over speed, a panel for each stage."""
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     share = np.linspace(0.0, 1.0, 121)

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import RobotSettings
+from bp2_rl.paper.figures.settings import RobotFigureSettings
 from bp2_rl.robot import conventions
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
@@ -40,7 +40,7 @@ class RobotNumbers:
     parameters: dict[str, float]  # Table S3, by symbol
 
 
-def robot(settings: RobotSettings) -> Drawn:
+def robot(settings: RobotFigureSettings) -> Drawn:
     """Draw the robot with its dimensions, and tabulate Table S3."""
     hardware = ROBOTS[settings.robot]
     numbers = measure_robot(hardware)
@@ -208,10 +208,8 @@ def extent(
 def _surface(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, "K 3"]:
     """Return points of a geom's surface in its own frame; their hull is its shape, but
     for the roundness of circles."""
-    size, turn = (
-        model.geom_size[geom],
-        np.linspace(0.0, 2 * np.pi, CIRCLE, endpoint=False),
-    )
+    size = model.geom_size[geom]
+    turn = np.linspace(0.0, 2 * np.pi, CIRCLE, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     match mujoco.mjtGeom(model.geom_type[geom]):
         case mujoco.mjtGeom.mjGEOM_MESH:

@@ -16,7 +16,7 @@ from bp2_rl.base.metric import NOT_MEASURED, metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import DASHES, Drawn, name_rows, note
-from bp2_rl.paper.figures.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingFigureSettings
 from bp2_rl.paper.published import (
     KMH,
     PAPER_GRAVITY,
@@ -103,7 +103,7 @@ class ScalingNumbers:
         return (*self.simulated, self.treadmill, *first, *others)
 
 
-def scaling(settings: ScalingSettings) -> Drawn:
+def scaling(settings: ScalingFigureSettings) -> Drawn:
     """Draw and tabulate robots' speeds beside the law of animals, and their power
     demands."""
     numbers = compare_robots(settings)
@@ -113,7 +113,7 @@ def scaling(settings: ScalingSettings) -> Drawn:
     return Drawn(numbers, (table_of(title, placed),), {"scaling": picture})
 
 
-def compare_robots(settings: ScalingSettings) -> ScalingNumbers:
+def compare_robots(settings: ScalingFigureSettings) -> ScalingNumbers:
     """Read tables and reports, and compare robots and mammals with the law of
     animals."""
     robots = read_robots()

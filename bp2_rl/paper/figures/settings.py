@@ -10,7 +10,7 @@ from bp2_rl.robot.hardware import RobotName
 
 
 @dataclasses.dataclass(frozen=True)
-class ScalingSettings:
+class ScalingFigureSettings:
     """Figure of greatest speeds over body mass, and of motor demands (paper, Fig. 1).
 
     Shown are the robots of the paper's Table S1, the law of animals, and the policy
@@ -25,7 +25,7 @@ class ScalingSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RaceSettings:
+class RaceFigureSettings:
     """Figure of speed over distance, BP2 beside athletes (paper, Fig. 6 B-D, Table S2).
 
     Shown are Bolt's splits, what the paper says of the others, and the runs of
@@ -40,14 +40,14 @@ class RaceSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RobotSettings:
+class RobotFigureSettings:
     """Figure of the modelled robot with dimensions (paper, Figs. 2, S1, Table S3)."""
 
     robot: RobotName = "built"
 
 
 @dataclasses.dataclass(frozen=True)
-class RewardsSettings(Bounded, path="--"):
+class RewardsFigureSettings(Bounded, path="--"):
     """Figure of the weight of velocity tracking over speed (paper, Table S4)."""
 
     speed: Annotated[float, Within(0.1, 100.0)] = 15.5
@@ -55,7 +55,7 @@ class RewardsSettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class StridesSettings:
+class StridesFigureSettings:
     """Figure of three gait cycles of a run as keyframes (paper, Fig. 5 A)."""
 
     runs: tuple[Path, ...] = ()
@@ -63,7 +63,7 @@ class StridesSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class OperatingSettings:
+class OperatingFigureSettings:
     """Figure of hip and knee torque over speed, three gait cycles (paper, Fig. 5 E)."""
 
     runs: tuple[Path, ...] = ()
@@ -72,7 +72,7 @@ class OperatingSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class LearningSettings:
+class LearningFigureSettings:
     """Figure of learning curves: judged speeds over control steps and over time."""
 
     runs: tuple[Path, ...] = ()
@@ -80,7 +80,7 @@ class LearningSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class WearSettings(Bounded, path="--"):
+class WearFigureSettings(Bounded, path="--"):
     """Figure of policies' speeds over how hard the built robot's soles land.
     It also shows which policies need motors that brake harder than they drive."""
 
@@ -91,7 +91,7 @@ class WearSettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiabilitySettings(Bounded, path="--"):
+class IdentifiabilityFigureSettings(Bounded, path="--"):
     """Figure of how far the paper's numbers determine parameters that were assumed.
 
     Takes some minutes: trajectories are optimised again with each assumption a little
@@ -108,7 +108,7 @@ class IdentifiabilitySettings(Bounded, path="--"):
 
 
 @dataclasses.dataclass(frozen=True)
-class BindingSettings:
+class BindingFigureSettings:
     """Figure of what holds back the optimiser's trots, beside policies' gaits.
 
     Shown is, too, what a little more of each limit would bring. Takes some minutes:

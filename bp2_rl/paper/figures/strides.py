@@ -13,7 +13,7 @@ from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.robot import draw_outlines, outlines
 from bp2_rl.paper.figures.runs import CYCLES, LEG, cycles, read_runs
-from bp2_rl.paper.figures.settings import StridesSettings
+from bp2_rl.paper.figures.settings import StridesFigureSettings
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.gait import contacts
@@ -36,7 +36,7 @@ class StridesNumbers:
     aerial: float = metric("No foot on the ground", form=".1%")  # share of the time
 
 
-def strides(settings: StridesSettings) -> Drawn:
+def strides(settings: StridesFigureSettings) -> Drawn:
     """Draw three cycles of a run, and tabulate their gait.
 
     Raises:

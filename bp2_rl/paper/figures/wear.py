@@ -11,7 +11,7 @@ from bp2_rl.base.metric import metric, show_fall, table_of
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, styled
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.settings import WearSettings
+from bp2_rl.paper.figures.settings import WearFigureSettings
 from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.account import account
@@ -52,7 +52,7 @@ class Wear:
     weak_fell_at: float | None = metric("Fall with brakes as drives", form=show_fall)
 
 
-def wear(settings: WearSettings) -> Drawn:
+def wear(settings: WearFigureSettings) -> Drawn:
     """Draw and tabulate the loads that policies put on the built robot."""
     found = tuple(
         wear_of(str(path), load_policy(path), settings.speed)
@@ -76,7 +76,8 @@ def measure_wear(
     name: str, landing_reward: float, run: Trajectory, weak_fell_at: float | None
 ) -> Wear:
     """Measure the loads on the robot in the steady part of a run."""
-    metrics, steady = run.metrics, account(steady_window(run))
+    metrics = run.metrics
+    steady = account(steady_window(run))
     return Wear(
         policy=name,
         landing_reward=landing_reward,

@@ -137,7 +137,8 @@ def swing(
     *many, pendulums = released.shape
     # positions, then rates, each of the beam and then of the pendulums
     shape = (2, *many, 1 + pendulums)
-    start, idle = np.zeros(shape), np.zeros_like(released)
+    start = np.zeros(shape)
+    idle = np.zeros_like(released)
     start[0, ..., 1:] = released
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:

@@ -10,7 +10,13 @@ from scipy.integrate import cumulative_simpson
 
 from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, WIDTH, styled
-from bp2_rl.paper.figures.drawn import DASHES, Drawn, joined, legend_above, remark
+from bp2_rl.paper.figures.drawn import (
+    DASHES,
+    Drawn,
+    joined,
+    legend_above_panels,
+    remark,
+)
 from bp2_rl.paper.pendulum import beam
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumExchangeSettings
@@ -66,14 +72,16 @@ def exchanges(
 def _exchange(motion: SwingMotion, system: int) -> Exchange:
     """Return the energies in a single system of pendulums, by its index among
     several."""
-    time, mass_ratio = motion.time, motion.mass_ratio[system]
+    time = motion.time
+    mass_ratio = motion.mass_ratio[system]
     state = (
         motion.theta[:, system],
         motion.rate[:, system],
         motion.beam_rate[:, system],
         mass_ratio[None],
     )
-    energies, momentum = beam.energies(*state), beam.momentum(*state)
+    energies = beam.energies(*state)
+    momentum = beam.momentum(*state)
     means = beam.Energies(*(_running_mean(time, part) for part in energies))
     kept = energies.pendulums.sum(axis=-1) + energies.beam
     uneven = np.flatnonzero(
@@ -150,5 +158,5 @@ def exchange_figure(runs: Sequence[Exchange]) -> Figure:
     top = max(float(run.energies.pendulums.max()) for run in runs)
     panels[0, 0].set(xlim=(0.0, runs[0].time[-1]), ylim=(0.0, 1.35 * top))
     panels[-1, 0].set_xlabel("Time / $T_0$")
-    legend_above(figure, panels[0, 0], 4)
+    legend_above_panels(figure, panels[0, 0], 4)
     return figure

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import Table, metric, table_of
 from bp2_rl.base.plotting import FALL, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, name_rows
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above_panels, name_rows
 from bp2_rl.paper.pendulum import exact
 from bp2_rl.paper.pendulum.settings import (
     MASS_RATIO,
@@ -144,5 +144,5 @@ def gaits_figure(found: Sequence[Sequence[GaitTorque]]) -> Figure:
         )
         name_rows(axes, [f"{gait.gait}, {gait.order:.2f}" for gait in gaits])
     panels[0].set_ylabel("Gait, and its order parameter")
-    legend_above(figure, panels[0], 2)
+    legend_above_panels(figure, panels[0], 2)
     return figure

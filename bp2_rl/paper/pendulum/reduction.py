@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import INK, WIDTH, styled
-from bp2_rl.paper.figures.drawn import DASHES, Drawn, joined, legend_above
+from bp2_rl.paper.figures.drawn import DASHES, Drawn, joined, legend_above_panels
 from bp2_rl.paper.pendulum import exact
 from bp2_rl.paper.pendulum.settings import (
     HIP_AMPLITUDE,
@@ -202,5 +202,5 @@ def reduction_figure(maps: Sequence[Maps]) -> Figure:
         aspect=40,
     )
     bar.set_label("Peak torque, free / fixed; black curve: no difference")
-    legend_above(figure, panels[0, -1], 2)
+    legend_above_panels(figure, panels[0, -1], 2)
     return figure

@@ -17,7 +17,7 @@ from scipy.spatial.distance import directed_hausdorff
 
 from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, remark
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above_panels, remark
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumSectionsSettings
 
@@ -135,5 +135,5 @@ def sections_figure(sections: Sequence[Section]) -> Figure:
         below = [axes for axes in column if axes.axison][-1]
         below.set_xlabel("Angle [rad]")
         below.tick_params(labelbottom=True)
-    legend_above(figure, panels[0, 0], 2)
+    legend_above_panels(figure, panels[0, 0], 2)
     return figure

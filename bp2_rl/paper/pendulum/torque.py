@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.metric import metric, table_of
 from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above, remark
+from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above_panels, remark
 from bp2_rl.paper.pendulum import beam
 from bp2_rl.paper.pendulum.settings import (
     LEG_LENGTH,
@@ -185,7 +185,8 @@ def torque_figure(case: Prescribed) -> Figure:
     (paper, Fig. 3 E)."""
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     pair = figure.subplots(1, 2).tolist()
-    cycle, shown = case.cycle, case.rows[0]
+    cycle = case.cycle
+    shown = case.rows[0]
     top = float(np.max(np.abs((cycle.fixed, cycle.free))))
     around = np.append(cycle.angle, 2.0 * math.pi) / (2.0 * math.pi)
     for pendulum, axes in enumerate(pair):
@@ -222,5 +223,5 @@ def torque_figure(case: Prescribed) -> Figure:
             axes,
             f"free / fixed: peak {shown.peak[pendulum]:.3f}, r.m.s. {shown.root_mean_square[pendulum]:.3f}",
         )
-    legend_above(figure, pair[0], 4)
+    legend_above_panels(figure, pair[0], 4)
     return figure

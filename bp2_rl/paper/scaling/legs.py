@@ -116,10 +116,8 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
             f"{legs.robot}: four legs are heavier than its {mass:g} kg; mend assets/{TABLE}"
         )
     length = TRUNK[0] * 2.0 * legs.fore_aft
-    width, height = (
-        TRUNK[1] * 2.0 * (legs.abad_lateral + legs.hip_lateral),
-        TRUNK[2] * length,
-    )
+    width = TRUNK[1] * 2.0 * (legs.abad_lateral + legs.hip_lateral)
+    height = TRUNK[2] * length
     hind = dataclasses.replace(left, anchor=(-left.anchor[0], *left.anchor[1:]))
     body = Anatomy.of_parts(
         Link(trunk_mass, (0.0, 0.0, 0.0), _box(trunk_mass, length, width, height)),
@@ -130,11 +128,9 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
         thigh_radius=LEG_RADIUS * legs.thigh,
         lower_radius=LEG_RADIUS * legs.thigh,
     )
-    hip, knee, speeds = (
-        legs.hip_torque,
-        legs.knee_torque,
-        (legs.hip_speed, legs.hip_speed, legs.knee_speed),
-    )
+    hip = legs.hip_torque
+    knee = legs.knee_torque
+    speeds = (legs.hip_speed, legs.hip_speed, legs.knee_speed)
     corner = (
         CORNER_SHARE
         if legs.corner_speed is None
@@ -162,10 +158,8 @@ def rigid_robot(legs: PublishedLegs, mass: float) -> HardwareSpec:
 
 
 def _left_leg(legs: PublishedLegs, mass: float) -> Leg:
-    thigh_mass, shank_mass = (
-        _or(legs.thigh_mass, THIGH_SHARE * mass),
-        _or(legs.shank_mass, SHANK_SHARE * mass),
-    )
+    thigh_mass = _or(legs.thigh_mass, THIGH_SHARE * mass)
+    shank_mass = _or(legs.shank_mass, SHANK_SHARE * mass)
     abad_mass = _or(legs.abad_mass, ABAD_SHARE * mass)
     thigh_inertia = _or(legs.thigh_inertia, THIGH_INERTIA * thigh_mass * legs.thigh**2)
     shank_inertia = _or(legs.shank_inertia, SHANK_INERTIA * shank_mass * legs.shank**2)
@@ -175,10 +169,8 @@ def _left_leg(legs: PublishedLegs, mass: float) -> Leg:
         (0.0, 0.0, -_or(legs.shank_com, SHANK_COM * legs.shank)),
         rod(shank_inertia),
     )
-    low, high = (
-        _or(legs.least_bend, KNEE_BEND[0]),
-        _or(legs.greatest_bend, KNEE_BEND[1]),
-    )
+    low = _or(legs.least_bend, KNEE_BEND[0])
+    high = _or(legs.greatest_bend, KNEE_BEND[1])
     return Leg(
         anchor=(legs.fore_aft, legs.abad_lateral, 0.0),
         hip=(0.0, legs.hip_lateral, 0.0),

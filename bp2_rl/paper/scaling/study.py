@@ -139,7 +139,8 @@ def choose_robots(
     Raises:
         UserError: a word is in no name.
     """
-    robots, variants = find_robots(), find_variants()
+    robots = find_robots()
+    variants = find_variants()
     wanted = [word.replace("_", " ").casefold() for word in words]
     for word, shown in zip(wanted, words, strict=True):
         if not any(word in name.casefold() for name in (*robots, BP2)):
@@ -202,7 +203,8 @@ def compare_limits(
     learned: Sequence[LearnedSpeed],
 ) -> ScalingStudy:
     """Return the study: speed limits beside published and learned speeds."""
-    table, variants = {robot.robot: robot for robot in published}, find_variants()
+    table = {robot.robot: robot for robot in published}
+    variants = find_variants()
     assumed = {legs.robot for legs in read_legs() if not legs.links_published}
     speeds = {
         name: tuple(one.speed for one in learned if one.robot == name) for name in table

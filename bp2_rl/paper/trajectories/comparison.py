@@ -48,7 +48,8 @@ def summarise_gait(solution: Solution) -> GaitSummary:
     """Summarise a solution as a whole robot's gait: the running cost of half a robot
     counts twice."""
     cycle = whole_cycle(solution)
-    motion, weights = cycle.motion, cycle.weights / cycle.period
+    motion = cycle.motion
+    weights = cycle.weights / cycle.period
 
     def mean(values: Float[np.ndarray, "segments points"]) -> float:
         return float(np.sum(weights * values))
@@ -79,7 +80,8 @@ def running_cost(
 ) -> Float[np.ndarray, "..."]:
     """Return the running cost R (paper, Eq. R) at each instant without its smoothness:
     powers, torques and forces as shares of the greatest."""
-    tau, load = torque / hardware.joint_peak_torque, force / weights.force
+    tau = torque / hardware.joint_peak_torque
+    load = force / weights.force
     power = tau * qd / hardware.joint_no_load_speed
     return weights.power * _squares(power) + weights.load * (
         _squares(tau) + _squares(load)

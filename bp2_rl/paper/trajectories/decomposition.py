@@ -42,17 +42,6 @@ TERMS = (
     "passive",
     "ground reaction",
 )
-THROUGH = (
-    "own leg",
-    "same pair",
-    "other pair",
-    "ground",
-    "gravity",
-    "velocities",
-    "air",
-)
-"""Causes of the trunk's acceleration; a pair is two legs across, which stand together
-in a trot."""
 # with these signs the terms add up to zero
 BALANCE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
 # what trends are drawn of: the trunk's translation, and the motors' mean over legs
@@ -67,6 +56,7 @@ class Decomposition:
 
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
+    mass: Float[np.ndarray, "N n n"]
     forces: Float[np.ndarray, "T N n"]  # N, Nm
     # N s, Nm s: of inertia and ground as each segment begins, 0 if nothing lands
     impulses: Float[np.ndarray, "T K n"]
@@ -167,7 +157,8 @@ def decompose(solution: Solution) -> Decomposition:
         for x in (motion.q, motion.v, motion.a, motion.tau, motion.force)
     )
     n = q.shape[-1]
-    main, coupled = split_inertia(evaluate(model.mass, q, p), a)
+    mass = evaluate(model.mass, q, p)
+    main, coupled = split_inertia(mass, a)
     forces = np.empty((len(TERMS), *q.shape))
     forces[:] = (
         main,
@@ -188,7 +179,7 @@ def decompose(solution: Solution) -> Decomposition:
     impulses[-1] = np.einsum(
         "kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse
     )
-    return Decomposition(cycle, coordinate_names(legs), forces, impulses)
+    return Decomposition(cycle, coordinate_names(legs), mass, forces, impulses)
 
 
 def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
@@ -234,13 +225,12 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
     A peak is a local maximum of the magnitude along the (periodic) cycle that stands
     out of its surroundings (prominence) by at least `PROMINENCE` of the largest.
     """
-    found = []
-    for leg in decomposition.legs:
-        torques = np.stack(
-            [decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2]]
-        )
-        found.append(torques[:, periodic_peaks(np.abs(torques[0]))])
-    return Coupling(*np.concatenate(found, axis=1))
+    columns = [
+        decomposition.coordinates.index(f"{leg} {joint}") for leg in decomposition.legs
+    ]
+    main, coupled = decomposition.forces[:2, :, columns]
+    peaks = periodic_peaks(main)
+    return Coupling(main[peaks], coupled[peaks])
 
 
 def find_trends(solutions: Sequence[Solution]) -> Trends:
@@ -325,11 +315,22 @@ def split_inertia(
     return main, np.einsum("kij,kj->ki", M, a) - main
 
 
-def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
-    """Return the indices of the peaks of a period that stand out by `PROMINENCE`."""
+def periodic_peaks(
+    values: Float[np.ndarray, "N columns"],
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
+    """Return the instants and columns of the peaks of a period's magnitudes that stand
+    out by `PROMINENCE`."""
     size = len(values)
-    peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
-    return peaks[(peaks >= size) & (peaks < 2 * size)] - size
+    found = [
+        (instant - size, column)
+        for column, height in enumerate(np.abs(values.T))
+        for instant in find_peaks(
+            np.tile(height, 3), prominence=PROMINENCE * np.max(height)
+        )[0]
+        if size <= instant < 2 * size
+    ]
+    instants, columns = np.array(found, int).reshape(-1, 2).T
+    return instants, columns
 
 
 def _mean(values: Shaped[np.ndarray, " P"]) -> float:

@@ -29,8 +29,8 @@ from bp2_rl.paper.trajectories.coupling import (
     ENDS,
     HARMONICS,
     PAPER_INSTANT,
-    Sources,
     keep_harmonics,
+    split_planar,
 )
 from bp2_rl.paper.trajectories.decomposition import (
     BALANCE,
@@ -39,6 +39,7 @@ from bp2_rl.paper.trajectories.decomposition import (
     Decomposition,
     Trends,
 )
+from bp2_rl.paper.trajectories.sources import Sources
 
 TERM_COLORS: dict[str, str] = dict(
     zip(
@@ -76,7 +77,8 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends) -> Figure
     leg = cycle.hind_leg
     figure = Figure(figsize=(WIDTH, 10.4), layout="constrained")
     top, middle, bottom = rows(figure, 3.0, 1.45, 4.9)
-    profiles, motion = top.subplots(1, 3), middle.subplots()
+    profiles = top.subplots(1, 3)
+    motion = middle.subplots()
     means, shares = bottom.subplots(2, len(KINDS), sharex=True)
 
     for axes, coordinate in zip(
@@ -205,19 +207,19 @@ PAPER_C_Z = (0.75, 1.19)  # share of the cycle, over weight
 
 
 @styled
-def coupling_figure(sources: Sources) -> Figure:
+def coupling_figure(terms: Decomposition) -> Figure:
     """Draw where the coupled inertial torque of the hips comes from at one speed.
 
     Colours say the source: blue the main torque, vermilion shades the leg's own parts,
     black what comes through the trunk.
     """
-    terms = sources.decomposition
+    sources = split_planar(terms)
     figure = Figure(figsize=(WIDTH, 9.4), layout="constrained")
     panels = figure.subplot_mosaic([["A", "B"], ["A", "C"], ["D", "E"]])
     by_source, hips, knees, kept, velocities = (panels[name] for name in "ABCDE")
-    _by_source(by_source, sources)
-    _fixed_trunk(hips, sources, "hip")
-    _fixed_trunk(knees, sources, "knee")
+    _by_source(by_source, terms, sources)
+    _fixed_trunk(hips, terms, sources, "hip")
+    _fixed_trunk(knees, terms, sources, "knee")
     _harmonics(kept, terms)
     _velocity_force(velocities, terms)
     for axes in (by_source, kept, velocities):
@@ -234,11 +236,12 @@ def coupling_figure(sources: Sources) -> Figure:
     return figure
 
 
-def _by_source(axes: Axes, sources: Sources) -> None:
+def _by_source(axes: Axes, terms: Decomposition, sources: Sources) -> None:
     """Stack a hip's main inertial torque and what balances it, coupled inertia by
     source."""
-    terms, leg = sources.decomposition, sources.decomposition.cycle.hind_leg
-    hip, coordinate = 2 * terms.legs.index(leg), f"{leg} hip"
+    leg = terms.cycle.hind_leg
+    coordinate = f"{leg} hip"
+    hip = 2 * terms.legs.index(leg)
     shade_stance(axes, terms.cycle, (leg,))
     signs = dict(zip(TERMS, BALANCE, strict=True))
     rest = [
@@ -247,8 +250,8 @@ def _by_source(axes: Axes, sources: Sources) -> None:
     ]
     named = {
         "main": (MAIN, terms.along("main inertial", coordinate)),
-        "own knee": (PARTNER, sources.within[0, :, hip]),
-        "own spring": (SPRING, sources.within[1, :, hip]),
+        "own knee": (PARTNER, sources.within["other joint"][:, hip]),
+        "own spring": (SPRING, sources.within["spring"][:, hip]),
         "trunk": (TRUNK, sources.trunk[:, hip]),
         "motor": (TERM_COLORS["active"], -terms.along("active", coordinate)),
         "velocities, gravity, ground": (TERM_COLORS["centrifugal"], np.sum(rest, 0)),
@@ -259,13 +262,14 @@ def _by_source(axes: Axes, sources: Sources) -> None:
     _legend_inside(axes, 2, handles)
 
 
-def _fixed_trunk(axes: Axes, sources: Sources, joint: str) -> None:
+def _fixed_trunk(
+    axes: Axes, terms: Decomposition, sources: Sources, joint: str
+) -> None:
     """Draw a joint's motor torque over a cycle, and on a trunk that is not
     accelerated."""
-    terms = sources.decomposition
     for end, front in ENDS.items():
         leg = terms.leg_at(front)
-        motor = 2 * terms.legs.index(leg) + ("hip", "knee").index(joint)
+        motor = sources.motors(joint, front)[0]
         color = TERM_COLORS["Coriolis"] if front else TERM_COLORS["active"]
         u, fixed = sources.active[:, motor], sources.fixed[:, motor]
         since = terms.cycle.since_touchdown(leg)

@@ -114,7 +114,8 @@ def describe_objective(
 
     costs = [solution.cost for solution in solved]
     best = solved[int(np.argmin(costs))]
-    terms, hardware = decompose(best), best.problem.hardware
+    terms = decompose(best)
+    hardware = best.problem.hardware
     return ObjectiveRow(
         robot=robot,
         speed=best.problem.speed,

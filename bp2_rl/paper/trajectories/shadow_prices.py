@@ -47,7 +47,7 @@ def times_fields(*fields: str, law: Callable[[float, Any], Any] = times) -> Chan
     )
 
 
-LIMITS: dict[str, Change] = {
+LIMIT_CHANGES: dict[str, Change] = {
     "peak torque": times_fields("hardware.peak_torque"),
     "corner speed": times_fields("hardware.corner_speed"),
     "no-load speed": times_fields("hardware.no_load_speed"),
@@ -67,7 +67,7 @@ LIMITS: dict[str, Change] = {
 }
 """Changes of limits that a designer or a problem's settings may choose, by name."""
 
-LOSSES: dict[str, Change] = {
+LOSS_CHANGES: dict[str, Change] = {
     "drag area": times_fields("hardware.losses.drag_area"),
     "gear loss": times_fields(
         "hardware.losses.gear_efficiency",
@@ -120,7 +120,8 @@ def find_shadow_prices(
 
 def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float:
     """Return d f* / d ln p of the objective, by the multipliers."""
-    optimum, sides = optimised.optimum, []
+    optimum = optimised.optimum
+    sides = []
     for factor in (1.0 - STEP, 1.0 + STEP):
         problem = change(optimised.solution.problem, factor)
         program = transcribe(problem, optimised.solution.motion, options).program

@@ -145,10 +145,8 @@ def foot_in_plane(
     These are the numbers of `optimiser.links`, but not to the last bit: policies were
     trained with this arithmetic.
     """
-    (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = (
-        joints,
-        rates,
-    )
+    pitch, hip, knee, lower = joints
+    pitch_rate, hip_rate, knee_rate, lower_rate = rates
     thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
     # Along the trunk, down from it, down the thigh, down the lower leg: length, its
     # rate, angle, its rate.

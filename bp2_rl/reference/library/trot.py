@@ -69,11 +69,9 @@ class CollocationGait(CollocationConfig):
         self, command: Float[Array, "... 3"], phase: Float[Array, "..."]
     ) -> Reference:
         """Return the reference at a command and a phase (see `ReferenceMotion`)."""
-        stride, stepping, stand = (
-            self._stride(command),
-            self.stepping(command),
-            _stand(self.hardware),
-        )
+        stride = self._stride(command)
+        stepping = self.stepping(command)
+        stand = _stand(self.hardware)
         cycle = phase - jnp.floor(phase)
         mirrored = cycle >= 0.5
         # s, since the last pair of feet landed
@@ -225,15 +223,11 @@ class CollocationGait(CollocationConfig):
             axis=-1,
         )[..., None, :, :]
         v = jnp.stack([self._forward(command), command[..., 1]], axis=-1)[..., None, :]
-        omega, library_speed = (
-            command[..., None, 2:],
-            (stepping * stride.speed)[..., None, None],
-        )
+        omega = command[..., None, 2:]
+        library_speed = (stepping * stride.speed)[..., None, None]
 
-        stance, swing = (
-            stride.stance[..., None],
-            (2.0 * stride.half - stride.stance)[..., None],
-        )
+        stance = stride.stance[..., None]
+        swing = (2.0 * stride.half - stride.stance)[..., None]
         in_stance = since_touchdown < stance
         half = jnp.broadcast_to(stance / 2.0, since_touchdown.shape)
         tau = jnp.stack(
@@ -325,10 +319,8 @@ class _Stand(NamedTuple):
 @functools.lru_cache(maxsize=8)
 def _stand(hardware: HardwareSpec) -> _Stand:
     anatomy, legs = hardware.anatomy, hardware.anatomy.geometry
-    load, angles = (
-        hardware.mass * conventions.GRAVITY / 4.0,
-        np.reshape(anatomy.stand, (4, 3)),
-    )
+    load = hardware.mass * conventions.GRAVITY / 4.0
+    angles = np.reshape(anatomy.stand, (4, 3))
     hip, lean = angles[:, 1], angles[:, 1] + angles[:, 2]
     sag = (
         load * np.cos(lean) / hardware.spring_stiffness
@@ -378,10 +370,8 @@ def _within_reach(
     keep their length.
     """
     legs, dtype = hardware.anatomy.geometry, wanted.dtype
-    thigh, lower = (
-        jnp.asarray(legs.thigh, dtype),
-        jnp.asarray(legs.lower, dtype) - compression,
-    )
+    thigh = jnp.asarray(legs.thigh, dtype)
+    lower = jnp.asarray(legs.lower, dtype) - compression
     hip = jnp.asarray(kinematics.hip_places(hardware), dtype)
     now, then = (
         jnp.sqrt(jnp.sum((feet - hip) ** 2, axis=-1)) for feet in (anyway, wanted)

@@ -62,11 +62,9 @@ def solve(
     if more is None:
         trunk, coupling, legs = None, matrix.coupling, matrix.legs
     else:
-        trunk, coupling, legs = (
-            more.trunk,
-            _sum(matrix.coupling, more.coupling),
-            _sum(matrix.legs, more.legs),
-        )
+        trunk = more.trunk
+        coupling = _sum(matrix.coupling, more.coupling)
+        legs = _sum(matrix.legs, more.legs)
     factor = barriers(_cholesky, legs)
     border = barriers(_border, factor, coupling, right.legs)
     schur, rest = barriers(_schur, matrix.trunk, trunk, border, right.trunk)

@@ -92,11 +92,9 @@ class Composite(NamedTuple):
         (x, y, z), old = by, self.moment
         new = add(old, scaled(self.mass, by))
         xx, yy, zz = x * (old[0] + new[0]), y * (old[1] + new[1]), z * (old[2] + new[2])
-        xy, xz, yz = (
-            x * new[1] + y * old[0],
-            x * new[2] + z * old[0],
-            y * new[2] + z * old[1],
-        )
+        xy = x * new[1] + y * old[0]
+        xz = x * new[2] + z * old[0]
+        yz = y * new[2] + z * old[1]
         return Composite(
             self.mass,
             new,

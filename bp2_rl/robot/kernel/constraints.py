@@ -74,10 +74,8 @@ class Floor(NamedTuple):
     def point(self, at: GeneralizedVector) -> Vector:
         """Return the velocity or acceleration of the contact points, from the robot's
         generalised vector."""
-        a, turn = (
-            (at.trunk[0], at.trunk[1], at.trunk[2]),
-            (at.trunk[3], at.trunk[4], at.trunk[5]),
-        )
+        a = (at.trunk[0], at.trunk[1], at.trunk[2])
+        turn = (at.trunk[3], at.trunk[4], at.trunk[5])
         return add(
             a,
             cross(turn, self.lever),
@@ -154,11 +152,9 @@ class Constraints(NamedTuple):
         left, right, back, front = rows.edges
         mu = self.floor.friction
         # The stiffness of a contact, a symmetric matrix without xy.
-        xx, yy, zz = (
-            mu * mu * (back + front),
-            mu * mu * (left + right),
-            left + right + back + front,
-        )
+        xx = mu * mu * (back + front)
+        yy = mu * mu * (left + right)
+        zz = left + right + back + front
         xz, yz = mu * (front - back), mu * (left - right)
         rx, ry, rz = self.floor.lever
         # Moments of the forces that a unit of motion along x, y and z meets ...

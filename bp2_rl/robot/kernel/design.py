@@ -152,10 +152,8 @@ class Masses(NamedTuple):
     ) -> "Masses":
         """Return the design's bodies with masses times `factors`, in MuJoCo's order,
         and the trunk's centre of mass moved."""
-        trunk, links = (
-            design.trunk.times(factors[1]),
-            factors[2:].reshape(4, -1, factors.shape[-1]),
-        )
+        trunk = design.trunk.times(factors[1])
+        links = factors[2:].reshape(4, -1, factors.shape[-1])
         com = add(trunk.com, (com_offset[0], com_offset[1], com_offset[2]))
         return cls(
             trunk._replace(com=com),
@@ -236,16 +234,12 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
         tree,
     )
     _require(np.array_equal(model.geom_bodyid[feet], bodies[:, -1]), tree)
-    hinges, springs, hinge, slide = (
-        joints[:, :3],
-        joints[:, 3:],
-        mujoco.mjtJoint.mjJNT_HINGE,
-        mujoco.mjtJoint.mjJNT_SLIDE,
-    )
-    kinds, axes = (
-        [hinge, hinge, hinge, slide],
-        np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]]),
-    )
+    hinges = joints[:, :3]
+    springs = joints[:, 3:]
+    hinge = mujoco.mjtJoint.mjJNT_HINGE
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    kinds = [hinge, hinge, hinge, slide]
+    axes = np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]])
     along, each = np.unique(model.wrap_objid[model.tendon_adr], return_counts=True)
     limited = np.flatnonzero(model.jnt_limited)
     gains = (

@@ -78,11 +78,9 @@ class Legs(NamedTuple):
         """Return the legs' pose at coordinates abad, hip and knee, rad, and spring,
         m."""
         abad, hip, knee, *spring = coordinates
-        (cos, sin), in_thigh, in_shank = (
-            cos_sin(abad),
-            cos_sin(hip),
-            cos_sin(hip + knee),
-        )
+        cos, sin = cos_sin(abad)
+        in_thigh = cos_sin(hip)
+        in_shank = cos_sin(hip + knee)
         toe = add(design.toe, (ZERO, ZERO, spring[0])) if spring else NOWHERE
         thigh = about_y(design.knee, *in_thigh)
         own, thighs, *lower = masses.links

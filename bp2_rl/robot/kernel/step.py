@@ -60,10 +60,8 @@ class _RobotState(NamedTuple):
     @classmethod
     def of(cls, state: MuJoCoState) -> "_RobotState":
         qpos, qvel, warmstart = state
-        place, quaternion = (
-            (qpos[0], qpos[1], qpos[2]),
-            (qpos[3], qpos[4], qpos[5], qpos[6]),
-        )
+        place = (qpos[0], qpos[1], qpos[2])
+        quaternion = (qpos[3], qpos[4], qpos[5], qpos[6])
         return cls(
             place,
             quaternion,
@@ -120,11 +118,9 @@ def _forces_and_constraints(
 ) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
     """Return the forces, the constraints, a first guess of the accelerations, and the
     heights of the feet, m."""
-    (design, masses, friction), velocity, height = (
-        robots,
-        state.velocity,
-        state.place[2],
-    )
+    design, masses, friction = robots
+    velocity = state.velocity
+    height = state.place[2]
     force = barriers(
         partial(smooth_force, design), masses, pose, state.legs, velocity, applied
     )

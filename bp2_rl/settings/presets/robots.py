@@ -57,7 +57,8 @@ def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
 def sized(env: EnvConfig) -> EnvConfig:
     """Return settings that were written for BP2, scaled to the size of their robot; those
     of BP2 stay."""
-    size, robot = env.hardware.size, env.hardware
+    size = env.hardware.size
+    robot = env.hardware
     if robot.is_bp2:
         return env
     speed = speed_factor(robot)

@@ -91,7 +91,9 @@ def read_measurements(run_dir: Path) -> list[PolicyMeasurement]:
 
 
 def _measure(policy: Policy) -> PolicyMeasurement:
-    env, best, falls = policy.card.env, 0.0, 0
+    env = policy.card.env
+    best = 0.0
+    falls = 0
     for share in LADDER:
         if best >= share * env.commands.max_forward:
             break  # a slower command makes no faster run

@@ -160,10 +160,7 @@ class Plan:
     def command(self, training: Training, folder: Path) -> list[str]:
         """Return the arguments of train.py for a training run in the study's
         `folder`."""
-        variant, steps = (
-            VARIANTS[training.variant],
-            self.steps[STAGES.index(training.stage)],
-        )
+        variant = VARIANTS[training.variant]
         words = [
             "--stage",
             training.stage,
@@ -187,7 +184,7 @@ class Plan:
             "--run.seed",
             str(training.seed),
             "--run.steps",
-            str(steps),
+            str(self.steps[STAGES.index(training.stage)]),
         ]
 
 

@@ -5,25 +5,17 @@ A study is a folder of runs, VARIANT-SEED-STAGE. What is finished is not done ag
 that a study can be stopped and gone on with.
 """
 
+import asyncio
 import contextlib
 import dataclasses
 import os
-import queue
 import shutil
 import signal
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import open_in_place
@@ -41,7 +33,6 @@ from bp2_rl.tools.study.outcome import measure_policies
 from bp2_rl.tools.study.plan import STAGES, Plan, Training
 
 if TYPE_CHECKING:
-    import submitit
     from submitit.helpers import DelayedSubmission
 
 TRAIN = ("-m", "bp2_rl", "train")
@@ -110,39 +101,6 @@ class Resources:
     # whether the trainings are jobs of a cluster; its machines then measure, too
     jobs: JobsConfig = JobsConfig()
 
-    @contextlib.contextmanager
-    def open(
-        self, folder: Path, lock: int
-    ) -> Generator[tuple["Here | Jobs", Executor, ThreadPoolExecutor]]:
-        """Yield what runs the trainings, the processes that measure policies, and a
-        thread for each training at a time.
-
-        An exception in the block stops the trainings, which save what they have. The
-        processes end with the thread that submits their first task: let one that
-        outlives the block submit.
-
-        Args:
-            folder: of the work.
-            lock: descriptor of the folder's lock, which the trainings on this machine
-                hold as well.
-        """
-        here = self.jobs.executor == "here"
-        place = (
-            Here(self.gpus, lock, self.say)
-            if here
-            else Jobs(self.jobs, folder, self.say)
-        )
-        with (
-            spawned(self.judges, compute_here) as measuring,
-            ThreadPoolExecutor(place.slots) as threads,
-        ):
-            try:
-                yield place, measuring, threads
-            except BaseException:
-                place.stop()
-                threads.shutdown(wait=False, cancel_futures=True)
-                raise
-
 
 def visible_gpus() -> tuple[str, ...]:
     """Return the names of NVIDIA's GPUs for CUDA_VISIBLE_DEVICES; empty without any."""
@@ -164,50 +122,36 @@ class Here:
     Args:
         gpus: as CUDA_VISIBLE_DEVICES names them.
         lock: a file descriptor that the processes hold as long as they live.
-        say: takes lines of progress.
     """
 
-    def __init__(self, gpus: Sequence[str], lock: int, say: Callable[[str], None]):
-        self.slots = len(gpus) or 1
-        self._lock, self._say = lock, say
-        self._gpus: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        for gpu in gpus or (None,):
-            self._gpus.put(gpu)
-        self._processes: set[subprocess.Popen[bytes]] = set()
-        self._stopped = threading.Event()
+    def __init__(self, gpus: Sequence[str], lock: int):
+        self.slots: tuple[str | None, ...] = tuple(gpus) or (None,)
+        self._lock = lock
 
-    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
+    async def train(
+        self, arguments: Sequence[str], run_dir: Path, gpu: str | None
+    ) -> bool:
         """Run a training to its end, from its checkpoint if it has one; return whether
         it finished.
 
-        Waits for it; called from as many threads as there are slots.
-        """
-        if self._stopped.is_set():
-            return False
-        gpu = self._gpus.get()
-        try:
-            process = begin(arguments, run_dir, gpu=gpu, keep=(self._lock,))
-        except UserError as busy:
-            self._say(str(busy))
-            self._gpus.put(gpu)
-            return False
-        self._processes.add(process)
-        try:
-            if self._stopped.is_set():  # since it was looked at above
-                process.terminate()
-            ended = process.wait() == 0
-            if self._stopped.is_set() and not ended:
-                self._say(f"{run_dir.name} stopped: see {run_dir}.txt")
-            return ended
-        finally:
-            self._processes.discard(process)
-            self._gpus.put(gpu)
+        A training that is cancelled saves first.
 
-    def stop(self) -> None:
-        """Ask all trainings to save and end, and begin no other."""
-        self._stopped.set()
-        for process in list(self._processes):
+        Raises:
+            UserError: as `begin` does.
+        """
+        process = begin(arguments, run_dir, gpu=gpu, keep=(self._lock,))
+        try:
+            return await _status(process) == 0
+        except asyncio.CancelledError:
             process.terminate()
+            await _status(process)
+            raise
+
+
+async def _status(process: "subprocess.Popen[bytes]") -> int:
+    while (status := process.poll()) is None:
+        await asyncio.sleep(POLL)
+    return status
 
 
 class Jobs:
@@ -223,10 +167,8 @@ class Jobs:
     def __init__(self, config: JobsConfig, folder: Path, say: Callable[[str], None]):
         import submitit
 
-        self.slots, self._say = config.most, say
-        self._lock = threading.Lock()  # submitit is not made for threads
-        self._jobs: set["submitit.Job[bool]"] = set()
-        self._stopped = threading.Event()
+        self.slots: tuple[None, ...] = (None,) * config.most
+        self._say = say
         try:
             self._executor = submitit.AutoExecutor(
                 folder / "jobs", cluster=config.executor, slurm_max_num_timeout=OFTEN
@@ -243,42 +185,35 @@ class Jobs:
             **{name: value for name, value in slurm.items() if value is not None},
         )
 
-    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
+    async def train(
+        self, arguments: Sequence[str], run_dir: Path, slot: str | None = None
+    ) -> bool:
         """Run a training as a job, as `Here.train` does in a process; return whether it
-        finished."""
-        with self._lock:
-            if self._stopped.is_set():
-                return False
-            job = self._executor.submit(Job(arguments, run_dir))
-            self._jobs.add(job)
-        self._say(f"{run_dir.name}: job {job.job_id}")
-        while not self._stopped.wait(POLL):
-            with self._lock:
-                if not job.done():
-                    continue
-                self._jobs.discard(job)
-                failure = job.exception()
-                if failure is not None:
-                    self._say(
-                        f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}"
-                    )
-                return failure is None and job.result()
-        self._say(f"{run_dir.name} stopped: see {run_dir}.txt")
-        return False
+        finished.
 
-    def stop(self) -> None:
-        """Cancel all jobs; Slurm then tells the trainings to save."""
-        self._stopped.set()
-        with self._lock:
-            for job in self._jobs:
-                job.cancel(check=False)
+        A training that is cancelled is told by Slurm to save.
+        """
+        del slot  # the scheduler finds a machine
+        job = self._executor.submit(Job(arguments, run_dir))
+        self._say(f"{run_dir.name}: job {job.job_id}")
+        try:
+            while not job.done():
+                await asyncio.sleep(POLL)
+        except asyncio.CancelledError:
+            job.cancel(check=False)
+            raise
+        failure = job.exception()
+        if failure is not None:
+            self._say(f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}")
+        return failure is None and job.result()
 
 
 class Job:
     """One training as a job on a cluster's machine; submitit pickles it."""
 
     def __init__(self, arguments: Sequence[str], run_dir: Path):
-        self._arguments, self._run_dir = tuple(arguments), run_dir.resolve()
+        self._arguments = tuple(arguments)
+        self._run_dir = run_dir.resolve()
         self._train = TRAIN
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -361,44 +296,79 @@ def run_study(
             _Recipe(plan.preset, plan.steps, settings, plan.robot),
             "a study",
         )
-        with resources.open(folder, lock) as (place, measuring, threads):
-            waiting, failed = plan.chains, []
-            # at work -> what is left of its chain, itself included
-            trainings: dict[Future[bool], list[Training]] = {}
-            measurements: dict[Future[Any], Training] = {}
-            while waiting or trainings or measurements:
-                while waiting and len(trainings) < place.slots:
-                    chain = waiting.pop(0)
-                    trainings[threads.submit(_train, plan, folder, place, chain[0])] = (
-                        chain
-                    )
-                for one in wait(
-                    [*trainings, *measurements], return_when=FIRST_COMPLETED
-                ).done:
-                    if one in measurements:
-                        one.result()
-                        measured(measurements.pop(one))
-                        continue
-                    this, *later = trainings.pop(one)
-                    if one.result():
-                        resources.say(f"{this.name} trained")
-                        measurements[
-                            measuring.submit(measure_policies, folder / this.name)
-                        ] = this
-                    else:
-                        resources.say(
-                            f"{this.name} failed: see {folder / this.name}.txt"
-                        )
-                        failed.append(this)
-                        # the others of its chain go on from it
-                        if this.stage == "imitation":
-                            failed, later = failed + later, []
-                    if later:
-                        waiting.insert(0, later)
+        place = (
+            Here(resources.gpus, lock)
+            if resources.jobs.executor == "here"
+            else Jobs(resources.jobs, folder, resources.say)
+        )
+        try:
+            return asyncio.run(_run_chains(plan, folder, place, resources, measured))
+        except BaseExceptionGroup as group:  # one that failed has stopped the others
+            raise group.exceptions[0] from group
+
+
+async def _run_chains(
+    plan: Plan,
+    folder: Path,
+    place: Here | Jobs,
+    resources: Resources,
+    measured: Callable[[Training], object],
+) -> list[Training]:
+    """Run each chain of trainings in a slot of its own, and measure what ends."""
+    failed: list[Training] = []
+    slots: asyncio.Queue[str | None] = asyncio.Queue()
+    for slot in place.slots:
+        slots.put_nowait(slot)
+    with spawned(resources.judges, compute_here) as measuring:
+
+        async def measure(training: Training) -> None:
+            await asyncio.get_running_loop().run_in_executor(
+                measuring, measure_policies, folder / training.name
+            )
+            measured(training)
+
+        async def run_chain(chain: Sequence[Training]) -> None:
+            slot = await slots.get()
+            for place_in_chain, training in enumerate(chain):
+                if await _train(plan, folder, place, slot, training, resources.say):
+                    group.create_task(measure(training))
+                elif training.stage == "imitation":  # the others go on from it
+                    failed.extend(chain[place_in_chain:])
+                    break
+                else:
+                    failed.append(training)
+            slots.put_nowait(slot)
+
+        # an interruption inside a task has ended the loop already, and is raised there
+        with contextlib.suppress(KeyboardInterrupt):
+            async with asyncio.TaskGroup() as group:
+                for chain in plan.chains:
+                    group.create_task(run_chain(chain))
     return failed
 
 
-def _train(plan: Plan, folder: Path, place: Here | Jobs, training: Training) -> bool:
+async def _train(
+    plan: Plan,
+    folder: Path,
+    place: Here | Jobs,
+    slot: str | None,
+    training: Training,
+    say: Callable[[str], None],
+) -> bool:
     """Run a training unless it is finished; return whether it has finished."""
     run_dir = folder / training.name
-    return is_finished(run_dir) or place.train(plan.command(training, folder), run_dir)
+    ended = is_finished(run_dir)
+    if not ended:
+        try:
+            ended = await place.train(plan.command(training, folder), run_dir, slot)
+        except UserError as busy:
+            say(str(busy))
+        except asyncio.CancelledError:
+            say(f"{training.name} stopped: see {run_dir}.txt")
+            raise
+    say(
+        f"{training.name} trained"
+        if ended
+        else f"{training.name} failed: see {run_dir}.txt"
+    )
+    return ended

@@ -68,7 +68,6 @@ def tab(busy_run, tmp_path_factory):
     evaluation = Evaluation(
         "topspeed",
         "a trot",
-        "none",
         conditions={},
         verdict="It ran.",
         good=True,

@@ -1,6 +1,7 @@
 """The benchmarks at several speeds, on strides whose forces and energies are known."""
 
 import dataclasses
+import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -102,6 +103,12 @@ def evaluate(monkeypatch, make_policy, case):
         speeds, "simulate_all", lambda _, policy, ones: [run(policy, o) for o in ones]
     )
     return evaluate
+
+
+def test_the_measurement_reaches_other_processes():
+    for benchmark in (mechanism.MECHANISM, efficiency.EFFICIENCY):
+        there = pickle.loads(pickle.dumps(benchmark.measure_run))
+        assert there.__self__ == benchmark
 
 
 def told(asked):

@@ -6,9 +6,9 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import CostWeights
 from bp2_rl.optimiser.solution import NotSolved
-from bp2_rl.paper.figures import binding as numbers_module
+from bp2_rl.paper.figures import binding as module
 from bp2_rl.paper.figures.binding import binding, describe_run
-from bp2_rl.paper.figures.settings import BindingSettings
+from bp2_rl.paper.figures.settings import BindingFigureSettings
 from bp2_rl.paper.trajectories.comparison import running_cost
 from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
 from bp2_rl.robot.bp2 import TOTAL_MASS
@@ -36,9 +36,9 @@ def test_a_runs_gait_is_that_of_its_strides(busy_run):
 
 
 def test_speeds_are_weighed_and_drawn(monkeypatch):
-    few = {name: numbers_module.LIMITS[name] for name in ("peak torque", "friction")}
-    monkeypatch.setattr(numbers_module, "LIMITS", few)
-    drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
+    few = {name: module.LIMIT_CHANGES[name] for name in ("peak torque", "friction")}
+    monkeypatch.setattr(module, "LIMIT_CHANGES", few)
+    drawn = binding(BindingFigureSettings(speeds=(10.0,), intervals=4))
     numbers = drawn.results
     (ten,) = numbers.speeds
     assert ten.prices["speed"] > 0.5  # it costs to be faster
@@ -56,11 +56,11 @@ def test_no_greatest_speed_loses_nothing(monkeypatch):
             raise NotSolved("lost")
         return find_shadow_prices(start, changes)
 
-    monkeypatch.setattr(numbers_module, "find_shadow_prices", search)
+    monkeypatch.setattr(module, "find_shadow_prices", search)
     monkeypatch.setattr(
-        numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]}
+        module, "LIMIT_CHANGES", {"friction": module.LIMIT_CHANGES["friction"]}
     )
-    drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
+    drawn = binding(BindingFigureSettings(speeds=(10.0,), intervals=4))
     (prices,) = drawn.tables
     assert prices.head[-1] == "greatest, not found"
     assert {line[0]: line[-1] for line in prices.lines} == {
@@ -73,4 +73,4 @@ def test_no_greatest_speed_loses_nothing(monkeypatch):
 @pytest.mark.parametrize("speeds", [(), (10.0, 10.0), (13.0, 10.0)])
 def test_speeds_in_no_order_are_refused(speeds):
     with pytest.raises(UserError, match="name the slowest first"):
-        BindingSettings(speeds=speeds)
+        BindingFigureSettings(speeds=speeds)

@@ -10,7 +10,7 @@ from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.figures import identifiability as numbers_module
+from bp2_rl.paper.figures import identifiability as module
 from bp2_rl.paper.figures.identifiability import (
     ASSUMED,
     HEAT,
@@ -23,9 +23,9 @@ from bp2_rl.paper.figures.identifiability import (
     jacobian,
     left_of_range,
     reversal,
-    sprint,
+    sprint_time,
 )
-from bp2_rl.paper.figures.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilityFigureSettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
 
@@ -72,7 +72,7 @@ def test_a_motor_without_ways_out_and_growth_heats_at_its_power():
 
 def test_the_sprint_is_that_of_two_straight_lines():
     # docs/notes/paper.md, "The race"
-    assert sprint(10.74, 2.38) == pytest.approx(11.57, abs=0.005)
+    assert sprint_time(10.74, 2.38) == pytest.approx(11.57, abs=0.005)
 
 
 def test_a_hips_turn_and_heat_are_read_off_the_motion():
@@ -110,13 +110,13 @@ def test_trajectories_and_greatest_speeds_make_the_rows(monkeypatch):
         ("belt", 17.0, {"drag area": 0.0}),
         ("outdoors", 16.0, {"drag area": -0.06}),
     ]
-    monkeypatch.setattr(numbers_module, "_greatest", lambda cruise: greatest)
+    monkeypatch.setattr(module, "_greatest", lambda cruise: greatest)
     monkeypatch.setattr(
-        numbers_module,
+        module,
         "MECHANICAL",
         [one for one in MECHANICAL if one.name == "rotor inertia"],
     )
-    numbers = identify(IdentifiabilitySettings(intervals=4))
+    numbers = identify(IdentifiabilityFigureSettings(intervals=4))
     rows = {row.name: row for row in numbers.rows}
     assert rows["greatest power"].ours == pytest.approx(1764.0)
     assert rows["C_z"].ours == pytest.approx(1.2, abs=0.2)

@@ -6,7 +6,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config
 from bp2_rl.learning.judged import JUDGED, Judged, JudgedPolicy, JudgeResult
 from bp2_rl.paper.figures.learning import learning, read_curve
-from bp2_rl.paper.figures.settings import LearningSettings
+from bp2_rl.paper.figures.settings import LearningFigureSettings
 
 
 def run_in(folder, *verdicts):
@@ -27,7 +27,7 @@ def test_the_first_that_reaches_ten_metres_a_second_is_told_beside_the_best(tmp_
         (4_000_000, 240.0, 11.0, 1),
     )
     slow = run_in(tmp_path / "b", (2_000_000, 90.0, 9.0, 0))
-    drawn = learning(LearningSettings((first, slow)))
+    drawn = learning(LearningFigureSettings((first, slow)))
     (table,) = drawn.tables
     assert table.lines == [
         ["a", "4.0", "240", "11.0", "12.5", "5.0"],
@@ -49,4 +49,4 @@ def test_what_has_no_curve_is_named(tmp_path, make):
 
 def test_no_run_is_asked_for():
     with pytest.raises(UserError, match="--runs: name the folders"):
-        learning(LearningSettings())
+        learning(LearningFigureSettings())

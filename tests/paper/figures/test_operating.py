@@ -9,7 +9,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.paper.benchmarks.efficiency.measured import motors_of
 from bp2_rl.paper.figures.operating import OperatingNumbers, measure_points, operating
-from bp2_rl.paper.figures.settings import OperatingSettings
+from bp2_rl.paper.figures.settings import OperatingFigureSettings
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.hardware import BUILT
 
@@ -56,7 +56,7 @@ def test_points_are_measured_in_all_quadrants(known):
 def test_runs_of_one_robot_are_drawn(known, make_run, leave_report):
     slow = leave_report(known, name="slow")
     fast = leave_report(make_run(duration=6.0, speed=6.0), name="fast")
-    drawn = operating(OperatingSettings((slow, fast)))
+    drawn = operating(OperatingFigureSettings((slow, fast)))
     assert list(drawn.pictures) == ["operating"]
     assert [run.speed for run in drawn.results.runs] == pytest.approx([5.0, 6.0])
     assert drawn.results.peak == pytest.approx(1764.0)
@@ -66,4 +66,4 @@ def test_runs_of_one_robot_are_drawn(known, make_run, leave_report):
     )
     other = leave_report(make_run(duration=6.0, hardware=BUILT), name="other")
     with pytest.raises(UserError, match="of different robots"):
-        operating(OperatingSettings((slow, other)))
+        operating(OperatingFigureSettings((slow, other)))

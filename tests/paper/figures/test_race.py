@@ -18,7 +18,7 @@ from bp2_rl.paper.figures.race import (
     paper_profile,
     race,
 )
-from bp2_rl.paper.figures.settings import RaceSettings
+from bp2_rl.paper.figures.settings import RaceFigureSettings
 from bp2_rl.paper.published import Athlete
 
 
@@ -28,7 +28,7 @@ def find(numbers: RaceNumbers, name: str) -> Racer:
 
 @pytest.fixture(scope="module")
 def drawn():
-    return race(RaceSettings())
+    return race(RaceFigureSettings())
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_a_run_has_the_splits_of_its_report(run):
 
 def test_a_run_that_ends_early_is_shown_as_far_as_it_came(run, leave_report):
     fallen = dataclasses.replace(run.between(0.0, 1.0), fell_at=1.0)
-    numbers = race(RaceSettings(runs=(leave_report(fallen, "sprint"),)))
+    numbers = race(RaceFigureSettings(runs=(leave_report(fallen, "sprint"),)))
     (racer,) = numbers.results.runs
     assert (racer.time, racer.splits, racer.male_level) == (None, (), None)
 
@@ -138,6 +138,6 @@ def test_a_users_splits_complete_an_athlete(tmp_path):
         for d, t in ((30, 3.9), (60, 6.45), (80, 8.09), (100, 9.784))
     ]
     path.write_text("\n".join(("athlete,distance [m],time [s],reaction [s]", *rows)))
-    numbers = race(RaceSettings(athletes=path)).results
+    numbers = race(RaceFigureSettings(athletes=path)).results
     assert [racer.name for racer in numbers.racers].count(races.LYLES) == 1
     assert find(numbers, races.LYLES).means[2] == pytest.approx(20.0 / 1.64)

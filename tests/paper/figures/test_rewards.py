@@ -4,13 +4,13 @@ letter."""
 import pytest
 
 from bp2_rl.paper.figures.rewards import ROWS, rewards
-from bp2_rl.paper.figures.settings import RewardsSettings
+from bp2_rl.paper.figures.settings import RewardsFigureSettings
 from bp2_rl.settings.presets.rewards import PAPER
 
 
 @pytest.fixture(scope="module")
 def drawn():
-    return rewards(RewardsSettings())
+    return rewards(RewardsFigureSettings())
 
 
 def test_every_coefficient_of_the_table_has_a_row(drawn):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.paper.figures.robot import extent, measure_robot, outlines, robot
-from bp2_rl.paper.figures.settings import RobotSettings
+from bp2_rl.paper.figures.settings import RobotFigureSettings
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
@@ -21,7 +21,7 @@ def settled_soon(monkeypatch):
 
 
 def test_the_dimensions_are_the_papers():
-    drawn = robot(RobotSettings())
+    drawn = robot(RobotFigureSettings())
     assert drawn.results.standing_height == pytest.approx(0.55, abs=0.02)
     assert (drawn.results.length, drawn.results.width) == pytest.approx(
         (0.80, 0.44), abs=1e-3

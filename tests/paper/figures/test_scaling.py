@@ -7,13 +7,13 @@ from bp2_rl.paper.figures.scaling import (
     count_band,
     shipped,
 )
-from bp2_rl.paper.figures.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingFigureSettings
 from bp2_rl.paper.published import PublishedRobot
 
 
 @pytest.fixture(scope="module")
 def numbers() -> ScalingNumbers:
-    return compare_robots(ScalingSettings())
+    return compare_robots(ScalingFigureSettings())
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_reports_take_its_place(leave_topspeed):
         leave_topspeed(),
         leave_topspeed(robot="built: with losses", speed=13.49, name="other"),
     )
-    ideal, built = compare_robots(ScalingSettings(runs=folders)).simulated
+    ideal, built = compare_robots(ScalingFigureSettings(runs=folders)).simulated
     assert (ideal.name, built.name) == (
         "simulated, ideal robot",
         "simulated, built robot",
@@ -99,7 +99,7 @@ def test_reports_take_its_place(leave_topspeed):
 )
 def test_runs_are_named(leave_topspeed, first, other, names):
     folders = leave_topspeed(**first), leave_topspeed(**other, name="other")
-    found = compare_robots(ScalingSettings(runs=folders)).simulated
+    found = compare_robots(ScalingFigureSettings(runs=folders)).simulated
     assert [robot.name for robot in found] == [
         f"simulated, {name.format(folder)}"
         for name, folder in zip(names, folders, strict=True)
@@ -115,7 +115,7 @@ def test_runs_are_named(leave_topspeed, first, other, names):
 )
 def test_a_report_of_something_else_is_refused(leave_topspeed, changes, says):
     with pytest.raises(UserError, match=says):
-        compare_robots(ScalingSettings(runs=(leave_topspeed(**changes),)))
+        compare_robots(ScalingFigureSettings(runs=(leave_topspeed(**changes),)))
 
 
 def test_a_users_mammals_are_weighed_against_the_law(tmp_path):
@@ -123,7 +123,7 @@ def test_a_users_mammals_are_weighed_against_the_law(tmp_path):
     path.write_text(
         "species,mass [kg],top speed [km/h]\nlawful,36,59.748\nslow,36,29.874\n"
     )
-    numbers = compare_robots(ScalingSettings(mammals=path))
+    numbers = compare_robots(ScalingFigureSettings(mammals=path))
     # 5 digits above
     assert [species.share for species in numbers.mammals] == pytest.approx(
         [1.0, 0.5], abs=1e-4

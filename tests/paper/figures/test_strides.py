@@ -5,7 +5,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.paper.figures.runs import CYCLES, cycles
-from bp2_rl.paper.figures.settings import StridesSettings
+from bp2_rl.paper.figures.settings import StridesFigureSettings
 from bp2_rl.paper.figures.strides import describe_cycles, strides
 
 
@@ -36,7 +36,7 @@ def test_a_run_without_three_cycles_is_refused(make_run):
 
 def test_one_report_is_drawn_and_no_other_number_of_them(make_run, leave_report):
     report = leave_report(make_run(duration=6.0))
-    drawn = strides(StridesSettings((report,)))
+    drawn = strides(StridesFigureSettings((report,)))
     assert list(drawn.pictures) == ["strides"]
     assert drawn.results.name == "simulated, ideal robot"
     for runs in ((), (report, report)):
@@ -44,4 +44,4 @@ def test_one_report_is_drawn_and_no_other_number_of_them(make_run, leave_report)
             UserError,
             match=r"--runs takes one report that python eval\.py --benchmark topspeed leaves",
         ):
-            strides(StridesSettings(runs))
+            strides(StridesFigureSettings(runs))

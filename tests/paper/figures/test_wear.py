@@ -6,7 +6,7 @@ from runs import no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.paper.figures.settings import WearSettings
+from bp2_rl.paper.figures.settings import WearFigureSettings
 from bp2_rl.paper.figures.wear import WEAK, measure_wear, wear, wear_of
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.hardware import BUILT
@@ -46,7 +46,7 @@ def test_weak_brakes_are_the_drives_line():
 
 def test_a_policy_that_is_none_is_named(tmp_path):
     with pytest.raises(UserError, match="no policy"):
-        wear(WearSettings((tmp_path,)))
+        wear(WearFigureSettings((tmp_path,)))
 
 
 def test_the_gentle_policy_lands_softly_within_the_motors_speed_and_needs_no_strong_brakes():

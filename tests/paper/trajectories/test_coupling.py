@@ -12,23 +12,31 @@ from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.solution import Solution, resample
 from bp2_rl.paper.trajectories.coupling import (
-    THROUGH,
-    WITHIN,
     CouplingAccount,
-    Sources,
     account_coupling,
-    covered_by,
+    closure,
     keep_harmonics,
-    split_sources,
+    split_planar,
 )
-from bp2_rl.paper.trajectories.decomposition import BALANCE, coupling_opposes
+from bp2_rl.paper.trajectories.decomposition import (
+    BALANCE,
+    Decomposition,
+    coupling_opposes,
+    decompose,
+)
+from bp2_rl.paper.trajectories.sources import LIMBS, ON_TRUNK, Sources
 
 LEGS = ("FR", "FL", "RR", "RL")
 
 
 @pytest.fixture(scope="module")
-def sources(trot) -> Sources:
-    return split_sources(trot)
+def decomposition(trot) -> Decomposition:
+    return decompose(trot)
+
+
+@pytest.fixture(scope="module")
+def sources(decomposition) -> Sources:
+    return split_planar(decomposition)
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +44,10 @@ def account(trot) -> CouplingAccount:
     return account_coupling(trot)
 
 
-def planar_states(sources: Sources):
+def planar_states(decomposition: Decomposition):
     """Return the planar MuJoCo model's terms with velocities, accelerations, motor
     torques and forces at some of the cycle's points."""
-    cycle = sources.decomposition.cycle
+    cycle = decomposition.cycle
     planar = PlanarModel.of(cycle.problem)
     q, v, a, tau, force = (
         x.reshape(-1, x.shape[-1])
@@ -55,32 +63,34 @@ def planar_states(sources: Sources):
         yield k, planar.terms(q[k], v[k]), a[k], tau[k], force[k]
 
 
-def test_no_entry_of_the_mass_matrix_joins_two_legs(sources):
-    for _, terms, *_ in planar_states(sources):
+def test_no_entry_of_the_mass_matrix_joins_two_legs(decomposition):
+    for _, terms, *_ in planar_states(decomposition):
         legs = terms.mass[3:, 3:].reshape(4, 3, 4, 3)
         assert not any(
             np.any(legs[i, :, j]) for i in range(4) for j in range(4) if i != j
         )
 
 
-def test_the_sources_add_up(sources):
-    assert sources.within.shape == (len(WITHIN), 4 * 13, 8)
-    assert sources.through.shape == (len(THROUGH), 4 * 13, 8)
+def test_the_sources_add_up(sources, decomposition):
+    assert len(sources.within) == 5
+    assert list(sources.through) == [*LIMBS, *ON_TRUNK][:-1]  # no stops
+    parts = *sources.within.values(), *sources.through.values()
+    assert {part.shape for part in parts} == {(4 * 13, 8)}
     # what the paper's evidence is held to; the solver leaves some 1e-11
-    assert sources.closure < 1e-6
-    coupled = sources.decomposition.forces[1][:, motor_coordinates(LEGS)]
+    assert closure(sources) < 1e-6
+    coupled = decomposition.forces[1][:, motor_coordinates(LEGS)]
     np.testing.assert_allclose(
-        np.sum(sources.within, axis=0), coupled, rtol=0, atol=1e-10
+        sum(sources.within.values()), coupled, rtol=0, atol=1e-10
     )
 
 
-def test_what_a_leg_does_to_another_is_mujocos_schur_complement(sources):
+def test_what_a_leg_does_to_another_is_mujocos_schur_complement(sources, decomposition):
     """A trunk without any force on it, and one leg's joints accelerated as in the trot:
     MuJoCo's mass matrix says how the trunk recoils, and what that takes at each
     joint."""
     partners = {"FR": "RL", "FL": "RR", "RR": "FL", "RL": "FR"}
     joints = motor_coordinates(LEGS)
-    for k, terms, a, *_ in planar_states(sources):
+    for k, terms, a, *_ in planar_states(decomposition):
         for i, leg in enumerate(LEGS):
             for kind, movers in (
                 ("own leg", [leg]),
@@ -96,18 +106,18 @@ def test_what_a_leg_does_to_another_is_mujocos_schur_complement(sources):
                     moved[block] = a[block]
                 recoil = np.linalg.solve(terms.mass[:3, :3], -(terms.mass @ moved)[:3])
                 expected = terms.mass[joints[2 * i : 2 * i + 2], :3] @ recoil
-                found = sources.through[THROUGH.index(kind), k, 2 * i : 2 * i + 2]
+                found = sources.through[kind][k, 2 * i : 2 * i + 2]
                 # Of torques of some 10 Nm, two sums of doubles.
                 np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 
-def test_ground_gravity_and_velocities_are_mujocos(sources):
+def test_ground_gravity_and_velocities_are_mujocos(sources, decomposition):
     joints = motor_coordinates(LEGS)
-    for k, terms, _, _, force in planar_states(sources):
+    for k, terms, _, _, force in planar_states(decomposition):
         take = terms.mass[joints, :3] @ np.linalg.inv(terms.mass[:3, :3])
         ground = take @ (terms.jacobian.T @ force)[:3]
-        still = PlanarModel.of(sources.decomposition.cycle.problem)
-        q = sources.decomposition.cycle.motion.q.reshape(-1, 15)[k]
+        still = PlanarModel.of(decomposition.cycle.problem)
+        q = decomposition.cycle.motion.q.reshape(-1, 15)[k]
         weight = still.terms(q, np.zeros(15)).bias
         for name, expected in (
             ("ground", ground),
@@ -115,15 +125,17 @@ def test_ground_gravity_and_velocities_are_mujocos(sources):
             ("velocities", -take @ (terms.bias - weight)[:3]),
         ):
             np.testing.assert_allclose(
-                sources.through[THROUGH.index(name), k], expected, rtol=0, atol=1e-8
+                sources.through[name][k], expected, rtol=0, atol=1e-8
             )
 
 
-def test_the_torque_on_a_still_trunk_is_mujocos_inverse_dynamics(sources):
+def test_the_torque_on_a_still_trunk_is_mujocos_inverse_dynamics(
+    sources, decomposition
+):
     """C MuJoCo's inverse dynamics of the same joints' motion with the trunk's
     acceleration set to zero."""
     joints = motor_coordinates(LEGS)
-    for k, terms, a, tau, force in planar_states(sources):
+    for k, terms, a, tau, force in planar_states(decomposition):
         held = a.copy()
         held[:3] = 0.0
         needed = (
@@ -134,13 +146,13 @@ def test_the_torque_on_a_still_trunk_is_mujocos_inverse_dynamics(sources):
         np.testing.assert_allclose(sources.active[k], tau, rtol=0, atol=1e-12)
 
 
-def test_shares_by_source_add_up_to_what_is_covered(sources, account):
-    covered = coupling_opposes(sources.decomposition).covered
+def test_shares_by_source_add_up_to_what_is_covered(sources, decomposition, account):
+    covered = coupling_opposes(decomposition).covered
     assert sum(account.within.values()) == pytest.approx(covered, rel=1e-12)
-    trunk = sum(account.within[name] for name in WITHIN[2:])
+    trunk = sum(account.within[name] for name in sources.coordinates.trunk)
     assert sum(account.through.values()) == pytest.approx(trunk, abs=1e-9)
-    assert np.sum(covered_by(sources, sources.within, "knee")) == pytest.approx(
-        coupling_opposes(sources.decomposition, "knee").covered, rel=1e-12
+    assert sum(sources.covered(sources.within, "knee").values()) == pytest.approx(
+        coupling_opposes(decomposition, "knee").covered, rel=1e-12
     )
 
 
@@ -173,9 +185,9 @@ def test_harmonics_are_those_of_a_wave_known_in_closed_form(trot):
     np.testing.assert_allclose(keep_harmonics(cycle, low + high, 4), low, atol=1e-3)
 
 
-def test_low_passed_terms_balance(account, sources):
-    terms = sources.decomposition
-    kept = keep_harmonics(terms.cycle, np.moveaxis(terms.forces, 1, -1), 4)
+def test_low_passed_terms_balance(account, decomposition):
+    forces = np.moveaxis(decomposition.forces, 1, -1)
+    kept = keep_harmonics(decomposition.cycle, forces, 4)
     assert np.max(np.abs(np.einsum("t,tik->ik", BALANCE, kept))) < 1e-6
     largest = [cut.largest["hind"] for cut in account.cutoffs]
     # the more harmonics, the higher the peak: the toe's ringing
@@ -184,9 +196,9 @@ def test_low_passed_terms_balance(account, sources):
 
 def test_left_and_right_are_mirror_images(sources):
     """Half a cycle later the left leg has what the right one had."""
-    half = sources.within.shape[1] // 2
-    for x in (sources.within, sources.through):
-        right, left = x[:, :half, [0, 1, 4, 5]], x[:, half:, [2, 3, 6, 7]]
+    half = len(sources.trunk) // 2
+    for x in (*sources.within.values(), *sources.through.values()):
+        right, left = x[:half, [0, 1, 4, 5]], x[half:, [2, 3, 6, 7]]
         np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
 
 
@@ -195,11 +207,12 @@ def test_rotors_that_turn_with_their_links_are_in_the_split(trot):
     coupled = dataclasses.replace(
         trot, problem=dataclasses.replace(trot.problem, rotor_coupling=True)
     )
-    added = (
-        split_sources(coupled).within[WITHIN.index("trunk pitch")]
-        - split_sources(trot).within[4]
+    with_rotors, without = (
+        split_planar(decompose(solution)).within["trunk pitch"]
+        for solution in (coupled, trot)
     )
-    pitch = split_sources(trot).decomposition.cycle.motion.a.reshape(-1, 15)[:, 2]
+    added = with_rotors - without
+    pitch = whole_cycle(trot).motion.a.reshape(-1, 15)[:, 2]
     np.testing.assert_allclose(
         added, 2e-4 * 8.5 * pitch[:, None] * np.ones(8), rtol=0, atol=1e-9
     )
@@ -209,17 +222,14 @@ def test_half_a_robot_has_no_leg_of_the_same_pair():
     problem = Problem(gait="two-leg", intervals=4)
     guess = cold_guess(problem)
     swinging = dataclasses.replace(guess, a=np.full_like(guess.a, 30.0))
-    sources = split_sources(
-        Solution(
-            problem=problem,
-            motion=swinging,
-            cost=0.0,
-            violation=0.0,
-            iterations=0,
-            seconds=0.0,
-        )
+    solution = Solution(
+        problem=problem,
+        motion=swinging,
+        cost=0.0,
+        violation=0.0,
+        iterations=0,
+        seconds=0.0,
     )
-    assert not np.any(sources.through[THROUGH.index("same pair")])
-    assert np.all(
-        sources.through[THROUGH.index("other pair"), :, sources.motors("hip")]
-    )
+    sources = split_planar(decompose(solution))
+    assert not np.any(sources.through["same pair"])
+    assert np.all(sources.through["other pair"][:, sources.motors("hip")])

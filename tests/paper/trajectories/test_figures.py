@@ -14,7 +14,6 @@ from bp2_rl.optimiser.collocation import cold_guess
 from bp2_rl.optimiser.figure import trajectory_figure
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.trajectories.coupling import split_sources
 from bp2_rl.paper.trajectories.decomposition import (
     Decomposition,
     Trends,
@@ -54,7 +53,7 @@ def figures(trot, terms, trends) -> dict[str, Figure]:
     return {
         "decomposition": decomposition_figure(terms, trends),
         "trajectory": trajectory_figure(trot),
-        "coupling": coupling_figure(split_sources(trot)),
+        "coupling": coupling_figure(terms),
     }
 
 

@@ -8,8 +8,8 @@ import pytest
 from bp2_rl.optimiser.collocation import GREATEST_SPEED, optimise, solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.paper.trajectories.shadow_prices import (
-    LIMITS,
-    LOSSES,
+    LIMIT_CHANGES,
+    LOSS_CHANGES,
     ShadowPrices,
     find_shadow_prices,
 )
@@ -22,11 +22,11 @@ NAMES = "rotor inertia", "foot clearance"
 def priced() -> ShadowPrices:
     """Return the shadow prices of a trot on a mesh that is solved in a moment."""
     coarse = solve(Problem(speed=10.0, intervals=4))
-    return find_shadow_prices(coarse, {name: LIMITS[name] for name in NAMES})
+    return find_shadow_prices(coarse, {name: LIMIT_CHANGES[name] for name in NAMES})
 
 
 def test_a_price_is_what_solving_again_says(priced):
-    start, change = priced.solution, LIMITS["rotor inertia"]
+    start, change = priced.solution, LIMIT_CHANGES["rotor inertia"]
     less, more = (
         solve(change(start.problem, factor), start.motion).cost
         for factor in (0.995, 1.005)
@@ -41,7 +41,9 @@ def test_a_price_is_what_solving_again_says(priced):
 
 def test_the_greatest_speed_gains_as_much_as_is_said(priced):
     fast = find_shadow_prices(
-        priced.solution, {"no-load speed": LIMITS["no-load speed"]}, greatest=True
+        priced.solution,
+        {"no-load speed": LIMIT_CHANGES["no-load speed"]},
+        greatest=True,
     )
     speed, problem = fast.solution.problem.speed, fast.solution.problem
     faster = optimise(
@@ -54,10 +56,10 @@ def test_the_greatest_speed_gains_as_much_as_is_said(priced):
     )
 
 
-@pytest.mark.parametrize("name", [*LIMITS, *LOSSES])
+@pytest.mark.parametrize("name", [*LIMIT_CHANGES, *LOSS_CHANGES])
 def test_a_change_is_none_without_a_factor(name):
     problem = dataclasses.replace(Problem(), hardware=BUILT)
-    change = (LIMITS | LOSSES)[name]
+    change = (LIMIT_CHANGES | LOSS_CHANGES)[name]
     assert change(problem, 1.001) != problem
     assert change(problem, 1.0).hardware.losses.gear_efficiency == pytest.approx(
         BUILT.losses.gear_efficiency

@@ -27,7 +27,6 @@ from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     cruising_speed,
-    describe_simulator,
     describe_subject,
     robot_of,
     top_speed,
@@ -127,7 +126,8 @@ class ManoeuvreMetrics(Tries):
 
 def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
     """Judge the run of a trial by the trial's rule; a robot that falls fails."""
-    found, fell = one.assess(run), run.fell_at is not None
+    found = one.assess(run)
+    fell = run.fell_at is not None
     return TryOutcome(
         group=one.group,
         asked=one.asked,
@@ -170,11 +170,10 @@ MEASURES = (
 def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Simulate all manoeuvres, such as stops, turns and pushes; return passes and falls
     as an evaluation."""
-    robot, seed = robot_of(policy, setup), setup.seed or 0
-    level, cruise = (
-        level_speed(policy, ramp, robot, setup.operator),
-        cruising_speed(policy),
-    )
+    robot = robot_of(policy, setup)
+    seed = setup.seed or 0
+    level = level_speed(policy, ramp, robot, setup.operator)
+    cruise = cruising_speed(policy)
     sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, seed, sizes)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
@@ -184,7 +183,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
         f"m/s; straightness, ground and latency: {TRACK:g} m at the top"
     )
-    said = conditions(policy, told, describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, setup, told)
     by_itself = " A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
     caption = (
         "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on "
@@ -194,7 +193,6 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="manoeuvres",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
         conditions=said
         | {"ground": GROUND, "rough ground's seed": f"{seed}", "measures": MEASURES},
         verdict=summarise_manoeuvres(metrics),
@@ -258,7 +256,8 @@ def hardest(outcomes: Iterable[TryOutcome]) -> str:
 def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     """Return report rows: the main figures of the manoeuvres, then one row for each
     group."""
-    groups, from_cruise = metrics.groups, f"from {metrics.cruise:g} m/s"
+    groups = metrics.groups
+    from_cruise = f"from {metrics.cruise:g} m/s"
     return (
         Row(
             "Passed",
@@ -302,7 +301,9 @@ def _measured(name: str, tries: Tries) -> float | None:
 def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Push the robot, and run it over rough ground, at its cruising speed; return
     passes as an evaluation."""
-    robot, speed, seed = robot_of(policy, setup), ramp.target[0], setup.seed or 0
+    robot = robot_of(policy, setup)
+    speed = ramp.target[0]
+    seed = setup.seed or 0
     steady = run_up(speed).hold(AFTER_PUSH)
     [calm] = simulate(policy, [RunRequest(steady, robot, setup.operator)])
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
@@ -321,12 +322,11 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         "A row a phase of the stride, or a kind of ground; a cell a try: where the push goes, ahead is up, and how far "
         "the robot went off its line. Red: it fell."
     )
-    said = conditions(policy, told, describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, setup, told)
     seeds = f"{seed} and the next {SEEDS - 1}"
     return Evaluation(
         benchmark="disturbances",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
         conditions=said | {"ground": ground, "rough ground's seeds": seeds},
         verdict=f"{tries.passed} of {total} disturbances without a fall.",
         good=tries.fell == 0,

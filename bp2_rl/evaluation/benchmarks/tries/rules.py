@@ -56,7 +56,8 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
     measured: Figures = {"deceleration": deceleration, **dict.fromkeys(names)}
     if run.time[-1] < since:
         return Assessment(False, "not begun", measured)
-    start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
+    start = round(since / run.dt)
+    ripple = round(RIPPLE / run.dt)
     before = float(
         np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0))
     )
@@ -122,7 +123,8 @@ def assess_turn(
     mean = float(np.linalg.norm(np.mean(steady.ground_velocity, axis=0)))
     radius = mean / abs(rate) if rate else None
     measured |= {"yaw_rate": rate, "speed": mean, "radius": radius}
-    share, kept = rate / yaw_rate, mean >= SPEED_SHARE * speed
+    share = rate / yaw_rate
+    kept = mean >= SPEED_SHARE * speed
     told = abs(share - 1.0) <= YAW_ERROR
     # what failed
     said = f"{mean:.1f} m/s" if told and not kept else f"{share:.0%}"
@@ -162,7 +164,8 @@ def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
     square of what varies faster than in `CHATTER_WINDOW`, of all motors, `chatter` (Nm).
     """
     ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
-    creep, chatter = _wander(run), float(np.sqrt(np.mean(ripple**2)))
+    creep = _wander(run)
+    chatter = float(np.sqrt(np.mean(ripple**2)))
     measured: Figures = {"creep": creep, "chatter": chatter}
     if not quiet:
         return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)

@@ -86,7 +86,8 @@ def sizes_of(
     """
     if robot.is_bp2:
         return ManoeuvreSizes()
-    size, of_bp2 = robot.size, ManoeuvreSizes()
+    size = robot.size
+    of_bp2 = ManoeuvreSizes()
 
     def times(factor: float, *values: float) -> tuple[float, ...]:
         return tuple(float(f"{factor * value:.2g}") for value in values)
@@ -212,7 +213,8 @@ def all_disturbances(
         seed: of the first rough ground.
     """
     of = functools.partial(Try, hardware=robot, operator=operator)
-    steady, shove = run_up(speed), SHOVE * robot.size.speed
+    steady = run_up(speed)
+    shove = SHOVE * robot.size.speed
     height, *cells = (
         float(f"{robot.size.length * length:.2g}") for length in (ROUGHNESS, *CELLS)
     )

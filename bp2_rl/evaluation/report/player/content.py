@@ -70,7 +70,8 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
     """Return the robot's links and geoms for the player, parents before children;
     lengths in m."""
     model = load_model(hardware)
-    links, meshes = [], {}
+    links = []
+    meshes = {}
     for body in range(1, model.nbody):
         joint = int(model.body_jntadr[body])
         links.append(

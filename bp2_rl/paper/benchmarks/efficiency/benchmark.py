@@ -4,21 +4,11 @@ The paper prints no cost of transport. It says that all motors work within their
 high-efficiency regions, and that the springs relieve them; both are asked here.
 """
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import table_of
+from bp2_rl.base.metric import Table, table_of
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.conditions import (
-    conditions,
-    describe_simulator,
-    describe_subject,
-    robot_of,
-)
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
-from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
-from bp2_rl.learning.policy import Policy
 from bp2_rl.optimiser.figure import letter
 from bp2_rl.paper.benchmarks.efficiency.measured import (
     EfficiencyAtSpeed,
@@ -26,31 +16,18 @@ from bp2_rl.paper.benchmarks.efficiency.measured import (
     Energy,
     measure_energy,
 )
-from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import (
     Line,
-    card_over_speed,
-    commands_below,
-    describe_speeds,
+    SpeedBenchmark,
     draw_lines,
     draw_stacks,
     metrics_table,
-    rows_over_speed,
-    run_speeds,
     shares_table,
-    steady_strides,
 )
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.account import replay
-from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-# m/s, commands, and the top one
-SPEEDS = 2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0
-SHORT = (bp2.OUTDOOR_TOP_SPEED,)  # in the quick version
-HOLD, QUICK_HOLD = 10.0, 3.0  # s
-TILES = "Mechanical cost", "Electrical cost", "All returned", "Spring share"
-PART = "accounted for are the whole strides of that, but of its first 1.5 s at the most"
 CAPTION = (
     "A: costs of transport over speed. The band is what becomes of the motors' braking: from all of it lost (upper "
     "edge) to all of it returned (lower). B: where the energy goes if all is returned. C: what springs give of what "
@@ -70,62 +47,24 @@ CAUSE_COLORS = {
 POLICY = LEG_COLORS["FR"]
 
 
-def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Run a policy at each speed, and evaluate its cost of transport and energy
-    losses."""
-    commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
-    ran = run_speeds(account_energy, policy, ramp, commands, setup)
-    metrics = EfficiencyMetrics(tuple(ran))
+def account_energy(strides: Trajectory, count: int) -> Energy | None:
+    """Account for the energy of whole strides; None where they go nowhere."""
+    return measure_energy(strides, replay(strides)[0], count)
+
+
+def tabulate_efficiency(metrics: EfficiencyMetrics) -> list[Table]:
+    """Return the tables of all metrics, of where the work goes, and of the motors."""
     found = metrics.found
+    title = "Where the work goes, as cost of transport"
     tables = [
         metrics_table("At each speed; costs are power / (m g v)", found),
-        shares_table(
-            "Where the work goes, as cost of transport",
-            found,
-            [e.lost for _, e in found],
-        ),
+        shares_table(title, found, [energy.lost for _, energy in found]),
     ]
-    pictures = []
     if found:
         paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
         title = f"One motor at the top speed (paper, hind legs: peaks of {paper} W)"
         tables.append(table_of(title, found[-1][1].joints))
-        pictures.append(Picture("efficiency", CAPTION, draw_efficiency(metrics)))
-    return Evaluation(
-        benchmark="efficiency",
-        subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(
-            policy,
-            describe_speeds(ramp, commands, PART),
-            describe_simulator("mujoco", robot_of(policy, setup)),
-            setup,
-        ),
-        verdict=say_cost(metrics),
-        good=len(found) == len(ran),
-        rows=rows_over_speed(ran, found),
-        tiles=TILES,
-        pictures=tuple(pictures),
-        metrics=metrics,
-        results=card_over_speed(ran, found),
-        tables=tuple(tables),
-    )
-
-
-def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the command's ramp to the top speed, held for `HOLD` s by default, or
-    `QUICK_HOLD` in the quick version."""
-    return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
-
-
-def account_energy(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
-    """Return the speed and the energy balance of a run's whole strides at the held
-    command."""
-    chosen = steady_strides(run, ramp)
-    part, strides = chosen or (run, 0)
-    energy = measure_energy(part, replay(part)[0], strides) if chosen else None
-    speed = float(np.mean(part.ground_velocity[:, 0]))
-    return EfficiencyAtSpeed(ramp.target[0], speed, run.fell_at, energy)
+    return tables
 
 
 def say_cost(metrics: EfficiencyMetrics) -> str:
@@ -184,3 +123,20 @@ def _draw_costs(axes: Axes, speeds: list[float], energies: list[Energy]) -> None
     draw_lines(axes, speeds, lines)
     axes.set(title="Cost of transport", ylabel="Power / (m g v)")
     axes.set_ylim(0.0, 1.35 * max(most))
+
+
+EFFICIENCY = SpeedBenchmark(
+    name="efficiency",
+    speeds=(2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0),
+    short=(bp2.OUTDOOR_TOP_SPEED,),
+    holds=(10.0, 3.0),
+    part="accounted for are the whole strides of that, but of its first 1.5 s at the most",
+    measure=account_energy,
+    at_speed=EfficiencyAtSpeed,
+    gather=EfficiencyMetrics,
+    say=say_cost,
+    tiles=("Mechanical cost", "Electrical cost", "All returned", "Spring share"),
+    tabulate=tabulate_efficiency,
+    picture=("efficiency", CAPTION),
+    draw=draw_efficiency,
+)

@@ -152,7 +152,8 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
     positive = cost(np.maximum(ledger.motors, 0.0))
     braking = cost(np.maximum(-ledger.motors, 0.0))
     lost = {cause: cost(power) for cause, power in ledger.lost.items()}
-    copper, spring = lost["copper"], cost(np.maximum(ledger.springs, 0.0))
+    copper = lost["copper"]
+    spring = cost(np.maximum(ledger.springs, 0.0))
     duration = (len(ledger.energy) - 1) * run.dt
     stored = float(ledger.energy[-1] - ledger.energy[0]) / duration / weight_speed
     resisted = sum(lost.values()) - copper

@@ -28,7 +28,6 @@ from bp2_rl.base.plotting import (
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_rise,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -151,13 +150,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     return Evaluation(
         benchmark="endurance",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(
-            policy,
-            describe_course(ramp, commands),
-            describe_simulator("mujoco", robot),
-            setup,
-        )
+        conditions=conditions(policy, setup, describe_course(ramp, commands))
         | {"motor heat": describe_heat(metrics)},
         verdict=say_endurance(metrics),
         good=all(one.result.cause != "fall" for one in held),
@@ -329,10 +322,8 @@ def draw_operating_points(
     speeds = np.linspace(-reach, reach, 601)
     cold = torque_limits(motors, speeds)
     for row, run in zip(panels, runs, strict=True):
-        end, leg = (
-            run.endured,
-            3 * (conventions.MOTOR_NAMES.index(run.endured.hottest) // 3),
-        )
+        end = run.endured
+        leg = 3 * (conventions.MOTOR_NAMES.index(end.hottest) // 3)
         for axes, i in zip(row, (leg + 1, leg + 2), strict=True):
             now = Temperatures(np.array([end.winding[i]]), np.array([end.case[i]]))
             hot = torque_limits(heated(motors, network, now), speeds)

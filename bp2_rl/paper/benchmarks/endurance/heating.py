@@ -83,7 +83,8 @@ class Heating:
     ) -> bool:
         """Heat a robot's motors for a millisecond under `torque`, Nm; return whether
         the run ends."""
-        since, self._step = self._step - self.start, self._step + 1
+        since = self._step - self.start
+        self._step += 1
         if since >= 0:
             self._heat += winding_heat(self.cold, torque)
         if (since + 1) % UPDATE == 0:
@@ -261,7 +262,8 @@ def _measure_heat(one: RunRequest, run: Trajectory) -> HeatedRun:
 def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
     """Return the result of a run from its trajectory and the temperatures that
     `heating` kept."""
-    history, start, end, pace = heating.history, heating.start, len(run), heating.pace
+    history, start, pace = heating.history, heating.start, heating.pace
+    end = len(run)
     winding = np.stack([now.winding for now in history])
     case = np.stack([now.case for now in history])
     update = np.clip((np.arange(end) - start) // UPDATE, 0, len(history) - 1)
@@ -270,11 +272,9 @@ def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
 
     def window(stop: int, steps: int) -> AveragingWindow:
         part = slice(max(stop - steps, 0), max(stop, 1))
-        torque, rate, places = (
-            run.torque[part],
-            run.joint_velocity[part],
-            run.qpos[part],
-        )
+        torque = run.torque[part]
+        rate = run.joint_velocity[part]
+        places = run.qpos[part]
         way = float(np.linalg.norm(places[-1, :2] - places[0, :2]))
         return AveragingWindow(
             speed=way / (len(torque) * DT),

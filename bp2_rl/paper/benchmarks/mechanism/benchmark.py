@@ -9,50 +9,30 @@ legs through the trunk?
 
 import itertools
 
-import numpy as np
 from matplotlib.figure import Figure
 
+from bp2_rl.base.metric import Table
 from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.conditions import (
-    conditions,
-    describe_simulator,
-    describe_subject,
-    robot_of,
-)
-from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
-from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
-from bp2_rl.learning.policy import Policy
 from bp2_rl.optimiser.figure import letter
 from bp2_rl.paper.benchmarks.mechanism.forces import (
     STRIDES,
+    Decomposed,
     MechanismAtSpeed,
     MechanismMetrics,
     decompose_run,
     measure_forces,
 )
-from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import (
     Line,
-    card_over_speed,
-    commands_below,
-    describe_speeds,
+    SpeedBenchmark,
     draw_lines,
     draw_stacks,
     metrics_table,
-    rows_over_speed,
-    run_speeds,
     shares_table,
-    steady_strides,
 )
-from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-SPEEDS = 3.0, 5.5, 8.0, 10.74  # m/s, commands, and the top one
-SHORT = (8.0,)  # in the quick version
-HOLD = 5.0  # s
 SMALL = 5.0  # %, of a hip's main torque: what other legs cover is small below
-TILES = "Covered", "By the leg itself", "By other legs", "Trunk saves, hips", "Closure"
-PART = f"looked at are the last whole strides of that, at most {STRIDES}"
 CAPTION = (
     "A: what covers the hips' main inertial torque at its peaks. B: what other legs give of it. C: the hips' and "
     "knees' greatest torque (u), and the same on a trunk that is not accelerated (ũ); both with what gears give when "
@@ -67,56 +47,21 @@ SOURCE_COLORS = {
 PAIR_COLORS = {"same pair": "#009E73", "other pair": "#56B4E9"}
 
 
-def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
-    """Run a policy at each speed, and split the joints' inertial torques by source."""
-    commands = commands_below(SHORT if setup.quick else SPEEDS, ramp.target[0])
-    ran = run_speeds(decompose, policy, ramp, commands, setup)
-    metrics = MechanismMetrics(tuple(ran))
+def measure_mechanism(strides: Trajectory, count: int) -> Decomposed:
+    """Take the forces of whole strides apart."""
+    return measure_forces(decompose_run(strides), count, strides.dt)
+
+
+def tabulate_mechanism(metrics: MechanismMetrics) -> list[Table]:
+    """Return the tables of all metrics, and of the hips' main torque by source."""
     found = metrics.found
-    within, through = [f.within for _, f in found], [f.through for _, f in found]
-    tables = [
+    within = [forces.within for _, forces in found]
+    through = [forces.through for _, forces in found]
+    return [
         metrics_table("At each speed", found),
         shares_table("Of the hips' main torque at its peaks, by source", found, within),
         shares_table("... the trunk's part, by what accelerates it", found, through),
     ]
-    pictures = []
-    if found:
-        pictures.append(Picture("sources", CAPTION, draw_sources(metrics)))
-    closure = {"closure": max((f.closure for _, f in found), default=None)}
-    return Evaluation(
-        benchmark="mechanism",
-        subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
-        conditions=conditions(
-            policy,
-            describe_speeds(ramp, commands, PART),
-            describe_simulator("mujoco", robot_of(policy, setup)),
-            setup,
-        ),
-        verdict=say_coverage(metrics),
-        good=len(found) == len(ran),
-        rows=rows_over_speed(ran, found),
-        tiles=TILES,
-        pictures=tuple(pictures),
-        metrics=metrics,
-        results=card_over_speed(ran, found) | closure,
-        tables=tuple(tables),
-    )
-
-
-def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
-    """Return the command's ramp to the top speed, held for `HOLD` s by default."""
-    return ramp_to_topspeed(policy, setup, hold=HOLD)
-
-
-def decompose(ramp: Ramp, run: Trajectory) -> MechanismAtSpeed:
-    """Return the speed of a run's last strides, and their inertial torques split by
-    source."""
-    chosen = steady_strides(run, ramp, STRIDES)
-    part, strides = chosen or (run, 0)
-    forces = measure_forces(decompose_run(part), strides, run.dt) if chosen else None
-    speed = float(np.mean(part.ground_velocity[:, 0]))
-    return MechanismAtSpeed(ramp.target[0], speed, run.fell_at, forces)
 
 
 def say_coverage(metrics: MechanismMetrics) -> str:
@@ -158,3 +103,33 @@ def draw_sources(metrics: MechanismMetrics) -> Figure:
     torques.set(title="Greatest torque", ylabel="Torque [Nm]", ylim=(0.0, None))
     letter([shares, legs, torques])
     return figure
+
+
+def greatest_gap(metrics: MechanismMetrics) -> dict[str, float | None]:
+    """Return the largest closure at any speed."""
+    return {"closure": max((f.closure for _, f in metrics.found), default=None)}
+
+
+MECHANISM = SpeedBenchmark(
+    name="mechanism",
+    speeds=(3.0, 5.5, 8.0, 10.74),
+    short=(8.0,),
+    holds=(5.0, 5.0),
+    most=STRIDES,
+    part=f"looked at are the last whole strides of that, at most {STRIDES}",
+    measure=measure_mechanism,
+    at_speed=MechanismAtSpeed,
+    gather=MechanismMetrics,
+    say=say_coverage,
+    tiles=(
+        "Covered",
+        "By the leg itself",
+        "By other legs",
+        "Trunk saves, hips",
+        "Closure",
+    ),
+    tabulate=tabulate_mechanism,
+    picture=("sources", CAPTION),
+    draw=draw_sources,
+    card=greatest_gap,
+)

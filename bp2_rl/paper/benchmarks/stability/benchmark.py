@@ -20,7 +20,6 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_rise,
-    describe_simulator,
     describe_subject,
     robot_of,
 )
@@ -73,16 +72,13 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     speeds = tuple(one.metrics for one in ran)
     robot = tries[0].robot
     mass = float(load_model(robot, visual=False).body_mass.sum())
-    said = conditions(
-        policy, describe_strides(tries), describe_simulator("mujoco", robot), setup
-    )
+    said = conditions(policy, setup, describe_strides(tries))
     told = {"sensors": describe_noise(tries[0]), "definitions": DEFINITIONS}
     columns = [{row.label: row.value for row in rows_of(speed)} for speed in speeds]
     commanded = [speed.commanded for speed in speeds]
     return Evaluation(
         benchmark="stability",
         subject=describe_subject(policy, setup),
-        backend="C MuJoCo",
         conditions=said | told,
         verdict="; ".join(map(say_stability, speeds)),
         good=all(speed.is_steady for speed in speeds),
@@ -104,7 +100,8 @@ def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTr
     Raises:
         UserError: the policy's clock has no such stride near a speed.
     """
-    robot, extent = robot_of(policy, setup), QUICK if setup.quick else FULL
+    robot = robot_of(policy, setup)
+    extent = QUICK if setup.quick else FULL
     if setup.robots is not None:
         extent = dataclasses.replace(extent, robots=setup.robots)
     reference = motion_of(dataclasses.replace(policy.card.env, hardware=robot))

@@ -116,12 +116,10 @@ class RobotGroup:
             control_steps_behind(self.robot.config.hardware.losses.latency)
         )
         """number of control steps whose targets are still on their way to the joints"""
-        self._policy, self._config, self._operator, self._noise = (
-            policy,
-            config,
-            operator,
-            noise,
-        )
+        self._policy = policy
+        self._config = config
+        self._operator = operator
+        self._noise = noise
         self._model = self.robot.model()
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
@@ -151,7 +149,8 @@ class RobotGroup:
             noisy: each robot's share of the noise, 1 by default.
             until: is shown the number of each control step and the state after it.
         """
-        count, steps = len(state), len(commands)
+        count = len(state)
+        steps = len(commands)
         simulator, runner = self._continued(state)
         samples = conventions.SUBSTEPS * steps
         recording = GroupRecording(
@@ -161,7 +160,9 @@ class RobotGroup:
             config=self.robot.config,
             mass=simulator.mass(0),
         )
-        into, fell, drawn = recording.samples, np.zeros(count, bool), [()] * steps
+        into = recording.samples
+        fell = np.zeros(count, bool)
+        drawn = [()] * steps
         if self._noise is not None:
             keys = jax.random.split(jax.random.PRNGKey(seed), (steps, count))
             share = np.ones(count) if noisy is None else noisy
@@ -173,7 +174,8 @@ class RobotGroup:
             rate = (runner.phase - before) % 1.0 / conventions.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
                 into.qpos[:, i], into.qvel[:, i] = simulator.qpos, simulator.qvel
-                into.target[:, i], into.command[:, i] = position, runner.command
+                into.target[:, i] = position
+                into.command[:, i] = runner.command
                 recording.clock[:, i] = cycles
                 simulator.millisecond(position, velocity, np.flatnonzero(~fell))
                 into.torque[:, i] = simulator.torque
@@ -181,7 +183,8 @@ class RobotGroup:
                 now = simulator.qpos, simulator.qvel
                 down = fall(*now, self._config.termination).happened & ~fell
                 recording.lasted[down] = i + 1
-                fell, cycles = fell | down, cycles + rate
+                fell = fell | down
+                cycles = cycles + rate
             if until is not None:
                 until(k, self._state(simulator, runner))
             if fell.all():
@@ -192,11 +195,9 @@ class RobotGroup:
         """Return a simulator and a policy runner that continue from `state`."""
         simulator = Simulator([self.robot] * len(state), [self._model] * len(state))
         for i, data in enumerate(simulator.data):
-            data.qpos[:], data.qvel[:], data.ctrl[:] = (
-                state.qpos[i],
-                state.qvel[i],
-                state.torque[i],
-            )
+            data.qpos[:] = state.qpos[i]
+            data.qvel[:] = state.qvel[i]
+            data.ctrl[:] = state.torque[i]
             data.qacc_warmstart[:] = state.warmstart[i]
             simulator.read(i)
         runner = self._runner(state.command)

@@ -151,8 +151,10 @@ class Coordinates:
         moment = base.of(np.zeros(count, int))
         yaw = steered[:, 1] if self.steered else np.zeros(count)
         qpos, qvel, position = moment.qpos, moment.qvel, moment.position
-        qpos[:, 0], qpos[:, 1] = 0.0, steered[:, 0] if self.steered else 0.0
-        qpos[:, 2], qpos[:, 7:] = trunk[:, 0], joints
+        qpos[:, 0] = 0.0
+        qpos[:, 1] = steered[:, 0] if self.steered else 0.0
+        qpos[:, 2] = trunk[:, 0]
+        qpos[:, 7:] = joints
         qpos[:, 3:7] = quaternion_of(yaw, trunk[:, 2], trunk[:, 1])
         cos, sin = np.cos(yaw), np.sin(yaw)
         qvel[:, 0] = cos * level[:, 0] - sin * level[:, 1]
@@ -214,7 +216,8 @@ class Orbit:
         self, states: Float[np.ndarray, "N D"], strides: int
     ) -> Float[np.ndarray, "S N D"]:
         moment = self.coordinates.write(states, self.base)
-        fallen, passed = np.zeros(len(states), bool), [states]
+        fallen = np.zeros(len(states), bool)
+        passed = [states]
         commands = np.repeat(self.commands[:, None], len(states), axis=1)
         for _ in range(strides):
             moment, fell, _ = self.group.run(moment, commands)

@@ -96,7 +96,8 @@ class StabilityTry:
 def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
     """Run a policy at one speed with and without sensor noise, push it, and return the
     results."""
-    extent, group = one.extent, one.group(policy, RandomizationConfig())
+    extent = one.extent
+    group = one.group(policy, RandomizationConfig())
     # of the noise: the last robot has none
     share = np.append(np.ones(extent.robots), 0.0)
     commands = sampled_commands(
@@ -150,7 +151,8 @@ def summarize(
         radii: those of the map from stride to stride, under noise first.
         pushes: the largest pushes survived.
     """
-    section, landings = measure_section(noisy), measure_landings(noisy, one.period)
+    section = measure_section(noisy)
+    landings = measure_landings(noisy, one.period)
     radius = radii[0] if radii else None
     speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
     return SpeedMetrics(
@@ -192,7 +194,8 @@ def measure_returns(
     hold what a policy with a history remembers of the last control steps. Where it has
     one, deviations are given a stride to become part of it.
     """
-    group, steered = one.group(policy), one.operator.limit > 0.0
+    group = one.group(policy)
+    steered = one.operator.limit > 0.0
     coordinates = Coordinates.of(policy.card.env, one.robot, group.memory, steered)
     base = coordinates.write(coordinates.read(quiet), quiet)
     orbit = Orbit(group, coordinates, one.held(1, 1)[:, 0], base)
@@ -252,7 +255,8 @@ def push_all(
 
     `passed` are the robot's states in a stride, by the control step.
     """
-    extent, group = one.extent, one.group(policy)
+    extent = one.extent
+    group = one.group(policy)
     shares = np.arange(extent.phases) / extent.phases
     pushed = join(*(passed[round(share * one.ticks)] for share in shares))
     starts = pushed.of(np.repeat(np.arange(extent.phases), extent.ways))
@@ -278,7 +282,8 @@ def push(
 
     Directions are from forward to the left, rad.
     """
-    qvel, toward = moment.qvel.copy(), yaw_of(moment.qpos[:, 3:7]) + directions
+    qvel = moment.qvel.copy()
+    toward = yaw_of(moment.qpos[:, 3:7]) + directions
     qvel[:, :2] += sizes[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=-1)
     return dataclasses.replace(moment, qvel=qvel)
 

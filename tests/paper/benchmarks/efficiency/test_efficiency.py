@@ -9,9 +9,10 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.benchmarks.efficiency.benchmark import (
-    account_energy,
+    EFFICIENCY,
 )
 from bp2_rl.paper.benchmarks.efficiency.measured import (
+    EfficiencyAtSpeed,
     measure_energy,
 )
 from bp2_rl.robot.hardware import BUILT
@@ -106,7 +107,9 @@ def test_work_is_what_is_lost_and_stored():
     of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account_energy(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
+    request = RunRequest(ramp, BUILT)
+    at = EFFICIENCY.measure_run(request, next(simulate(policy, [request])))
+    assert isinstance(at, EfficiencyAtSpeed)
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None

@@ -5,15 +5,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.paper.benchmarks.mechanism import forces as module
 from bp2_rl.paper.benchmarks.mechanism.forces import (
-    HIPS_AND_KNEES,
-    OF_LEG,
-    TERMS,
-    THROUGH,
-    TRUNK,
+    COORDINATES,
+    closure,
     decompose_run,
 )
+from bp2_rl.paper.trajectories.sources import SPATIAL_TERMS, split_sources
 from bp2_rl.robot import losses
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.losses import Resistance
@@ -21,6 +18,10 @@ from bp2_rl.robot.model import NV, load_model
 from bp2_rl.simulation.simulator import CONVERGED
 
 SAMPLES = 40
+TRUNK = slice(0, 6)
+# abad, hip, knee, spring
+OF_LEG = tuple(slice(6 + 4 * leg, 10 + 4 * leg) for leg in range(4))
+HIPS_AND_KNEES = np.array([6 + 4 * leg + joint for leg in range(4) for joint in (1, 2)])
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +95,9 @@ def at(model, run, k):
 
 def test_terms_and_sources_add_up_in_every_millisecond(forces):
     # The solver is done at 1e-10 of its scaled residual; what is left is rounding.
-    assert np.all(forces.closure < 1e-9)
-    for term in TERMS:
-        assert np.any(forces.terms[TERMS.index(term)]), term
+    assert np.all(closure(forces) < 1e-9)
+    for term in SPATIAL_TERMS:
+        assert np.any(forces.terms[SPATIAL_TERMS.index(term)]), term
 
 
 def test_inertial_forces_are_those_of_the_motion_that_followed(model, run, forces):
@@ -128,8 +129,8 @@ def test_velocity_forces_change_the_kinetic_energy_of_constant_velocities(
             mujoco.mj_fullM(model, data, M)
             energy.append(0.5 * run.qvel[k] @ M @ run.qvel[k])
         C = (
-            forces.terms[TERMS.index("centrifugal"), k]
-            + forces.terms[TERMS.index("Coriolis"), k]
+            forces.terms[SPATIAL_TERMS.index("centrifugal"), k]
+            + forces.terms[SPATIAL_TERMS.index("Coriolis"), k]
         )
         # A central difference over 1 us: 1e-6 of the energy's size over the step.
         assert run.qvel[k] @ C == pytest.approx(
@@ -146,7 +147,7 @@ def test_the_torque_on_a_still_trunk_is_that_of_inverse_dynamics(model, run, for
         mujoco.mj_rne(model, data, 1, needed)
         needed += model.dof_armature * data.qacc  # which the recursion leaves out
         given = sum(
-            forces.terms[TERMS.index(name), k]
+            forces.terms[SPATIAL_TERMS.index(name), k]
             for name in ("passive", "ground reaction", "stops")
         )
         np.testing.assert_allclose(
@@ -177,9 +178,10 @@ def test_what_one_leg_does_to_another_has_the_name_of_their_relation(
     a[TRUNK] = -np.linalg.solve(
         M[TRUNK, TRUNK], M[TRUNK, OF_LEG[source]] @ a[OF_LEG[source]]
     )
-    within, through = module._sources(M, a, np.zeros((len(TERMS), NV)))
-    hip = through[:, 0]
-    assert abs(hip[THROUGH.index(name)]) > 1e-3
-    assert hip[THROUGH.index(name)] == pytest.approx(M[7, TRUNK] @ a[TRUNK])
-    assert np.count_nonzero(hip) == 1
-    assert np.sum(within[3:, 0]) == pytest.approx(M[7, TRUNK] @ a[TRUNK])
+    terms = np.zeros((len(SPATIAL_TERMS), 1, NV))
+    found = split_sources(COORDINATES, M[None], a[None], terms)
+    hip = {name: part[0, 0] for name, part in found.through.items()}
+    assert abs(hip[name]) > 1e-3
+    assert hip[name] == pytest.approx(M[7, TRUNK] @ a[TRUNK])
+    assert np.count_nonzero(list(hip.values())) == 1
+    assert found.trunk[0, 0] == pytest.approx(M[7, TRUNK] @ a[TRUNK])

@@ -5,11 +5,12 @@ import pytest
 from known_strides import STRIDES, known_forces
 
 from bp2_rl.paper.benchmarks.mechanism.forces import (
-    HIPS_AND_KNEES,
-    TERMS,
+    COORDINATES,
+    closure,
     measure_forces,
 )
 from bp2_rl.paper.benchmarks.speeds import whole_strides
+from bp2_rl.paper.trajectories.sources import SPATIAL_TERMS
 
 HIP = slice(0, None, 2)
 
@@ -31,8 +32,8 @@ def test_shares_are_those_at_the_peaks_by_source():
 
 def test_closure_tells_a_term_that_lacks():
     forces = known_forces()
-    forces.terms[TERMS.index("active"), 7, HIPS_AND_KNEES[0]] += 1.0
-    assert np.argmax(forces.closure) == 7
+    forces.terms[SPATIAL_TERMS.index("active"), 7, COORDINATES.motors[0]] += 1.0
+    assert np.argmax(closure(forces)) == 7
     assert measure_forces(forces, STRIDES, 1e-3).closure == pytest.approx(1.0 / 350.0)
 
 

@@ -1,18 +1,16 @@
-"""Training speed of MuJoCo Playground's Go1, from the times at which Brax's learner
-reports."""
+"""The peer's rate in examples/playground.py: from the times at which Brax's learner
+reports, of Playground's Go1 without what is only seen."""
 
 import itertools
-import sys
 import xml.etree.ElementTree as ET
 
 import pytest
 
-from bp2_rl.base.errors import UserError
-from bp2_rl.tools import playground
+playground = pytest.importorskip("playground", exc_type=ImportError)
 
 
 def test_the_go1_has_its_masses_and_contacts_without_its_meshes():
-    model = playground._make_env("jax").mj_model
+    model = playground.make_env("jax").mj_model
     from mujoco_playground._src.locomotion.go1 import go1_constants
 
     root = ET.parse(go1_constants.ROOT_PATH / "xmls" / "go1_mjx_feetonly.xml").getroot()
@@ -33,15 +31,17 @@ def test_what_is_only_seen_goes():
 def learner(monkeypatch):
     """Replace Brax's learner by one that reports at set times; return the settings that
     it was given."""
-    asked, now = {}, itertools.chain((100.0, 130.0), itertools.count(140.0, 10.0))
+    asked = {"looks": 0}
+    now = itertools.chain((100.0, 130.0), itertools.count(140.0, 10.0))
 
     def train(environment, *, progress_fn, **settings):
         asked.update(settings)
         for look in range(settings["num_evals"] - 1):
+            asked["looks"] += 1
             progress_fn(look, {})
 
     monkeypatch.setattr(playground.ppo_train, "train", train)
-    monkeypatch.setattr(playground, "_make_env", lambda impl: None)
+    monkeypatch.setattr(playground, "make_env", lambda impl: None)
     monkeypatch.setattr(playground.time, "perf_counter", lambda: next(now))
     return asked
 
@@ -52,16 +52,12 @@ def learner(monkeypatch):
 def test_what_compiles_is_not_timed_and_the_rest_as_long_as_asked(
     learner, seconds, spans
 ):
-    rate = playground.measure_playground(playground.playground_settings(64), seconds)
+    rate = playground.measure_playground(64, seconds)
     # Spans of 10 s, five train steps each of 64 robots for 20 control steps.
-    assert rate.control_steps == spans * 5 * 64 * 20
-    assert rate.control_steps_per_second == pytest.approx(5 * 64 * 20 / 10.0)
-    assert (
-        learner["batch_size"] * learner["num_minibatches"]
-        == learner["num_envs"]
-        == rate.robots
-        == 64
-    )
+    assert learner["looks"] - playground.WARM_UP == spans
+    assert rate == pytest.approx(5 * 64 * 20 / 10.0)
+    assert learner["batch_size"] * learner["num_minibatches"] == learner["num_envs"]
+    assert learner["num_envs"] == 64
     # Brax makes train steps of this many control steps, so many between two looks:
     # five.
     assert learner["num_timesteps"] == (learner["num_evals"] - 1) * 5 * 64 * 20
@@ -69,23 +65,13 @@ def test_what_compiles_is_not_timed_and_the_rest_as_long_as_asked(
 
 
 def test_playgrounds_own_number_of_robots_is_the_default(learner):
-    settings = playground.playground_settings()
-    rate = playground.measure_playground(settings, 1.0)
-    assert rate.robots == learner["num_envs"] == 8192
+    playground.measure_playground()
+    assert learner["num_envs"] == 8192
     assert learner["batch_size"] == 256
 
 
 def test_robots_that_do_not_fill_the_minibatches_are_refused():
     with pytest.raises(
-        UserError,
-        match="--robots 63: Playground's learner needs a multiple of its 32 minibatches",
+        SystemExit, match=r"63 robots: .* needs a multiple of its 32 minibatches"
     ):
-        playground.playground_settings(63)
-
-
-def test_without_playground_one_line_says_how_to_install_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco_playground.config.locomotion_params", None)
-    with pytest.raises(
-        UserError, match="--peer playground needs the package playground: pip install"
-    ):
-        playground.playground_settings()
+        playground.measure_playground(63)

@@ -1,7 +1,14 @@
-"""Measure the training speed of MuJoCo Playground's Go1, as a peer of our training."""
+"""Measure how fast MuJoCo Playground trains its Go1, with Playground's own settings and
+Brax's learner, on one device.
+
+    pip install -c constraints.txt -e ".[playground]"
+    python examples/playground.py           # Playground's own 8192 robots
+    python examples/playground.py 4096      # another number
+
+Our training beside it: `bp2 bench --devices 1 --robots 8192 --parts training`.
+"""
 
 import contextlib
-import dataclasses
 import functools
 import sys
 import time
@@ -14,24 +21,15 @@ import jax
 import jax.numpy as jnp
 from brax.training.agents.ppo import networks
 from brax.training.agents.ppo import train as ppo_train
-
-from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.tools.throughput import MOST, WARM_UP
+from mujoco_playground import locomotion, wrapper
+from mujoco_playground._src import mjx_env
+from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
+from mujoco_playground.config.locomotion_params import brax_ppo_config
 
 TASK = "Go1JoystickFlatTerrain"
 TRAIN_STEPS = 5  # between two looks at the clock
-
-
-@dataclasses.dataclass(frozen=True)
-class PlaygroundRate:
-    """The training speed of MuJoCo Playground on one device."""
-
-    # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
-    impl: str
-    robots: int
-    control_period: float  # s, of simulated time
-    control_steps: int  # that were timed, all robots together
-    control_steps_per_second: float
+WARM_UP = 2  # looks: all that compiles must have compiled by then
+MOST = 1000  # looks
 
 
 class _TimedEnoughError(Exception):
@@ -39,45 +37,27 @@ class _TimedEnoughError(Exception):
     beforehand."""
 
 
-def playground_settings(robots: int | None = None) -> dict[str, Any]:
-    """Return Playground's settings of Brax's PPO for its Go1, for a number of robots.
-
-    Args:
-        robots: how many, a multiple of Playground's 32 minibatches; by default
-            Playground's own number, 8192.
-
-    Raises:
-        UserError: Playground is not installed, or the robots are no such multiple.
-    """
-    try:
-        from mujoco_playground.config.locomotion_params import brax_ppo_config
-    except ImportError as missing:
-        raise not_installed(
-            "--peer playground", "playground", "playground"
-        ) from missing
-    settings = brax_ppo_config(TASK).to_dict()
-    robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
-    if robots % batches:
-        raise UserError(
-            f"--robots {robots}: Playground's learner needs a multiple of its {batches} minibatches"
-        )
-    return settings | {"num_envs": robots, "batch_size": robots // batches}
-
-
-def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRate:
-    """Train Playground's Go1 for some seconds; return the training speed.
+def measure_playground(robots: int | None = None, seconds: float = 2.0) -> float:
+    """Train Playground's Go1 for some seconds; return the control steps per second, all
+    robots together.
 
     It trains in at least two spans of `TRAIN_STEPS`. What Playground resets between
     evaluations is left out, as are the evaluations.
-    """
-    from mujoco_playground import locomotion, wrapper
 
-    own: Any = locomotion.get_default_config(TASK)
-    warp = jax.default_backend() == "gpu" and sys.modules.get("warp")
-    impl = str(own.impl) if warp else "jax"
-    robots = settings["num_envs"]
+    Args:
+        robots: a multiple of Playground's 32 minibatches; by default its own number.
+        seconds: of training that is timed.
+    """
+    settings = brax_ppo_config(TASK).to_dict()
+    robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
+    if robots % batches:
+        raise SystemExit(
+            f"{robots} robots: Playground's learner needs a multiple of its {batches} minibatches"
+        )
     steps = TRAIN_STEPS * robots * settings["unroll_length"]
     settings |= {
+        "num_envs": robots,
+        "batch_size": robots // batches,
         "num_evals": MOST + 1,
         "num_resets_per_eval": 0,
         "num_timesteps": MOST * steps,
@@ -96,7 +76,7 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
 
     with _removed_from_jax(), contextlib.suppress(_TimedEnoughError):
         ppo_train.train(
-            _make_env(impl),
+            make_env(choose_physics()),
             **settings,
             wrap_env_fn=wrapper.wrap_for_brax_training,
             max_devices_per_host=1,
@@ -105,16 +85,20 @@ def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRa
             progress_fn=look,
         )
     timed = (len(clock) - WARM_UP) * steps
-    return PlaygroundRate(
-        impl, robots, own.ctrl_dt, timed, timed / (clock[-1] - clock[WARM_UP - 1])
-    )
+    return timed / (clock[-1] - clock[WARM_UP - 1])
 
 
-def _make_env(impl: str) -> Any:
-    """Make Playground's Go1 environment without its visual meshes, which need a
-    download."""
-    from mujoco_playground._src import mjx_env
-    from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
+def choose_physics() -> str:
+    """Return Playground's own choice of MJX, but `jax` without an NVIDIA GPU or without
+    Warp."""
+    own: Any = locomotion.get_default_config(TASK)
+    warp = jax.default_backend() == "gpu" and sys.modules.get("warp")
+    return str(own.impl) if warp else "jax"
+
+
+def make_env(impl: str) -> Any:
+    """Make Playground's environment without the meshes, which are only looked at: they
+    would have to be downloaded."""
 
     def assets() -> dict[str, bytes]:
         found: dict[str, bytes] = {}
@@ -152,3 +136,11 @@ def _removed_from_jax() -> Generator[None]:
         jax, "device_put_replicated", device_put_replicated, create=True
     ):
         yield
+
+
+if __name__ == "__main__":
+    rate = measure_playground(int(sys.argv[1]) if len(sys.argv) > 1 else None)
+    period: Any = locomotion.get_default_config(TASK)
+    print(
+        f"MuJoCo Playground's Go1, MJX {choose_physics()}: {rate:,.0f} control steps/s of {1000 * period.ctrl_dt:g} ms"
+    )
