@@ -110,6 +110,9 @@ def cut_windows(
         [np.resize(leg if len(leg) else [EARLIER], count) for leg in starts]
     )
     weight = np.stack([np.arange(count) < len(leg) for leg in starts]).astype(float)
+    begun = np.cumsum(np.diff(free.astype(int), axis=0, prepend=0) > 0, axis=0)
+    each = place if log.hanging else np.take_along_axis(begun.T, place, axis=1)
+    swing = 4 * each + np.arange(4)[:, None]
     angles, rates = _smooth(log.q, log.step, past=past)
     up, spin, turning = _smooth(log.up, log.step)[0], *_smooth(log.omega, log.step)
 
@@ -130,6 +133,7 @@ def cut_windows(
         turning=of_trunk(turning),
         start=start,
         weight=weight,
+        swing=swing,
     )
 
 
@@ -217,7 +221,7 @@ def fit_motors(
     u, start = np.zeros(sum(sizes)), np.array(windows.start)
     damping, least = 1e-3, float(cost(u, start))
     for _ in range(iterations):
-        normal = _normal(*map(np.asarray, derivatives(u, start)))
+        normal = _normal(windows.swing, *map(np.asarray, derivatives(u, start)))
         while damping < 1e6:
             du, dstart = normal.step(damping)
             tried = float(cost(u + du, start + dstart))
@@ -230,7 +234,7 @@ def fit_motors(
         u, start, damping = u + du, start + dstart, max(damping / 8.0, 1e-8)
         if gain < 1e-5 * least:
             break
-    normal = _normal(*map(np.asarray, derivatives(u, start)))
+    normal = _normal(windows.swing, *map(np.asarray, derivatives(u, start)))
     spread = normal.spread()
     parts = zip(free, np.split(spread, np.cumsum(sizes)[:-1]), strict=True)
     unknown = {name: np.full_like(value, math.nan) for name, value in values.items()}
@@ -258,6 +262,7 @@ class _Normal(NamedTuple):
     ss: np.ndarray
     u: np.ndarray  # gradients
     s: np.ndarray
+    swing: np.ndarray  # to which each window belongs
 
     def step(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Return Levenberg's steps of the motors' logarithms and of the starts."""
@@ -277,7 +282,7 @@ class _Normal(NamedTuple):
 
     def spread(self) -> np.ndarray:
         """Return the standard deviations of the motors' logarithms, robust to errors that
-        all rows of a window share; inf where the windows say nothing."""
+        windows of one swing share; inf where the windows say nothing."""
         along = np.linalg.solve(
             self.ss, np.concatenate([self.us.swapaxes(-1, -2), self.s[..., None]], -1)
         )
@@ -285,23 +290,31 @@ class _Normal(NamedTuple):
         scores = self.u - (self.us @ along[..., -1:])[..., 0]
         told = np.diag(left) > INFORMATIVE * np.max(np.diag(left))
         inverse = np.linalg.inv(left[np.ix_(told, told)])
-        between = np.einsum("lwi,lwj->ij", scores, scores)[np.ix_(told, told)]
+        swings = np.zeros((int(np.max(self.swing)) + 1, len(told)))
+        np.add.at(swings, self.swing, scores)
+        between = (swings.T @ swings)[np.ix_(told, told)]
         spread = np.full(len(told), math.inf)
         spread[told] = np.sqrt(np.diag(inverse @ between @ inverse))
         return spread
 
 
-def _normal(residual: np.ndarray, by_u: np.ndarray, by_start: np.ndarray) -> _Normal:
+def _normal(
+    swing: np.ndarray, residual: np.ndarray, by_u: np.ndarray, by_start: np.ndarray
+) -> _Normal:
     """Return the normal equations of a Huber loss at residuals (4, W, m)."""
     weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual), 1e-12))[..., None]
-    u, s = (
-        np.moveaxis(by_u, 0, -1).astype(float),
-        np.moveaxis(by_start, 0, -1).astype(float),
-    )
-    ut, st = (weight * u).swapaxes(-1, -2), (weight * s).swapaxes(-1, -2)
+    u = np.moveaxis(by_u, 0, -1).astype(float)
+    s = np.moveaxis(by_start, 0, -1).astype(float)
+    ut = (weight * u).swapaxes(-1, -2)
+    st = (weight * s).swapaxes(-1, -2)
     r = residual[..., None].astype(float)
     ss = st @ s
     empty = (np.trace(ss, axis1=-2, axis2=-1) == 0.0)[..., None, None]
     return _Normal(
-        ut @ u, ut @ s, ss + empty * np.eye(6), (ut @ r)[..., 0], (st @ r)[..., 0]
+        ut @ u,
+        ut @ s,
+        ss + empty * np.eye(6),
+        (ut @ r)[..., 0],
+        (st @ r)[..., 0],
+        swing,
     )

@@ -99,7 +99,9 @@ def identify(log: Log, robot: RobotFile) -> Identification:
     rows = round(WINDOW[log.hanging] / log.step)
     last = int(TRAINED * len(log.time))
     fitted, held = log.between(0, last), log.between(last, len(log.time))
-    windows = cut_windows(fitted, rows, stride=int(__import__('os').environ.get('STRIDE', rows)))
+    windows = cut_windows(
+        fitted, rows, stride=rows if log.hanging else max(rows // 5, 1)
+    )
     if windows.weight.sum() < 12.0 or not cut_windows(held, rows).weight.any():
         raise UserError(
             f"too few windows in which a leg is free for {WINDOW[log.hanging]:g} s: record longer"

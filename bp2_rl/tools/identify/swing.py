@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from bp2_rl.robot.actuator import Actuator, pd_torque, torque_limits
 from bp2_rl.robot.kernel.arrowhead import GeneralizedVector
@@ -28,7 +28,7 @@ STEPS = 2
 """Integration steps between two rows of a log, by the midpoint rule."""
 EARLIER = 3
 """Rows before a window whose targets may still act: the greatest delay."""
-STICTION = 0.1
+STICTION = 0.05
 """rad/s, below which Coulomb friction is as viscous."""
 
 
@@ -55,6 +55,7 @@ class Windows(NamedTuple):
     turning: Float[Array, "rows 4 W 3"]  # rad/s2, the spin's derivative
     start: Float[Array, "4 W 6"]  # rad and rad/s, estimated angles and rates
     weight: Float[Array, "4 W"]  # 1, or 0 for a window that fills up the array
+    swing: Int[Array, "4 W"]  # index of the swing to which a window belongs
 
 
 def predict(
