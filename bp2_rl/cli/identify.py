@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 
 
@@ -16,13 +17,16 @@ class IdentifyConfig:
 
     A log is an .npz or .csv file with the columns time, q.JOINT and q_target.JOINT; of a
     robot that moves also up.x ..., omega.x ... and contact.LEG (docs/howto/identify.md).
+    Without a log, write the targets that a hanging robot should follow.
 
-    For example: bp2 identify run.csv --robot my_robot.toml --out identified
+    For example: bp2 identify log.csv --robot my_robot.toml
     """
 
-    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """the recording"""
-    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
+    log: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")] = (
+        None
+    )
+    """the recording; without one, targets.csv is written to DIR"""
+    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "go1"
     """the robot file whose numbers are tried, with the loop's [gains]"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("identified")
     """folder of the robot file, the numbers and the picture"""
@@ -40,9 +44,23 @@ def run_identify(config: IdentifyConfig) -> None:
     from bp2_rl.cli.printing import print_table
     from bp2_rl.robot.named import find_robot_file, shipped_files
     from bp2_rl.tools.identify import outcome
+    from bp2_rl.tools.identify.excite import DURATION, excitation_text
     from bp2_rl.tools.identify.log import describe_log, read_log
 
     robot = find_robot_file(config.robot)
+    if robot.gains is None:
+        raise UserError(
+            f"--robot {config.robot}: its robot file has no [gains]; give stiffness and damping of the position loop"
+        )
+    if config.log is None:
+        make_folder(config.out)
+        write_text(
+            config.out / "targets.csv", excitation_text(robot.hardware, robot.gains)
+        )
+        print(
+            f"targets of a hanging robot, for {DURATION:g} s: {config.out / 'targets.csv'}"
+        )
+        return
     log = read_log(config.log, robot.anatomy)
     for row in rows_of(describe_log(log)):
         print(f"{row.label}: {row.value} ({row.meaning})")

@@ -18,31 +18,33 @@ SQUARE = 1.0  # Hz, of abad of FR; each further joint's wave is a little quicker
 SPEED = 0.6
 """Share of the no-load speed that a chirp reaches at most."""
 MARGIN = 0.1  # rad, from the joints' stops
+INSIDE = 0.6
+"""Share of the way to the stops that the targets go; the joints overshoot."""
 
 
 def excitation(
-    hardware: HardwareSpec, gains: GainNumbers
+    hardware: HardwareSpec, gains: GainNumbers, duration: float = DURATION
 ) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, "T 12"]]:
     """Return the times (s) and joint targets (rad) of a chirp, then of square waves.
 
     A chirp alone leaves the no-load speed open: the square waves ask for more torque
     than the motors have, on all joints at phases of their own.
     """
-    time = np.arange(0.0, DURATION, STEP)
+    time = np.arange(0.0, duration, STEP)
     anatomy = hardware.anatomy
     low, high = np.array([leg.ranges for leg in anatomy.legs]).reshape(12, 2).T
     middle = np.clip(anatomy.stand, low + 0.5, high - 0.5)
     room = np.minimum(middle - low, high - middle) - MARGIN
-    chirped = CHIRPED * DURATION
+    chirped = CHIRPED * duration
     rate = np.minimum(SLOWEST + (QUICKEST - SLOWEST) * time / chirped, QUICKEST)
     phase = 2.0 * np.pi * np.cumsum(rate) * STEP
     apart = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     no_load = np.broadcast_to(hardware.joint_no_load_speed, 12)
     least = SPEED * no_load / (2.0 * np.pi * rate[:, None])
-    chirp = np.minimum(0.6 * room, least) * np.sin(phase[:, None] + apart)
+    chirp = np.minimum(INSIDE * room, least) * np.sin(phase[:, None] + apart)
     peak = np.broadcast_to(hardware.joint_peak_torque, 12)
     stiffness = np.tile(np.broadcast_to(gains.stiffness, 3), 4)
-    swing = np.minimum(room, 1.5 * peak / stiffness)
+    swing = np.minimum(INSIDE * room, 0.75 * peak / stiffness)
     quick = SQUARE * (1.0 + 0.13 * np.arange(12))
     square = swing * np.sign(np.sin(2.0 * np.pi * quick * time[:, None]))
     return time, middle + np.where(time[:, None] < chirped, chirp, square)

@@ -31,6 +31,9 @@ ANGLE, RATE = 1e-3, 0.7
 NOISE = (3e-3, 6e-3, 6e-3)
 """rad, of abad, hip and knee: errors beyond twice of it count linearly."""
 HUBER = 2.0
+MODEL, MODEL_DELAY = 0.004, 3e-5
+"""Share of a number, and s of the delay, by which the model itself may be wrong: it is
+added to the spread."""
 VANISHED = 0.02
 INFORMATIVE = 1e-7
 """Share of the greatest information, below which the windows say nothing of a number."""
@@ -235,17 +238,17 @@ def fit_motors(
         if gain < 1e-5 * least:
             break
     normal = _normal(windows.swing, *map(np.asarray, derivatives(u, start)))
-    spread = normal.spread()
-    parts = zip(free, np.split(spread, np.cumsum(sizes)[:-1]), strict=True)
-    unknown = {name: np.full_like(value, math.nan) for name, value in values.items()}
-    found = {
-        name: np.asarray(x, dtype=float)
-        for name, x in motors(jnp.asarray(u))._asdict().items()
-    }
+    best = motors(jnp.asarray(u))._asdict()
+    found = {name: np.asarray(x, dtype=float) for name, x in best.items()}
+    parts = np.split(normal.spread(), np.cumsum(sizes)[:-1])
+    spread = {name: np.full_like(value, math.nan) for name, value in values.items()}
+    for name, part in zip(free, parts, strict=True):
+        model = MODEL_DELAY / found[name] if name == "delay" else MODEL
+        spread[name] = np.hypot(part, model)
     kept = {
         name: np.where(x < VANISHED * values[name], 0.0, x) for name, x in found.items()
     }
-    return Found(Motors(**kept), Motors(**(unknown | dict(parts))))
+    return Found(Motors(**kept), Motors(**spread))
 
 
 def _huber(residual: jax.Array) -> jax.Array:

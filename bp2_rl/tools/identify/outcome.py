@@ -85,15 +85,12 @@ def identify(log: Log, robot: RobotFile) -> Identification:
     """Find the numbers of a robot's motors that predict its free legs best.
 
     Raises:
-        UserError: the robot file has no gains, or no leg is free for long enough.
+        UserError: no leg is free for long enough.
     """
-    if robot.gains is None:
-        raise UserError(
-            f"{robot.name}: its robot file has no [gains]; give stiffness and damping of the position loop"
-        )
+    gains = robot.gains
+    assert gains is not None  # as the command has seen
     stiffness, damping = (
-        np.broadcast_to(x, 3).tolist()
-        for x in (robot.gains.stiffness, robot.gains.damping)
+        np.broadcast_to(x, 3).tolist() for x in (gains.stiffness, gains.damping)
     )
     rig = rig_of(robot.hardware, stiffness, damping)
     rows = round(WINDOW[log.hanging] / log.step)
