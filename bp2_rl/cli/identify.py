@@ -22,12 +22,12 @@ class IdentifyConfig:
     For example: bp2 identify log.csv --robot my_robot.toml
     """
 
+    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
+    """the robot file whose numbers are tried, with the loop's [gains]"""
     log: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")] = (
         None
     )
     """the recording; without one, targets.csv is written to DIR"""
-    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "go1"
-    """the robot file whose numbers are tried, with the loop's [gains]"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("identified")
     """folder of the robot file, the numbers and the picture"""
 
@@ -45,41 +45,44 @@ def run_identify(config: IdentifyConfig) -> None:
     from bp2_rl.robot.named import find_robot_file, shipped_files
     from bp2_rl.tools.identify import outcome
     from bp2_rl.tools.identify.excite import DURATION, excitation_text
-    from bp2_rl.tools.identify.log import describe_log, read_log
+    from bp2_rl.tools.identify.log import read_log
 
     robot = find_robot_file(config.robot)
+    source = shipped_files().get(config.robot, Path(config.robot))
     if robot.gains is None:
         raise UserError(
-            f"--robot {config.robot}: its robot file has no [gains]; give stiffness and damping of the position loop"
+            f"--robot {config.robot}: give a robot file with [gains], those of the position loop (bp2 robot new)"
         )
-    if config.log is None:
-        make_folder(config.out)
-        write_text(
-            config.out / "targets.csv", excitation_text(robot.hardware, robot.gains)
+    made = config.out / "robot.toml"
+    if made.resolve() == source.resolve():
+        raise UserError(
+            f"--out {config.out}: {made} would be replaced; choose another folder"
         )
+    log = config.log and read_log(config.log, robot.anatomy)
+    make_folder(config.out)
+    if log is None:
+        targets = config.out / "targets.csv"
+        write_text(targets, excitation_text(robot.hardware, robot.gains))
         print(
-            f"targets of a hanging robot, for {DURATION:g} s: {config.out / 'targets.csv'}"
+            f"targets for a hanging robot, {DURATION:g} s from the stand and back: {targets}"
         )
         return
-    log = read_log(config.log, robot.anatomy)
-    for row in rows_of(describe_log(log)):
-        print(f"{row.label}: {row.value} ({row.meaning})")
-    found = outcome.identify(log, robot)
-    make_folder(config.out)
-    source = shipped_files().get(config.robot, Path(config.robot))
-    write_text(
-        config.out / "robot.toml",
-        outcome.identified_file(found, robot, source, config.out),
+    print(
+        "the robot hangs"
+        if log.hanging
+        else "the robot runs: its legs in swing are fitted"
     )
+    found = outcome.identify(log, robot, robot.gains)
+    write_text(made, outcome.identified_file(found, robot, source, config.out))
     save_config(config.out / "identified.json", found)
     save_figure(outcome.identification_figure(found), config.out / "errors.png")
+    for row in rows_of(found.log):
+        print(f"{row.label}: {row.value} ({row.meaning})")
     print_table(table_of("Numbers, with 90 % intervals", found.numbers, words=True))
-    print_table(
-        table_of(
-            f"RMS error after {1e3 * found.window:.0f} ms on held-out rows",
-            found.errors,
-        )
-    )
+    ends = f"RMS error after {1e3 * found.window:.0f} ms, on rows that the fit has not seen"
+    print_table(table_of(ends, found.errors))
+    if not found.converged:
+        print("the fit has not come to an end: take these numbers with care")
     print(f"robot file, numbers, picture: {config.out}")
 
 

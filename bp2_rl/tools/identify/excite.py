@@ -10,15 +10,16 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.robot_file import GainNumbers
 
 STEP = 0.002  # s, between two targets
-DURATION = 20.0  # s
+DURATION = 24.0  # s
+EASED = 2.0  # s, in which the targets leave the stand, and come back to it
 CHIRPED = 0.6
 """Share of the time that the chirps take; square waves take the rest."""
 SLOWEST, QUICKEST = 0.3, 10.0  # Hz, of the chirps
-SQUARE = 1.0  # Hz, of abad of FR; each further joint's wave is a little quicker
+SQUARES = (0.9, 1.17, 1.37)  # Hz, of abad, hip and knee
+PHASES = (0.0, 2.1, 4.2)  # rad, of their chirps
 SPEED = 0.6
 """Share of the no-load speed that a chirp reaches at most."""
-MARGIN = 0.1  # rad, from the joints' stops
-INSIDE = 0.6
+INSIDE = 0.55
 """Share of the way to the stops that the targets go; the joints overshoot."""
 
 
@@ -27,27 +28,32 @@ def excitation(
 ) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, "T 12"]]:
     """Return the times (s) and joint targets (rad) of a chirp, then of square waves.
 
-    A chirp alone leaves the no-load speed open: the square waves ask for more torque
-    than the motors have, on all joints at phases of their own.
+    A chirp alone leaves the no-load speed open: the square waves jump by as much as
+    asks for the motors' peak torque, where the joints' ranges allow it. All legs move
+    alike, so that they do not meet.
     """
     time = np.arange(0.0, duration, STEP)
     anatomy = hardware.anatomy
     low, high = np.array([leg.ranges for leg in anatomy.legs]).reshape(12, 2).T
-    middle = np.clip(anatomy.stand, low + 0.5, high - 0.5)
-    room = np.minimum(middle - low, high - middle) - MARGIN
+    stand = np.array(anatomy.stand)
+    quarter = 0.25 * (high - low)
+    middle = np.clip(stand, low + quarter, high - quarter)
+    room = INSIDE * np.minimum(middle - low, high - middle)
+    room = np.tile(np.min(room.reshape(4, 3), axis=0), 4)
     chirped = CHIRPED * duration
-    rate = np.minimum(SLOWEST + (QUICKEST - SLOWEST) * time / chirped, QUICKEST)
-    phase = 2.0 * np.pi * np.cumsum(rate) * STEP
-    apart = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    rate = np.minimum(SLOWEST + (QUICKEST - SLOWEST) * time / chirped, QUICKEST)[
+        :, None
+    ]
+    phase = 2.0 * np.pi * np.cumsum(rate, axis=0) * STEP + np.tile(PHASES, 4)
     no_load = np.broadcast_to(hardware.joint_no_load_speed, 12)
-    least = SPEED * no_load / (2.0 * np.pi * rate[:, None])
-    chirp = np.minimum(INSIDE * room, least) * np.sin(phase[:, None] + apart)
+    chirp = np.minimum(room, SPEED * no_load / (2.0 * np.pi * rate)) * np.sin(phase)
     peak = np.broadcast_to(hardware.joint_peak_torque, 12)
     stiffness = np.tile(np.broadcast_to(gains.stiffness, 3), 4)
-    swing = np.minimum(INSIDE * room, 0.75 * peak / stiffness)
-    quick = SQUARE * (1.0 + 0.13 * np.arange(12))
-    square = swing * np.sign(np.sin(2.0 * np.pi * quick * time[:, None]))
-    return time, middle + np.where(time[:, None] < chirped, chirp, square)
+    swing = np.minimum(room, 0.75 * peak / stiffness)
+    square = swing * np.sign(np.sin(2.0 * np.pi * np.tile(SQUARES, 4) * time[:, None]))
+    moved = middle + np.where(time[:, None] < chirped, chirp, square)
+    share = np.clip(np.minimum(time, time[-1] - time) / EASED, 0.0, 1.0)[:, None]
+    return time, stand + share * (moved - stand)
 
 
 def excitation_text(hardware: HardwareSpec, gains: GainNumbers) -> str:
@@ -62,7 +68,6 @@ def excitation_text(hardware: HardwareSpec, gains: GainNumbers) -> str:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["time", *(f"q_target.{joint.name}" for joint in joints)])
-    writer.writerows(
-        [f"{x:.6g}" for x in row] for row in np.stack([time, *own], axis=1)
-    )
+    rows = np.stack([time, *own], axis=1)
+    writer.writerows([f"{x:.6g}" for x in row] for row in rows)
     return file.getvalue()

@@ -1,6 +1,6 @@
 """Logs of a real robot: reading, checking and describing the recorded rows.
 
-A log is an .npz or a .csv file with these columns, angles in rad, times in s:
+A log is a .csv or an .npz file, angles in rad, times in s. Columns of a .csv file:
 
     time               of each row
     q.JOINT            measured angle of each joint, by the joints' names
@@ -8,33 +8,47 @@ A log is an .npz or a .csv file with these columns, angles in rad, times in s:
     qd.JOINT           optional: measured rate
     up.x, .y, .z       optional: the world's upward direction in the trunk's axes
     omega.x, .y, .z    optional: the trunk's angular velocity in its own axes, rad/s
-    contact.LEG        optional: 1 while the foot of FR, FL, RR or RL may touch the ground
+    contact.LEG        optional: 0 while the foot of FR, FL, RR or RL swings freely
 
-In an .npz file `q`, `q_target` and `qd` may also be arrays (rows, 12), with the names in
-`joint_names`, and `up`, `omega` (rows, 3) and `contact` (rows, 4) arrays likewise. A
-joint's name is the robot file's, whose sign and offset then apply, or one of bp2_rl's
-own (FR_abad). Without `contact` the robot hangs: every leg is free, and the trunk rests.
+An .npz file has the arrays `time`, `q`, `q_target`, `qd` (rows, 12) with the twelve names
+in `joint_names`, `up`, `omega` (rows, 3) and `contact` (rows, 4). The joints' names are
+the robot file's, whose signs and offsets then apply, or else bp2_rl's own (FR_abad).
+Without `contact` the robot hangs, and every leg is free.
 """
 
 import csv
 import dataclasses
-from collections.abc import Mapping
+import io
+import zipfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, one_line
+from bp2_rl.base.files import read_bytes
 from bp2_rl.base.metric import metric
 from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 
+LARGEST = 2**30  # bytes
 LARGEST_ANGLE = 4.0 * np.pi
 """rad; a larger angle means that the log is in degrees."""
-LEAST_ROWS = 100
+LEAST_ROWS = 200
+STEPS = 2e-4, 5e-3  # s, between two rows: what can be fitted
 GAP = 1.5
 """Times the usual time between rows: a longer one means that rows were lost."""
+DELAYS = np.arange(0.0, 0.0201, 2.5e-4)  # s, of qd behind q, that are tried
+ENDS: dict[str, Sequence[str]] = {
+    "q": MOTOR_NAMES,
+    "q_target": MOTOR_NAMES,
+    "qd": MOTOR_NAMES,
+    "up": "xyz",
+    "omega": "xyz",
+    "contact": LEGS,
+}
+"""Columns that go together, and the ends of their names."""
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
@@ -56,15 +70,6 @@ class Log:
         """Usual time between two rows, s."""
         return float(np.median(np.diff(self.time)))
 
-    def between(self, first: int, last: int) -> "Log":
-        """Return the rows from `first` up to `last`."""
-        arrays = {
-            field.name: value[first:last]
-            for field in dataclasses.fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
-        return dataclasses.replace(self, **arrays)
-
     @property
     def whole(self) -> Bool[np.ndarray, " rows"]:
         """Whether no row was lost between each row and the next one."""
@@ -79,9 +84,7 @@ class LogQuality:
     step: float = metric("Time between rows", "ms", ".3f", "median")
     jitter: float = metric("Jitter", "ms", ".3f", "standard deviation of that time")
     lost: int = metric("Lost rows", form="d", meaning="by gaps in time")
-    quantum: float = metric(
-        "Encoder quantum", "mrad", ".3f", "least change of an angle"
-    )
+    quantum: float = metric("Encoder quantum", "mrad", ".3f", "least change of angle")
     rate_delay: float | None = metric(
         "Delay of qd", "ms", ".1f", "behind the derivative of q", default=None
     )
@@ -94,45 +97,78 @@ def read_log(path: Path, anatomy: Anatomy) -> Log:
     """Read a log of a robot.
 
     Raises:
-        UserError: the file is no log, a column is missing, named wrongly or impossible.
+        UserError: the file is no log, or a column is missing, misnamed or impossible.
     """
-    columns = _columns(path)
-    if "time" not in columns:
-        raise UserError(f"{path}: no column `time`; it has {_listed(columns)}")
-    time = columns["time"]
+    try:
+        columns = _columns(path)
+        return _log(columns, anatomy)
+    except UserError as error:
+        raise UserError(f"{path}: {one_line(str(error))}") from error
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        EOFError,
+        csv.Error,
+        zipfile.BadZipFile,
+    ) as error:
+        raise UserError(
+            f"{path}: cannot be read as a log: {one_line(str(error))}"
+        ) from error
+
+
+def _log(columns: Columns, anatomy: Anatomy) -> Log:
+    time = columns.get("time")
+    if time is None:
+        raise UserError(f"no column `time`; it has {_listed(columns)}")
     if len(time) < LEAST_ROWS:
-        raise UserError(f"{path}: {len(time)} rows; at least {LEAST_ROWS} are needed")
+        raise UserError(f"{len(time)} rows; at least {LEAST_ROWS} are needed")
     for name, values in columns.items():
         if not np.all(np.isfinite(values)):
-            raise UserError(f"{path}: column {name} is not a number in every row")
-    if np.any(np.diff(time) <= 0.0):
-        raise UserError(f"{path}: time does not rise from row to row")
-    q = _joints(path, columns, "q", anatomy)
-    q_target = _joints(path, columns, "q_target", anatomy)
-    if q is None or q_target is None:
-        missing = "q" if q is None else "q_target"
-        raise UserError(f"{path}: no columns {missing}.{MOTOR_NAMES[0]} and so on")
-    for name, angles in (("q", q), ("q_target", q_target)):
-        if np.max(np.abs(angles)) > LARGEST_ANGLE:
+            raise UserError(f"column {name} is not a number in every row")
+    between = np.diff(time)
+    if np.any(between <= 0.0):
+        raise UserError("time does not rise from row to row")
+    if not STEPS[0] <= np.median(between) <= STEPS[1]:
+        raise UserError(
+            f"rows are {np.median(between):g} s apart; {STEPS[0]:g} to {STEPS[1]:g} s can be fitted"
+        )
+    own = [joint.name for joint in anatomy.joints]
+    names = own if f"q.{own[0]}" in columns else list(MOTOR_NAMES)
+    signs = np.array([joint.sign for joint in anatomy.joints])
+    offsets = np.array([joint.offset for joint in anatomy.joints])
+    if names != own:
+        signs, offsets = np.ones(12), np.zeros(12)
+    angles = {what: _stacked(columns, what, names) for what in ("q", "q_target")}
+    qd = _stacked(columns, "qd", names) if _given(columns, "qd") else None
+    for what in ("q", "q_target"):
+        most = np.max(np.abs(angles[what]))
+        if most > LARGEST_ANGLE:
             raise UserError(
-                f"{path}: {name} is up to {np.max(np.abs(angles)):.0f} rad: give radians, not degrees"
+                f"{what} is up to {most:.0f} rad: give radians, not degrees"
             )
-    contact = _vectors(path, columns, "contact", LEGS)
-    up = _vectors(path, columns, "up", "xyz")
-    omega = _vectors(path, columns, "omega", "xyz")
+    up, omega, contact = (
+        _stacked(columns, what, ENDS[what]) if _given(columns, what) else None
+        for what in ("up", "omega", "contact")
+    )
     if contact is not None and (up is None or omega is None):
         raise UserError(
-            f"{path}: has `contact`, so the robot moved: give `up` and `omega`, too"
+            "it has `contact`, so the robot moved: give `up` and `omega`, too"
         )
-    rows = len(time)
+    up = np.tile((0.0, 0.0, 1.0), (len(time), 1)) if up is None else up
+    length = np.linalg.norm(up, axis=1, keepdims=True)
+    if np.max(np.abs(length - 1.0)) > 0.05 or np.median(up[:, 2]) < 0.5:
+        raise UserError(
+            "`up` must be a vector of length 1 that points upwards: (0, 0, 1) of a level trunk"
+        )
     return Log(
         time=time - time[0],
-        q=q,
-        q_target=q_target,
-        qd=_joints(path, columns, "qd", anatomy, rates=True),
-        up=np.tile((0.0, 0.0, 1.0), (rows, 1)) if up is None else up,
-        omega=np.zeros((rows, 3)) if omega is None else omega,
-        airborne=np.ones((rows, 4), bool) if contact is None else contact < 0.5,
+        q=signs * angles["q"] + offsets,
+        q_target=signs * angles["q_target"] + offsets,
+        qd=None if qd is None else signs * qd,
+        up=up / length,
+        omega=np.zeros((len(time), 3)) if omega is None else omega,
+        airborne=np.ones((len(time), 4), bool) if contact is None else contact < 0.5,
         hanging=contact is None,
     )
 
@@ -140,127 +176,92 @@ def read_log(path: Path, anatomy: Anatomy) -> Log:
 def describe_log(log: Log) -> LogQuality:
     """Measure jitter, lost rows, the encoders' quantum, and how late `qd` is."""
     between = np.diff(log.time)
-    kept = between[between < GAP * log.step]
     changes = np.abs(np.diff(log.q, axis=0))
-    delay, gain = (None, None) if log.qd is None else _lateness(log)
+    moved = changes[changes > 1e-6]
+    delay, gain = _lateness(log) if log.qd is not None else (None, None)
     return LogQuality(
         rows=len(log.time),
         step=log.step,
-        jitter=float(np.std(kept)),
-        lost=int(np.sum(np.round(between / log.step) - 1)),
-        quantum=float(np.min(changes[changes > 1e-6]))
-        if np.any(changes > 1e-6)
-        else 0.0,
+        jitter=float(np.std(between[between < GAP * log.step])),
+        lost=int(np.sum(np.maximum(np.round(between / log.step) - 1.0, 0.0))),
+        quantum=float(np.min(moved)) if len(moved) else 0.0,
         rate_delay=delay,
         rate_gain=gain,
     )
 
 
-def _lateness(log: Log) -> tuple[float, float]:
+def _lateness(log: Log) -> tuple[float | None, float | None]:
     """Return the delay (s) and the gain at which the derivative of q fits qd best."""
     rate = np.gradient(log.q, log.time, axis=0)
-    delays = np.arange(0.0, 0.0201, 2.5e-4)
+    if not np.any(rate):
+        return None, None
     fits: list[tuple[float, float, float]] = []
-    for delay in delays:
-        late = np.stack(
-            [np.interp(log.time - delay, log.time, joint) for joint in rate.T], axis=1
-        )
-        gain = float(np.sum(late * log.qd) / np.sum(late * late))
-        fits.append((float(np.sum((log.qd - gain * late) ** 2)), float(delay), gain))
-    _, delay, gain = min(fits)
-    return delay, gain
+    for delay in DELAYS:
+        late = [np.interp(log.time - delay, log.time, joint) for joint in rate.T]
+        given = np.stack(late, axis=1)
+        gain = float(np.sum(given * log.qd) / np.sum(given * given))
+        fits.append((float(np.sum((log.qd - gain * given) ** 2)), float(delay), gain))
+    return min(fits)[1:]
 
 
 def _columns(path: Path) -> Columns:
     """Return the columns of a log by name."""
     if path.suffix not in (".npz", ".csv"):
-        raise UserError(f"{path}: a log is an .npz or a .csv file")
-    try:
-        return _of_npz(path) if path.suffix == ".npz" else _of_csv(path)
-    except (OSError, ValueError, KeyError) as error:
-        raise UserError(f"{path}: cannot be read as a log: {error}") from error
+        raise UserError("a log is an .npz or a .csv file")
+    content = read_bytes(path, LARGEST)
+    return (
+        _of_npz(content)
+        if path.suffix == ".npz"
+        else _of_csv(content.decode("utf-8-sig"))
+    )
 
 
-def _of_npz(path: Path) -> Columns:
-    with np.load(path, allow_pickle=False) as arrays:
-        names = (
-            [str(name) for name in arrays["joint_names"]]
-            if "joint_names" in arrays
-            else list(MOTOR_NAMES)
-        )
-        ends = {
-            "q": names,
-            "q_target": names,
-            "qd": names,
-            "up": "xyz",
-            "omega": "xyz",
-            "contact": LEGS,
+def _of_npz(content: bytes) -> Columns:
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    names = arrays.pop("joint_names", np.array(MOTOR_NAMES))
+    if "time" not in arrays or arrays["time"].ndim != 1:
+        raise UserError(f"no array `time`; it has {_listed(arrays)}")
+    columns = {"time": arrays.pop("time").astype(float)}
+    for name, ends in ENDS.items():
+        array = arrays.pop(name, None)
+        if array is None:
+            continue
+        shape = len(columns["time"]), len(ends)
+        if array.shape != shape:
+            raise UserError(f"{name} has the shape {array.shape}; it must be {shape}")
+        own = [str(joint) for joint in names] if len(ends) == 12 else ends
+        columns |= {
+            f"{name}.{end}": x.astype(float)
+            for end, x in zip(own, array.T, strict=True)
         }
-        columns: dict[str, np.ndarray] = {}
-        for name in arrays.files:
-            array = arrays[name]
-            if name in ends and array.ndim == 2 and array.shape[1] == len(ends[name]):
-                columns |= {
-                    f"{name}.{end}": column
-                    for end, column in zip(ends[name], array.T, strict=True)
-                }
-            elif array.ndim == 1 and array.dtype.kind in "biuf":
-                columns[name] = array
-        rows = len(columns["time"])
-        return {
-            name: column.astype(float)
-            for name, column in columns.items()
-            if len(column) == rows
-        }
+    return columns
 
 
-def _of_csv(path: Path) -> Columns:
-    with path.open(newline="", encoding="utf-8") as file:
-        head, *lines = csv.reader(file)
+def _of_csv(text: str) -> Columns:
+    head, *lines = csv.reader(io.StringIO(text))
     values = np.array([[float(cell) for cell in line] for line in lines if line])
-    return {name.strip(): column for name, column in zip(head, values.T, strict=True)}
-
-
-def _joints(
-    path: Path, columns: Columns, what: str, anatomy: Anatomy, *, rates: bool = False
-) -> Float[np.ndarray, "rows 12"] | None:
-    """Return the columns of all joints in bp2_rl's order and signs; None without any."""
-    given = {
-        name.partition(".")[2]: column
-        for name, column in columns.items()
-        if name.startswith(f"{what}.")
-    }
-    if not given:
-        return None
-    found: list[np.ndarray] = []
-    for own, joint in zip(MOTOR_NAMES, anatomy.joints, strict=True):
-        if joint.name in given:
-            found.append(
-                joint.sign * given[joint.name] + (0.0 if rates else joint.offset)
-            )
-        elif own in given:
-            found.append(given[own])
-        else:
+    names = [name.strip() for name in head]
+    for name in names:
+        what, _, end = name.partition(".")
+        if what in ENDS and len(ENDS[what]) < 12 and end not in ENDS[what]:
             raise UserError(
-                f"{path}: no column {what}.{joint.name}; it has {_listed(given)}"
+                f"column {name}: the ends of {what} are {', '.join(ENDS[what])}"
             )
-    return np.stack(found, axis=1)
+    return dict(zip(names, values.T, strict=True))
 
 
-def _vectors(
-    path: Path,
-    columns: Columns,
-    what: str,
-    ends: Annotated[str | tuple[str, ...], "names"],
-) -> np.ndarray | None:
-    """Return the columns of a vector as one array; None where there are none."""
-    found = [columns.get(f"{what}.{end}") for end in ends]
-    kept = [column for column in found if column is not None]
-    if kept and len(kept) < len(found):
-        raise UserError(
-            f"{path}: {what} needs {', '.join(f'{what}.{end}' for end in ends)}"
-        )
-    return np.stack(kept, axis=1) if kept else None
+def _given(columns: Columns, what: str) -> bool:
+    return any(name.startswith(f"{what}.") for name in columns)
+
+
+def _stacked(columns: Columns, what: str, ends: Sequence[str]) -> np.ndarray:
+    """Return columns that go together as one array (rows, ends)."""
+    names = [f"{what}.{end}" for end in ends]
+    missing = [name for name in names if name not in columns]
+    if missing:
+        raise UserError(f"no column {missing[0]}; it has {_listed(columns)}")
+    return np.stack([columns[name] for name in names], axis=1)
 
 
 def _listed(names: Mapping[str, object]) -> str:

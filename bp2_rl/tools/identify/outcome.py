@@ -5,8 +5,9 @@ import dataclasses
 import math
 import os
 import re
+import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +17,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, legend_above, styled
 from bp2_rl.robot.conventions import JOINTS
-from bp2_rl.robot.robot_file import RobotFile, row
+from bp2_rl.robot.robot_file import GainNumbers, RobotFile, row
 from bp2_rl.tools.identify.fit import (
     Found,
     Rig,
@@ -26,21 +27,33 @@ from bp2_rl.tools.identify.fit import (
     rig_of,
 )
 from bp2_rl.tools.identify.log import Log, LogQuality, describe_log
-from bp2_rl.tools.identify.swing import Motors, Windows
+from bp2_rl.tools.identify.swing import Windows
 
-TRAINED = 2.0 / 3.0
-"""Share of the rows that the fit sees; the rest is held out."""
+HELD_OUT = 1.0 / 3.0
+"""Share of the rows that the fit does not see: the last ones of a robot that runs, every
+third `BLOCK` of one that hangs."""
+BLOCK = 1.0  # s
 RUNNING = ("torque_scale", "no_load_speed", "friction", "viscosity", "delay")
-HANGING = (*RUNNING, "armature", "corner_speed")
+HANGING = (*RUNNING, "armature", "corner_share")
 """Numbers that a log can tell; running alone leaves the rotors' inertia open."""
 WINDOW = {False: 0.05, True: 0.2}
 """s, length of a window of a running and of a hanging robot."""
+STRIDE = {False: 0.01, True: 0.2}
+"""s, from a window's start to the next one's."""
 Z90 = 1.6449
 """Standard deviations of a normal distribution that hold 90 % between them."""
 WIDE = 0.2
 """Half an interval over its value, above which a number is not identified."""
-UNITS = Motors("", "rad/s", "Nm", "Nm s/rad", "kg m2", "rad/s", "s")
-Verdict = Literal["identified", "not identified: wide", "not identified: at its bound"]
+UNITS = {
+    "torque_scale": "of what is asked",
+    "no_load_speed": "rad/s",
+    "friction": "Nm",
+    "viscosity": "Nm s/rad",
+    "armature": "kg m2",
+    "corner_share": "of no-load speed",
+    "delay": "s",
+}
+Verdict = Literal["identified", "too wide", "none to be seen", "the log is silent"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,183 +88,205 @@ class Identification:
     log: LogQuality
     hanging: bool
     window: float  # s
-    windows: int
+    swings: int
+    converged: bool
     numbers: tuple[IdentifiedNumber, ...]
     errors: tuple[HeldOutError, ...]
     over_time: dict[str, tuple[tuple[float, ...], ...]]
 
 
-def identify(log: Log, robot: RobotFile) -> Identification:
+def identify(log: Log, robot: RobotFile, gains: GainNumbers) -> Identification:
     """Find the numbers of a robot's motors that predict its free legs best.
 
+    Args:
+        log: the recording.
+        robot: whose numbers are tried first.
+        gains: of the position loop during the recording.
+
     Raises:
-        UserError: no leg is free for long enough.
+        UserError: no leg is free for long enough, or too few are.
     """
-    gains = robot.gains
-    assert gains is not None  # as the command has seen
-    stiffness, damping = (
-        np.broadcast_to(x, 3).tolist() for x in (gains.stiffness, gains.damping)
-    )
-    rig = rig_of(robot.hardware, stiffness, damping)
-    rows = round(WINDOW[log.hanging] / log.step)
-    last = int(TRAINED * len(log.time))
-    fitted, held = log.between(0, last), log.between(last, len(log.time))
-    windows = cut_windows(
-        fitted, rows, stride=rows if log.hanging else max(rows // 5, 1)
-    )
-    if windows.weight.sum() < 12.0 or not cut_windows(held, rows).weight.any():
-        raise UserError(
-            f"too few windows in which a leg is free for {WINDOW[log.hanging]:g} s: record longer"
-        )
+    rig = rig_of(robot.hardware, gains)
+    length = WINDOW[log.hanging]
+    held = np.arange(len(log.time)) >= (1.0 - HELD_OUT) * len(log.time)
+    if log.hanging:
+        held = np.floor(log.time / BLOCK) % 3 == 2
+    windows = cut_windows(log, length, STRIDE[log.hanging], chosen=~held)
     found = fit_motors(rig, windows, HANGING if log.hanging else RUNNING)
-    tests = {
-        "a centred filter": cut_windows(held, rows, stride=1),
-        "past rows alone": cut_windows(held, rows, stride=1, past=True),
+    by_start = {
+        start: _errors(
+            rig, found, cut_windows(log, length, log.step, chosen=held, past=past)
+        )
+        for start, past in (("a centred filter", False), ("past rows alone", True))
     }
-    errors: list[HeldOutError] = []
-    over_time: dict[str, tuple[tuple[float, ...], ...]] = {}
-    for start, test in tests.items():
-        by_way = {
-            "fitted": predicted_error(rig, found.motors, test),
-            "configured": predicted_error(rig, rig.configured, test),
-            "constant velocity": _constant_velocity(test),
-        }
-        over_time = over_time or {
-            way: tuple(map(tuple, _rms(error).tolist()))
-            for way, error in by_way.items()
-        }
-        ends = [_rms(error)[-1] for error in by_way.values()]
-        errors += [
-            HeldOutError(start, joint, *map(float, each))
-            for joint, *each in zip(JOINTS, *ends, strict=True)
-        ]
+    errors = [
+        HeldOutError(start, joint, *(float(error[-1, i]) for error in ways.values()))
+        for start, ways in by_start.items()
+        for i, joint in enumerate(JOINTS)
+    ]
+    centred = by_start["a centred filter"]
     return Identification(
         log=describe_log(log),
         hanging=log.hanging,
-        window=rows * log.step,
-        windows=int(windows.weight.sum()),
-        numbers=tuple(_numbers(rig, found)),
+        window=length,
+        swings=len(np.unique(windows.swing)),
+        converged=found.converged,
+        numbers=tuple(_numbers(rig, found, HANGING if log.hanging else RUNNING)),
         errors=tuple(errors),
-        over_time=over_time,
+        over_time={way: tuple(map(tuple, x.tolist())) for way, x in centred.items()},
     )
 
 
-def _numbers(rig: Rig, found: Found) -> list[IdentifiedNumber]:
+def _errors(
+    rig: Rig, found: Found, windows: Windows
+) -> dict[str, Float[np.ndarray, "rows 3"]]:
+    """Return the errors of three ways to predict held-out windows, rad."""
+    time = float(windows.step) * np.arange(1, len(windows.q))[:, None, None, None]
+    constant = windows.start[..., :3] + windows.start[..., 3:] * time - windows.q[1:]
+    ways = {
+        "fitted": predicted_error(rig, found.motors, windows),
+        "configured": predicted_error(rig, rig.configured, windows),
+        "constant velocity": constant[:, np.asarray(windows.kept)],
+    }
+    return {way: np.sqrt(np.mean(error**2, axis=1)) for way, error in ways.items()}
+
+
+def _numbers(rig: Rig, found: Found, free: tuple[str, ...]) -> list[IdentifiedNumber]:
     numbers: list[IdentifiedNumber] = []
-    for name, unit in UNITS._asdict().items():
+    for name in free:
         configured, values, spreads = (
             getattr(motors, name)
             for motors in (rig.configured, found.motors, found.spread)
         )
-        for i, (before, value, spread) in enumerate(
-            zip(configured, values, spreads, strict=True)
-        ):
-            if math.isnan(spread):
-                continue
-            wide = math.exp(min(Z90 * spread, 50.0))
+        for i, (value, spread) in enumerate(zip(values, spreads, strict=True)):
+            wide = math.exp(min(Z90 * float(spread), 50.0))
             verdict: Verdict = "identified"
-            if value == 0.0 or wide > 1e3:
-                verdict = "not identified: at its bound"
+            if value == 0.0:
+                verdict = "none to be seen"
+            elif wide > 1e3:
+                verdict = "the log is silent"
             elif wide - 1.0 / wide > 2.0 * WIDE:
-                verdict = "not identified: wide"
-            at_bound = verdict == "not identified: at its bound"
-            joint = JOINTS[i] if len(values) > 1 else "all"
-            low, high = (
-                (None, None) if at_bound else (float(value / wide), float(value * wide))
-            )
+                verdict = "too wide"
+            shown = verdict in ("identified", "too wide")
             numbers.append(
                 IdentifiedNumber(
-                    name, joint, unit, float(before), float(value), low, high, verdict
+                    name=name,
+                    joint=JOINTS[i] if len(values) > 1 else "all",
+                    unit=UNITS[name],
+                    configured=float(configured[i]),
+                    value=float(value),
+                    low=float(value / wide) if shown else None,
+                    high=float(value * wide) if shown else None,
+                    verdict=verdict,
                 )
             )
     return numbers
 
 
-def _constant_velocity(windows: Windows) -> Float[np.ndarray, "rows n 3"]:
-    time = np.cumsum(windows.step, axis=0)[..., None]
-    error = windows.start[..., :3] + windows.start[..., 3:] * time - windows.q[1:]
-    return error[:, windows.weight > 0.0]
-
-
-def _rms(error: Float[np.ndarray, "rows n 3"]) -> Float[np.ndarray, "rows 3"]:
-    return np.sqrt(np.mean(error**2, axis=1))
-
-
 def identified_file(
     found: Identification, robot: RobotFile, source: Path, folder: Path
 ) -> str:
-    """Return the robot file's text with the numbers that were found in place of its own.
+    """Return the robot file's text with identified numbers in place of its own.
 
-    What was not identified is listed in a comment at its head.
+    A comment at its head lists what was not identified and stays as it was.
+
+    Raises:
+        UserError: the file is written in a way that this cannot change.
     """
-    values = {(one.name, one.joint): one.value for one in found.numbers}
-
-    def of_joints(name: str, factor: object = 1.0) -> str:
-        factors = np.broadcast_to(np.asarray(factor, dtype=float), 3)
-        return row(
-            x * values[name, joint] for x, joint in zip(factors, JOINTS, strict=True)
-        )
-
-    hardware, gains = robot.hardware, robot.gains
-    assert gains is not None  # as `identify` has seen
+    hardware = robot.hardware
+    losses = hardware.losses
+    delay = losses.latency + losses.current_lag
     changes = {
-        ("motors", "peak_torque"): of_joints("torque_scale", hardware.peak_torque),
-        ("motors", "no_load_speed"): of_joints("no_load_speed"),
-        ("gains", "stiffness"): of_joints("torque_scale", gains.stiffness),
-        ("gains", "damping"): of_joints("torque_scale", gains.damping),
-        ("losses", "joint_friction"): of_joints("friction"),
-        ("losses", "joint_viscosity"): of_joints("viscosity"),
-        ("losses", "latency"): f"{values['delay', 'all']:.6g}",
+        ("motors", "peak_torque"): _known(
+            found, "torque_scale", 1.0, hardware.peak_torque
+        ),
+        ("motors", "no_load_speed"): _known(
+            found, "no_load_speed", hardware.no_load_speed
+        ),
+        ("losses", "joint_friction"): _known(found, "friction", losses.joint_friction),
+        ("losses", "joint_viscosity"): _known(
+            found, "viscosity", losses.joint_viscosity
+        ),
+        ("losses", "latency"): _known(found, "delay", delay)[0],
+        ("losses", "current_lag"): 0.0,
     }
+    share = np.divide(hardware.corner_speed, hardware.no_load_speed)
+    no_load = changes["motors", "no_load_speed"]
+    changes["motors", "corner_speed"] = _known(found, "corner_share", share, no_load)
     if found.hanging:
-        changes["motors", "armature"] = of_joints("armature")
-        changes["motors", "corner_speed"] = of_joints("corner_speed")
+        armature = hardware.reflected_inertia
+        first = np.broadcast_to(armature, 12)[:3]
+        changes["motors", "armature"] = _known(found, "armature", first)
     text = source.read_text(encoding="utf-8")
+    expected: dict[str, Any] = tomllib.loads(text)
     for (table, key), value in changes.items():
-        text = _with_value(text, table, key, value)
-    if found_path := re.search(r'^mjcf *= *"(.*)"', text, re.MULTILINE):
-        moved = os.path.relpath(source.parent / found_path[1], folder)
-        text = text.replace(found_path[0], f'mjcf = "{moved}"')
-    open_ones = [
-        f"#   {one.name} of {one.joint}: {one.verdict}"
-        for one in found.numbers
-        if one.verdict != "identified"
-    ]
+        written = row(value) if isinstance(value, list) else f"{value:.7g}"
+        text = _with_value(text, table, key, written)
+        expected.setdefault(table, {})[key] = tomllib.loads(f"x = {written}")["x"]
+    if "mjcf" in expected:
+        moved = os.path.relpath(source.parent / expected["mjcf"], folder)
+        expected["mjcf"] = moved
+        text = re.sub(
+            r"(?m)^mjcf *= *[^\n]*", lambda _: f'mjcf = "{moved}"', text, count=1
+        )
+    if tomllib.loads(text) != expected:
+        raise UserError(
+            f"{source}: give each number of [motors] and [losses] a line of its own, as bp2 robot new does"
+        )
     head = [
-        f"# Identified from a log of {found.log.rows} rows, {found.windows} windows of free legs."
+        "# Identified by `bp2 identify`, but for what the log does not tell:",
+        *(
+            f"#   {one.name} of {one.joint}: {one.verdict}"
+            for one in found.numbers
+            if one.verdict != "identified"
+        ),
     ]
-    return "\n".join([*head, *open_ones, text])
+    return "\n".join([*head, text])
+
+
+def _known(
+    found: Identification, name: str, before: object, factor: object = 1.0
+) -> list[float]:
+    """Return abad's, hip's and knee's number where it was identified, else the number
+    before; times a factor."""
+    values = np.broadcast_to(np.asarray(before, dtype=float), 3).copy()
+    for one in found.numbers:
+        if one.name == name and one.verdict == "identified":
+            values[:] = np.where(
+                [one.joint in (joint, "all") for joint in JOINTS], one.value, values
+            )
+    return (values * np.asarray(factor, dtype=float)).tolist()
 
 
 def _with_value(text: str, table: str, key: str, value: str) -> str:
     """Return TOML with a key of a table set; the table and the key are added if missing."""
     line = f"{key} = {value}"
-    head = re.search(rf"^\[{table}\][^\n]*\n", text, re.MULTILINE)
+    head = re.search(rf"(?m)^\[{table}\][^\n]*\n", text)
     if head is None:
         return f"{text.rstrip()}\n\n[{table}]\n{line}\n"
     rest = text[head.end() :]
-    end = (
-        match.start() if (match := re.search(r"^\[", rest, re.MULTILINE)) else len(rest)
-    )
-    body, known = re.subn(
-        rf"^{key} *=.*$", line, rest[:end], count=1, flags=re.MULTILINE
-    )
-    return text[: head.end()] + (body if known else f"{line}\n{body}") + rest[end:]
+    after = re.search(r"(?m)^\[", rest)
+    end = after.start() if after else len(rest)
+    body, known = re.subn(rf"(?m)^{key} *=.*$", line, rest[:end], count=1)
+    if not known:
+        body = f"{line}\n{body}"
+    return text[: head.end()] + body + rest[end:]
 
 
 @styled
 def identification_figure(found: Identification) -> Figure:
     """Draw the error of predicted angles over the time since a window's start, on rows
     that the fit has not seen."""
-    figure = Figure(figsize=(1.2 * WIDTH, 3.2), layout="constrained")
+    figure = Figure(figsize=(1.2 * WIDTH, 3.4), layout="constrained")
     colors = {"fitted": FRONT, "configured": FALL, "constant velocity": QUIET}
-    for i, (axes, joint) in enumerate(zip(figure.subplots(1, 3), JOINTS, strict=True)):
+    panels = figure.subplots(1, 3, sharey=True)
+    for i, (axes, joint) in enumerate(zip(panels, JOINTS, strict=True)):
         for way, errors in found.over_time.items():
             error = 1e3 * np.array(errors)[:, i]
             time = 1e3 * found.window * np.arange(1, len(error) + 1) / len(error)
             axes.plot(time, error, color=colors[way], label=way)
         axes.set(title=joint, xlabel="Time since the start [ms]", yscale="log")
         axes.grid(color=INK, alpha=0.1)
-    figure.axes[0].set_ylabel("RMS error, held-out rows [mrad]")
-    legend_above(figure.axes[2])
+    panels[0].set_ylabel("RMS error, held-out rows [mrad]")
+    legend_above(panels[2])
     return figure

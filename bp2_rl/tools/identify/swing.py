@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from bp2_rl.robot.actuator import Actuator, pd_torque, torque_limits
 from bp2_rl.robot.kernel.arrowhead import GeneralizedVector
@@ -24,12 +24,12 @@ from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
 from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector
 
-STEPS = 2
-"""Integration steps between two rows of a log, by the midpoint rule."""
-EARLIER = 3
-"""Rows before a window whose targets may still act: the greatest delay."""
-STICTION = 0.05
-"""rad/s, below which Coulomb friction is as viscous."""
+STEP = 1e-3
+"""s, longest integration step, by the midpoint rule."""
+LONGEST_DELAY = 0.02  # s, as of `Losses.latency`
+STOPPED = 0.7
+"""Share of a joint's momentum that Coulomb friction takes in a step near rest: all of it
+could turn the motion round."""
 
 
 class Motors(NamedTuple):
@@ -40,101 +40,86 @@ class Motors(NamedTuple):
     friction: Float[Array, "3"]  # Nm, Coulomb's
     viscosity: Float[Array, "3"]  # Nm s/rad
     armature: Float[Array, "3"]  # kg m2, the rotor's inertia at the joint
-    corner_speed: Float[Array, "3"]  # rad/s
+    corner_share: Float[Array, "3"]  # corner speed over the no-load speed
     delay: Float[Array, "1"]  # s, from a target to its torque
 
 
 class Windows(NamedTuple):
     """Recorded windows of free legs: arrays over rows, legs and windows."""
 
+    step: Float[Array, ""]  # s, between rows
     q: Float[Array, "rows+1 4 W 3"]  # rad, from the start on
-    q_target: Float[Array, "rows+3 4 W 3"]  # rad, from `EARLIER` rows before the start
-    step: Float[Array, "rows 4 W"]  # s, between rows
+    q_target: Float[Array, "before+rows 4 W 3"]  # rad, from `before` rows earlier on
     up: Float[Array, "rows 4 W 3"]
     spin: Float[Array, "rows 4 W 3"]  # rad/s
     turning: Float[Array, "rows 4 W 3"]  # rad/s2, the spin's derivative
     start: Float[Array, "4 W 6"]  # rad and rad/s, estimated angles and rates
-    weight: Float[Array, "4 W"]  # 1, or 0 for a window that fills up the array
+    kept: Bool[Array, "4 W"]  # False of a window that fills up the array
     swing: Int[Array, "4 W"]  # index of the swing to which a window belongs
 
 
+class Rig(NamedTuple):
+    """A robot as the fit takes it."""
+
+    design: Design
+    drive: Actuator  # gains and limits, (3,) over abad, hip and knee
+    gear_loss: float  # share of the torque that the gears take
+    configured: Motors
+    guess: Motors  # positive, where the fit begins
+
+
 def predict(
-    design: Design,
-    drive: Actuator,
-    gear_loss: float,
-    motors: Motors,
-    start: Array,
-    windows: Windows,
+    rig: Rig, motors: Motors, start: Array, windows: Windows, substeps: int
 ) -> Float[Array, "rows 4 W 3"]:
     """Predict the angles of free legs after each row of their windows, rad.
 
     Args:
-        design: the robot's, of whose legs the armature is replaced.
-        drive: gains and peak torque, each a number or an array (3,).
-        gear_loss: share of the torque that the gears take.
-        motors: what is tried.
+        rig: the robot, whose motors' numbers are replaced.
+        motors: the numbers that are tried.
         start: (4, W, 6), angles (rad) and rates (rad/s) at each window's start.
         windows: the recorded ones.
+        substeps: integration steps between two rows.
     """
-    drive = dataclasses.replace(
-        drive, corner_speed=motors.corner_speed, no_load_speed=motors.no_load_speed
-    )
-    still = [ZERO] * len(design.armature[3:])
-    design = dataclasses.replace(
-        design, armature=(*motors.armature, *design.armature[3:])
-    )
+    corner = motors.corner_share * motors.no_load_speed
+    limits = {"corner_speed": corner, "no_load_speed": motors.no_load_speed}
+    drive = dataclasses.replace(rig.drive, **limits)
+    springs = rig.design.armature[3:]
+    design = dataclasses.replace(rig.design, armature=(*motors.armature, *springs))
+    still = [jnp.zeros_like(start[..., 0])] * len(springs)
 
-    def acceleration(
-        q: Array, qd: Array, target: Array, up: Array, spin: Array, turning: Array
-    ) -> Array:
+    def acceleration(q: Array, qd: Array, target: Array, trunk: list[Array]) -> Array:
         asked = pd_torque(drive, q, qd, target, jnp.zeros(()))
         torque = motors.torque_scale * jnp.clip(asked, *torque_limits(drive, qd))
-        most = motors.friction + gear_loss * jnp.abs(torque)
-        torque = torque - most * jnp.tanh(qd / STICTION) - motors.viscosity * qd
-        return _free_acceleration(
-            design,
-            _parts(q) + still,
-            _parts(qd) + still,
-            _parts(torque) + still,
-            up,
-            spin,
-            turning,
-        )
+        friction = motors.friction + rig.gear_loss * jnp.abs(torque)
+        torque = torque - motors.viscosity * qd
+        parts = (_parts(x) + still for x in (q, qd, torque))
+        return _free_acceleration(design, *parts, friction, dt, *trunk)
+
+    dt = windows.step / substeps
+    rows, targets = len(windows.up), windows.q_target
+    integral = jnp.concatenate([jnp.zeros_like(targets[:1]), jnp.cumsum(targets, 0)])
+
+    def held_until(place: Array) -> Array:
+        whole = jnp.clip(jnp.floor(place), 0, len(targets) - 1)
+        i = whole.astype(int)
+        return integral[i] + (place - whole) * targets[i]
 
     def row(
-        state: tuple[Array, Array], recorded: tuple[Array, ...]
+        state: tuple[Array, Array], now: list[Array]
     ) -> tuple[tuple[Array, Array], Array]:
-        (q, qd), (targets, step, up, spin, turning) = state, recorded
-        dt = step / STEPS
-        for i in range(STEPS):
-            target = _held(targets, (motors.delay[0] - i * dt) / dt, step / dt)
-            half = 0.5 * dt[..., None]
-            middle = qd + half * acceleration(q, qd, target, up, spin, turning)
-            rate = acceleration(q + half * qd, middle, target, up, spin, turning)
-            q = q + 2.0 * half * middle
-            qd = qd + 2.0 * half * rate
+        (q, qd), (place, *trunk) = state, now
+        for i in range(substeps):
+            begin = place + i / substeps
+            target = substeps * (held_until(begin + 1.0 / substeps) - held_until(begin))
+            middle = qd + 0.5 * dt * acceleration(q, qd, target, trunk)
+            rate = acceleration(q + 0.5 * dt * qd, middle, target, trunk)
+            q = q + dt * middle
+            qd = qd + dt * rate
         return (q, qd), q
 
-    rows = len(windows.step)
-    targets = jnp.stack(
-        [
-            windows.q_target[EARLIER - k : EARLIER - k + rows]
-            for k in range(EARLIER + 1)
-        ],
-        axis=1,
-    )
-    recorded = targets, windows.step, windows.up, windows.spin, windows.turning
+    late = len(targets) - rows - motors.delay[0] / windows.step
+    recorded = [late + jnp.arange(rows), windows.up, windows.spin, windows.turning]
     return jax.lax.scan(row, (start[..., :3], start[..., 3:]), recorded)[1]
-
-
-def _held(targets: Array, late: Array, row: Array) -> Array:
-    """Return the mean target over an integration step: each row's holds until the next
-    row's, `late` steps late."""
-    mean = targets[0]
-    for earlier in range(EARLIER):
-        share = jnp.clip(late - earlier * row, 0.0, 1.0)[..., None]
-        mean = mean + share * (targets[earlier + 1] - targets[earlier])
-    return mean
 
 
 def _free_acceleration(
@@ -142,29 +127,43 @@ def _free_acceleration(
     q: list[Number],
     qd: list[Number],
     torque: list[Number],
+    friction: Array,
+    dt: Array,
     up: Array,
     spin: Array,
     turning: Array,
 ) -> Array:
-    """Return the accelerations of abad, hip and knee of legs that touch nothing."""
-    masses = Masses.of(
-        design, jnp.ones((2 + 4 * len(design.links), 1)), jnp.zeros((3, 1))
-    )
+    """Return the accelerations of abad, hip and knee of legs that touch nothing; Coulomb
+    friction does not turn a motion round within a step `dt`."""
+    factors = jnp.ones((2 + 4 * len(design.links), 1))
+    masses = Masses.of(design, factors, jnp.zeros((3, 1)))
     pose = RobotPose(_rotation(_vector(up)), Legs.of(design, masses, q))
     inertia = inertia_matrix(FusionBarriers(None), Robots(design, masses, 1.0), pose)
     velocity = GeneralizedVector([ZERO, ZERO, ZERO, *_vector(spin)], qd)
     applied = GeneralizedVector([ZERO] * 6, torque)
     force = smooth_force(design, masses, pose, q, velocity, applied).legs
     turned = pose.rotation.to_world(_vector(turning))
-    free = [
-        own - sum(coupled * turn for coupled, turn in zip(row[3:], turned, strict=True))
-        for own, row in zip(force[:3], inertia.coupling[:3], strict=True)
+    free: list[Number] = []
+    for i, row in enumerate(inertia.coupling[:3]):
+        stopping = STOPPED * inertia.legs[i][i] * qd[i] / dt
+        most = friction[..., i]
+        held = most * jnp.tanh(stopping / (most + 1e-6))
+        trunk = sum(
+            coupled * turn for coupled, turn in zip(row[3:], turned, strict=True)
+        )
+        free.append(force[i] - held - trunk)
+    rows = [
+        jnp.stack(
+            jnp.broadcast_arrays(
+                *(inertia.legs[max(i, j)][min(i, j)] for j in range(3))
+            ),
+            -1,
+        )
+        for i in range(3)
     ]
-    lower = [[inertia.legs[max(i, j)][min(i, j)] for j in range(3)] for i in range(3)]
-    matrix = jnp.stack(
-        [jnp.stack(jnp.broadcast_arrays(*entries), -1) for entries in lower], -2
-    )
-    return jnp.linalg.solve(matrix, jnp.stack(free, -1)[..., None])[..., 0]
+    across = [jnp.cross(rows[i - 2], rows[i - 1]) for i in range(3)]
+    solved = sum(x * column[..., None] for x, column in zip(across, free, strict=True))
+    return solved / jnp.sum(rows[0] * across[0], -1, keepdims=True)
 
 
 def _rotation(up: Vector) -> Rotation:
