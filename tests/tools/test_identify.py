@@ -17,7 +17,7 @@ from bp2_rl.robot.robot_file import load_robot
 from bp2_rl.tools.identify.excite import excitation, excitation_text
 from bp2_rl.tools.identify.fit import cut_windows, fit_motors, predicted_error, rig_of
 from bp2_rl.tools.identify.log import describe_log, read_log
-from bp2_rl.tools.identify.outcome import identified_file, identify
+from bp2_rl.tools.identify.outcome import HANGING, identified_file, identify
 from bp2_rl.tools.identify.swing import Motors
 
 SECONDS = 9.0
@@ -178,7 +178,7 @@ def test_a_short_log_says_how_much_is_needed(log_file):
     chosen = log.time < 1.0
     windows = cut_windows(log, 0.2, 0.2, chosen=chosen)
     with pytest.raises(UserError, match="too few"):
-        fit_motors(rig_of(ROBOT.hardware, ROBOT.gains), windows, ["friction", "delay"])
+        fit_motors(rig_of(ROBOT.hardware, ROBOT.gains), windows, HANGING)
     with pytest.raises(UserError, match="no leg is free"):
         cut_windows(log, 0.2, 0.2, chosen=log.time < 0.1)
 

@@ -50,7 +50,7 @@ MODEL, MODEL_DELAY = 0.004, 3e-5
 """Share of a number, and s of the delay, by which the model itself may be wrong: it is
 added to the spread."""
 SETTLED = 1e-4
-"""Share of the loss by which a last step may still lower it."""
+"""Share of the loss by which two last steps may still lower it."""
 BLOCK = 0.5  # s, of a hanging leg, whose windows may share errors
 ENOUGH = 2
 """Swings that a fit needs for each unknown of the motors."""
@@ -249,7 +249,7 @@ def fit_motors(
     cost = jax.jit(lambda *x: jnp.sum(_huber(residual(*x))))
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)
-    damping, least, converged = 1e-3, float(cost(u, start, windows)), False
+    damping, least, calm = 1e-3, float(cost(u, start, windows)), 0
     if not math.isfinite(least):
         raise UserError(
             "the robot file's numbers predict no motion from this log: look at joints' names, signs and units"
@@ -265,8 +265,8 @@ def fit_motors(
                 u, start = u + du, start + dstart
                 break
             damping *= 8.0
-        converged = gain < SETTLED * least and damping < 0.1
-        if converged:
+        calm = calm + 1 if gain < SETTLED * least else 0
+        if calm == 2:
             break
         damping = max(damping / 8.0, 1e-8)
     normal = _normal(windows, *map(np.asarray, derivatives(u, start, windows)))
@@ -281,7 +281,7 @@ def fit_motors(
     kept = {
         name: np.where(x < VANISHED * guess[name], 0.0, x) for name, x in found.items()
     }
-    return Found(Motors(**kept), Motors(**spread), converged)
+    return Found(Motors(**kept), Motors(**spread), calm == 2)
 
 
 def _derivatives(

@@ -229,7 +229,11 @@ def identified_file(
         text = re.sub(
             r"(?m)^mjcf *= *[^\n]*", lambda _: f'mjcf = "{moved}"', text, count=1
         )
-    if tomllib.loads(text) != expected:
+    try:
+        same = tomllib.loads(text) == expected
+    except tomllib.TOMLDecodeError:
+        same = False
+    if not same:
         raise UserError(
             f"{source}: give each number of [motors] and [losses] a line of its own, as bp2 robot new does"
         )

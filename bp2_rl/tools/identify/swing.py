@@ -161,9 +161,9 @@ def _free_acceleration(
         )
         for i in range(3)
     ]
-    across = [jnp.cross(rows[i - 2], rows[i - 1]) for i in range(3)]
-    solved = sum(x * column[..., None] for x, column in zip(across, free, strict=True))
-    return solved / jnp.sum(rows[0] * across[0], -1, keepdims=True)
+    # LAPACK's solver also keeps XLA from compiling all of the step as one for minutes
+    right = jnp.stack(free, -1)[..., None]
+    return jnp.linalg.solve(jnp.stack(rows, -2), right)[..., 0]
 
 
 def _rotation(up: Vector) -> Rotation:
