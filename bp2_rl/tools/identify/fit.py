@@ -49,7 +49,7 @@ INFORMATIVE = 1e-7
 MODEL, MODEL_DELAY = 0.004, 3e-5
 """Share of a number, and s of the delay, by which the model itself may be wrong: it is
 added to the spread."""
-SETTLED = 1e-4
+SETTLED = 5e-4
 """Share of the loss by which two last steps may still lower it."""
 BLOCK = 0.5  # s, of a hanging leg, whose windows may share errors
 ENOUGH = 2

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
-from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, legend_above, styled
+from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot.conventions import JOINTS
 from bp2_rl.robot.robot_file import GainNumbers, RobotFile, row
 from bp2_rl.tools.identify.fit import (
@@ -292,5 +292,5 @@ def identification_figure(found: Identification) -> Figure:
         axes.set(title=joint, xlabel="Time since the start [ms]", yscale="log")
         axes.grid(color=INK, alpha=0.1)
     panels[0].set_ylabel("RMS error, held-out rows [mrad]")
-    legend_above(panels[2])
+    panels[0].legend(loc="lower right")
     return figure
