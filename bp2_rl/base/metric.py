@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 NOT_MEASURED = "-"
 # A value is held in SI units and shown in these.
-SCALES = {"mm": 1e3, "ms": 1e3, "kW": 1e-3, "deg": 180.0 / math.pi}
+SCALES = {"mm": 1e3, "mrad": 1e3, "ms": 1e3, "kW": 1e-3, "deg": 180.0 / math.pi}
 
 
 class Row(NamedTuple):

@@ -14,6 +14,7 @@ COMMANDS = {
     "robot": "make a robot file from a model, and look at what it says",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "study": "compare recipes over seeds: the ablation, and the control steps to 10.74 m/s",
+    "identify": "find the numbers of a robot's motors from a recording of the robot",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
     "paper": "the paper's evidence: its figures, pendulums, studies of trajectories and deep benchmarks",

@@ -14,9 +14,10 @@ from bp2_rl.base.folders import open_report
 from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli.app import Command, Entry, choose
+from bp2_rl.cli.printing import print_table
 from bp2_rl.cli.trajopt import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
-from bp2_rl.paper.cli.report import print_table, with_folder
+from bp2_rl.paper.cli.report import with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw
 from bp2_rl.paper.index.item import Statement, statements_of
 

@@ -20,6 +20,7 @@ from bp2_rl.base.metric import Table, show, table_of
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.app import Command, choose, entries
+from bp2_rl.cli.printing import print_table
 from bp2_rl.cli.trajopt import (
     OUT,
     PROBLEM_SCREEN,
@@ -37,7 +38,6 @@ from bp2_rl.optimiser.problem import (
     SpeedStep,
     Starts,
 )
-from bp2_rl.paper.cli.report import print_table
 from bp2_rl.paper.trajectories.codesign import CodesignSettings
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
 

@@ -1,0 +1,1 @@
+"""Identification of a robot's motors from recordings of the real robot."""
