@@ -23,7 +23,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kernel.design import Design
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.robot_file import GainNumbers
-from bp2_rl.tools.identify.log import Log
+from bp2_rl.tools.identify.log import RobotLog
 from bp2_rl.tools.identify.swing import (
     LONGEST_DELAY,
     STEP,
@@ -103,7 +103,7 @@ def rig_of(hardware: HardwareSpec, gains: GainNumbers) -> Rig:
 
 
 def cut_windows(
-    log: Log,
+    log: RobotLog,
     length: float,
     stride: float,
     *,
@@ -188,15 +188,15 @@ def _smooth(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a signal's value and derivative at each row by a local polynomial."""
     if not past:
-        return savgol_filter(x, SMOOTHED, 3, axis=0), savgol_filter(
-            x, SMOOTHED, 3, deriv=1, delta=step, axis=0
-        )
-    value, slope = (
+        value = savgol_filter(x, SMOOTHED, 3, axis=0)
+        slope = savgol_filter(x, SMOOTHED, 3, deriv=1, delta=step, axis=0)
+        return np.asarray(value), np.asarray(slope)
+    now, rate = (
         savgol_coeffs(PAST, 2, pos=PAST - 1, deriv=order, delta=step, use="dot")
         for order in (0, 1)
     )
     rows = np.stack([np.roll(x, PAST - 1 - i, axis=0) for i in range(PAST)])
-    return np.tensordot(value, rows, 1), np.tensordot(slope, rows, 1)
+    return np.tensordot(now, rows, 1), np.tensordot(rate, rows, 1)
 
 
 def predicted_error(
@@ -234,9 +234,9 @@ def fit_motors(
 
     def motors(u: jax.Array) -> Motors:
         parts = zip(free, jnp.split(u, sizes[:-1]), strict=True)
-        tried = guess | {name: guess[name] * jnp.exp(part) for name, part in parts}
-        tried["corner_share"] = jnp.minimum(tried["corner_share"], 0.98)
-        return Motors(**tried)
+        changed = {name: guess[name] * jnp.exp(part) for name, part in parts}
+        tried = Motors(**(guess | changed))
+        return tried._replace(corner_share=jnp.minimum(tried.corner_share, 0.98))
 
     def residual(u: jax.Array, start: jax.Array, windows: Windows) -> jax.Array:
         q = predict(rig, motors(u), start, windows, substeps)

@@ -53,7 +53,7 @@ Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Log:
+class RobotLog:
     """Rows of a log, in the order, axes and signs of bp2_rl's joints."""
 
     time: Float[np.ndarray, " rows"]  # s
@@ -93,7 +93,7 @@ class LogQuality:
     )
 
 
-def read_log(path: Path, anatomy: Anatomy) -> Log:
+def read_log(path: Path, anatomy: Anatomy) -> RobotLog:
     """Read a log of a robot.
 
     Raises:
@@ -117,7 +117,7 @@ def read_log(path: Path, anatomy: Anatomy) -> Log:
         ) from error
 
 
-def _log(columns: Columns, anatomy: Anatomy) -> Log:
+def _log(columns: Columns, anatomy: Anatomy) -> RobotLog:
     time = columns.get("time")
     if time is None:
         raise UserError(f"no column `time`; it has {_listed(columns)}")
@@ -161,7 +161,7 @@ def _log(columns: Columns, anatomy: Anatomy) -> Log:
         raise UserError(
             "`up` must be a vector of length 1 that points upwards: (0, 0, 1) of a level trunk"
         )
-    return Log(
+    return RobotLog(
         time=time - time[0],
         q=signs * angles["q"] + offsets,
         q_target=signs * angles["q_target"] + offsets,
@@ -173,12 +173,12 @@ def _log(columns: Columns, anatomy: Anatomy) -> Log:
     )
 
 
-def describe_log(log: Log) -> LogQuality:
+def describe_log(log: RobotLog) -> LogQuality:
     """Measure jitter, lost rows, the encoders' quantum, and how late `qd` is."""
     between = np.diff(log.time)
     changes = np.abs(np.diff(log.q, axis=0))
     moved = changes[changes > 1e-6]
-    delay, gain = _lateness(log) if log.qd is not None else (None, None)
+    delay, gain = _lateness(log)
     return LogQuality(
         rows=len(log.time),
         step=log.step,
@@ -190,17 +190,17 @@ def describe_log(log: Log) -> LogQuality:
     )
 
 
-def _lateness(log: Log) -> tuple[float | None, float | None]:
+def _lateness(log: RobotLog) -> tuple[float | None, float | None]:
     """Return the delay (s) and the gain at which the derivative of q fits qd best."""
-    rate = np.gradient(log.q, log.time, axis=0)
-    if not np.any(rate):
+    rate, qd = np.gradient(log.q, log.time, axis=0), log.qd
+    if qd is None or not np.any(rate):
         return None, None
     fits: list[tuple[float, float, float]] = []
     for delay in DELAYS:
         late = [np.interp(log.time - delay, log.time, joint) for joint in rate.T]
         given = np.stack(late, axis=1)
-        gain = float(np.sum(given * log.qd) / np.sum(given * given))
-        fits.append((float(np.sum((log.qd - gain * given) ** 2)), float(delay), gain))
+        gain = float(np.sum(given * qd) / np.sum(given * given))
+        fits.append((float(np.sum((qd - gain * given) ** 2)), float(delay), gain))
     return min(fits)[1:]
 
 

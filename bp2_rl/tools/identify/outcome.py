@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -26,7 +26,7 @@ from bp2_rl.tools.identify.fit import (
     predicted_error,
     rig_of,
 )
-from bp2_rl.tools.identify.log import Log, LogQuality, describe_log
+from bp2_rl.tools.identify.log import LogQuality, RobotLog, describe_log
 from bp2_rl.tools.identify.swing import Windows
 
 HELD_OUT = 1.0 / 3.0
@@ -95,7 +95,7 @@ class Identification:
     over_time: dict[str, tuple[tuple[float, ...], ...]]
 
 
-def identify(log: Log, robot: RobotFile, gains: GainNumbers) -> Identification:
+def identify(log: RobotLog, robot: RobotFile, gains: GainNumbers) -> Identification:
     """Find the numbers of a robot's motors that predict its free legs best.
 
     Args:
@@ -218,7 +218,7 @@ def identified_file(
         first = np.broadcast_to(armature, 12)[:3]
         changes["motors", "armature"] = _known(found, "armature", first)
     text = source.read_text(encoding="utf-8")
-    expected: dict[str, Any] = tomllib.loads(text)
+    expected = tomllib.loads(text)
     for (table, key), value in changes.items():
         written = row(value) if isinstance(value, list) else f"{value:.7g}"
         text = _with_value(text, table, key, written)

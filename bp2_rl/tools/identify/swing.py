@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from bp2_rl.base import arrays
 from bp2_rl.robot.actuator import Actuator, pd_torque, torque_limits
 from bp2_rl.robot.kernel.arrowhead import GeneralizedVector
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
@@ -35,27 +36,29 @@ could turn the motion round."""
 class Motors(NamedTuple):
     """Numbers of the motors that a log can tell; arrays (3,) over abad, hip and knee."""
 
-    torque_scale: Float[Array, "3"]  # of the torque that gains and limits say
-    no_load_speed: Float[Array, "3"]  # rad/s
-    friction: Float[Array, "3"]  # Nm, Coulomb's
-    viscosity: Float[Array, "3"]  # Nm s/rad
-    armature: Float[Array, "3"]  # kg m2, the rotor's inertia at the joint
-    corner_share: Float[Array, "3"]  # corner speed over the no-load speed
-    delay: Float[Array, "1"]  # s, from a target to its torque
+    torque_scale: Float[arrays.Array, "3"]  # of the torque that gains and limits say
+    no_load_speed: Float[arrays.Array, "3"]  # rad/s
+    friction: Float[arrays.Array, "3"]  # Nm, Coulomb's
+    viscosity: Float[arrays.Array, "3"]  # Nm s/rad
+    armature: Float[arrays.Array, "3"]  # kg m2, the rotor's inertia at the joint
+    corner_share: Float[arrays.Array, "3"]  # corner speed over the no-load speed
+    delay: Float[arrays.Array, "1"]  # s, from a target to its torque
 
 
 class Windows(NamedTuple):
     """Recorded windows of free legs: arrays over rows, legs and windows."""
 
-    step: Float[Array, ""]  # s, between rows
-    q: Float[Array, "rows+1 4 W 3"]  # rad, from the start on
-    q_target: Float[Array, "before+rows 4 W 3"]  # rad, from `before` rows earlier on
-    up: Float[Array, "rows 4 W 3"]
-    spin: Float[Array, "rows 4 W 3"]  # rad/s
-    turning: Float[Array, "rows 4 W 3"]  # rad/s2, the spin's derivative
-    start: Float[Array, "4 W 6"]  # rad and rad/s, estimated angles and rates
-    kept: Bool[Array, "4 W"]  # False of a window that fills up the array
-    swing: Int[Array, "4 W"]  # index of the swing to which a window belongs
+    step: Float[arrays.Array, ""]  # s, between rows
+    q: Float[arrays.Array, "rows+1 4 W 3"]  # rad, from the start on
+    q_target: Float[
+        arrays.Array, "before+rows 4 W 3"
+    ]  # rad, from `before` rows earlier on
+    up: Float[arrays.Array, "rows 4 W 3"]
+    spin: Float[arrays.Array, "rows 4 W 3"]  # rad/s
+    turning: Float[arrays.Array, "rows 4 W 3"]  # rad/s2, the spin's derivative
+    start: Float[arrays.Array, "4 W 6"]  # rad and rad/s, estimated angles and rates
+    kept: Bool[arrays.Array, "4 W"]  # False of a window that fills up the array
+    swing: Int[arrays.Array, "4 W"]  # index of the swing to which a window belongs
 
 
 class Rig(NamedTuple):
@@ -92,8 +95,18 @@ def predict(
         torque = motors.torque_scale * jnp.clip(asked, *torque_limits(drive, qd))
         friction = motors.friction + rig.gear_loss * jnp.abs(torque)
         torque = torque - motors.viscosity * qd
-        parts = (_parts(x) + still for x in (q, qd, torque))
-        return _free_acceleration(design, *parts, friction, dt, *trunk)
+        up, spin, turning = trunk
+        return _free_acceleration(
+            design,
+            _parts(q) + still,
+            _parts(qd) + still,
+            _parts(torque) + still,
+            friction,
+            dt,
+            up,
+            spin,
+            turning,
+        )
 
     dt = windows.step / substeps
     rows, targets = len(windows.up), windows.q_target
