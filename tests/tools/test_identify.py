@@ -15,7 +15,13 @@ from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import find_robot_file, shipped_files
 from bp2_rl.robot.robot_file import load_robot
 from bp2_rl.tools.identify.excite import excitation, excitation_text
-from bp2_rl.tools.identify.fit import cut_windows, fit_motors, predicted_error, rig_of
+from bp2_rl.tools.identify.fit import (
+    cut_windows,
+    fit_motors,
+    predicted_error,
+    predictor,
+    rig_of,
+)
 from bp2_rl.tools.identify.log import describe_log, read_log
 from bp2_rl.tools.identify.outcome import HANGING, identified_file, identify
 from bp2_rl.tools.identify.swing import Motors
@@ -146,7 +152,9 @@ def test_free_legs_move_as_in_mujoco(log_file):
     gains = ROBOT.gains
     assert gains is not None
     windows = cut_windows(read_log(log_file, ROBOT.anatomy), 0.05, 0.05)
-    error = predicted_error(rig_of(ROBOT.hardware, gains), TRUTH, windows)
+    error = predicted_error(
+        predictor(rig_of(ROBOT.hardware, gains), 0.002), TRUTH, windows
+    )
     assert np.sqrt(np.mean(error[-1] ** 2)) < 0.004
 
 
@@ -154,7 +162,9 @@ def test_a_sprung_robots_free_legs_are_predicted(log_file):
     """Springs at rest: from rest, without targets, legs fall alike with and without."""
     assert ROBOT.gains is not None
     windows = cut_windows(read_log(log_file, ROBOT.anatomy), 0.05, 0.5)
-    error = predicted_error(rig_of(BUILT, ROBOT.gains), TRUTH, windows)
+    error = predicted_error(
+        predictor(rig_of(BUILT, ROBOT.gains), 0.002), TRUTH, windows
+    )
     assert np.all(np.isfinite(error))
 
 

@@ -199,18 +199,23 @@ def _smooth(
     return np.tensordot(now, rows, 1), np.tensordot(rate, rows, 1)
 
 
+def predictor(rig: Rig, step: float) -> Callable[..., jax.Array]:
+    """Return `predict` of a robot, compiled once for all windows of one shape; `step`:
+    between rows, s."""
+    return jax.jit(partial(predict, rig, substeps=_substeps(step)))
+
+
 def predicted_error(
-    rig: Rig, motors: Motors, windows: Windows
+    run: Callable[..., jax.Array], motors: Motors, windows: Windows
 ) -> Float[np.ndarray, "rows n 3"]:
     """Return predicted less recorded angles, rad, after each row of all windows, from the
-    estimated starts."""
-    run = jax.jit(partial(predict, rig, substeps=_substeps(windows)))
+    estimated starts; `run` is made by `predictor`."""
     error = np.asarray(run(motors, windows.start, windows)) - windows.q[1:]
     return error[:, np.asarray(windows.kept)]
 
 
-def _substeps(windows: Windows) -> int:
-    return math.ceil(float(windows.step) / STEP - 1e-3)
+def _substeps(step: float) -> int:
+    return math.ceil(step / STEP - 1e-3)
 
 
 def fit_motors(
@@ -245,7 +250,7 @@ def fit_motors(
         both = jnp.concatenate([error.reshape(*prior.shape[:2], -1), prior], -1)
         return jnp.where(windows.kept[..., None], both, 0.0)
 
-    substeps = _substeps(windows)
+    substeps = _substeps(float(windows.step))
     cost = jax.jit(lambda *x: jnp.sum(_huber(residual(*x))))
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)

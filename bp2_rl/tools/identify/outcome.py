@@ -6,9 +6,11 @@ import math
 import os
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
@@ -24,6 +26,7 @@ from bp2_rl.tools.identify.fit import (
     cut_windows,
     fit_motors,
     predicted_error,
+    predictor,
     rig_of,
 )
 from bp2_rl.tools.identify.log import LogQuality, RobotLog, describe_log
@@ -113,9 +116,10 @@ def identify(log: RobotLog, robot: RobotFile, gains: GainNumbers) -> Identificat
         held = np.floor(log.time / BLOCK) % 3 == 2
     windows = cut_windows(log, length, STRIDE[log.hanging], chosen=~held)
     found = fit_motors(rig, windows, HANGING if log.hanging else RUNNING)
+    run = predictor(rig, log.step)
     by_start = {
         start: _errors(
-            rig, found, cut_windows(log, length, log.step, chosen=held, past=past)
+            run, rig, found, cut_windows(log, length, log.step, chosen=held, past=past)
         )
         for start, past in (("a centred filter", False), ("past rows alone", True))
     }
@@ -124,7 +128,6 @@ def identify(log: RobotLog, robot: RobotFile, gains: GainNumbers) -> Identificat
         for start, ways in by_start.items()
         for i, joint in enumerate(JOINTS)
     ]
-    centred = by_start["a centred filter"]
     return Identification(
         log=describe_log(log),
         hanging=log.hanging,
@@ -133,19 +136,22 @@ def identify(log: RobotLog, robot: RobotFile, gains: GainNumbers) -> Identificat
         converged=found.converged,
         numbers=tuple(_numbers(rig, found, HANGING if log.hanging else RUNNING)),
         errors=tuple(errors),
-        over_time={way: tuple(map(tuple, x.tolist())) for way, x in centred.items()},
+        over_time={
+            way: tuple(map(tuple, x.tolist()))
+            for way, x in by_start["a centred filter"].items()
+        },
     )
 
 
 def _errors(
-    rig: Rig, found: Found, windows: Windows
+    run: Callable[..., jax.Array], rig: Rig, found: Found, windows: Windows
 ) -> dict[str, Float[np.ndarray, "rows 3"]]:
     """Return the errors of three ways to predict held-out windows, rad."""
     time = float(windows.step) * np.arange(1, len(windows.q))[:, None, None, None]
     constant = windows.start[..., :3] + windows.start[..., 3:] * time - windows.q[1:]
     ways = {
-        "fitted": predicted_error(rig, found.motors, windows),
-        "configured": predicted_error(rig, rig.configured, windows),
+        "fitted": predicted_error(run, found.motors, windows),
+        "configured": predicted_error(run, rig.configured, windows),
         "constant velocity": constant[:, np.asarray(windows.kept)],
     }
     return {way: np.sqrt(np.mean(error**2, axis=1)) for way, error in ways.items()}
@@ -214,8 +220,7 @@ def identified_file(
     no_load = changes["motors", "no_load_speed"]
     changes["motors", "corner_speed"] = _known(found, "corner_share", share, no_load)
     if found.hanging:
-        armature = hardware.reflected_inertia
-        first = np.broadcast_to(armature, 12)[:3]
+        first = np.broadcast_to(hardware.reflected_inertia, 12)[:3]
         changes["motors", "armature"] = _known(found, "armature", first)
     text = source.read_text(encoding="utf-8")
     expected = tomllib.loads(text)
