@@ -1,19 +1,38 @@
 """Robots that BP2 may be: the built robot with other values for what had to be assumed,
-on the paper's treadmill and on its road."""
+on the paper's treadmill and on its road.
 
+`assumptions.toml` has the ranges. `robots.csv` has robots drawn from the ranges, each
+with the weight that the paper's numbers give to the robot: the posterior of `bp2 paper
+posterior`.
+"""
+
+import csv
 import dataclasses
 import tomllib
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.serialization import from_json
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
+from bp2_rl.simulation.measuring import time_at
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import World
 
-ASSUMPTIONS = "plausible/assumptions.toml"
+ASSUMPTIONS, ROBOTS = "plausible/assumptions.toml", "plausible/robots.csv"
+RISE = 1.2  # m/s2, of the command: slow, so that a robot is told its own best speed
+HOLD = 1.0  # s, of the greatest command
+SECOND = 1000  # samples
+HIND = slice(6, 12)  # motors of the hind legs
 Values = Mapping[str, float]
 """The assumed numbers of a robot, by name."""
 
@@ -33,11 +52,36 @@ class Assumption:
             return low * (high / low) ** np.asarray(share)
         return low + (high - low) * np.asarray(share)
 
+    def share_of(self, value: float) -> float:
+        """Return the share of the drawn robots that lies below a value."""
+        low, high = self.range
+        if self.even_in == "log":
+            return float(np.log(value / low) / np.log(high / low))
+        return (value - low) / (high - low)
+
 
 def read_assumptions() -> dict[str, Assumption]:
     """Return all assumptions by name, from the file that ships."""
     text = asset_path(ASSUMPTIONS).read_text("utf-8")
     return {name: from_json(Assumption, a) for name, a in tomllib.loads(text).items()}
+
+
+def read_posterior(count: int) -> list[Values]:
+    """Return robots that explain the paper's numbers, from the file that ships.
+
+    A robot comes as often as its weight says; the same `count` gives the same robots.
+    """
+    with asset_path(ROBOTS).open(encoding="utf-8", newline="") as file:
+        rows = [
+            {key: float(x) for key, x in row.items() if key != "policy"}
+            for row in csv.DictReader(file)
+        ]
+    upto = np.cumsum([row.pop("weight") for row in rows])
+    which = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
+    return [rows[i] for i in which]
+
+
+# --- A robot and its conditions -------------------------------------------------------
 
 
 def plausible_robot(values: Values) -> HardwareSpec:
@@ -67,3 +111,91 @@ def on_the_belt(values: Values) -> HardwareSpec:
 def road(values: Values) -> World:
     """Return the ground of the robot's run outdoors."""
     return World(slope=values["slope"], roughness=values["roughness"])
+
+
+# --- What such robots run -------------------------------------------------------------
+
+
+class BestSecond(NamedTuple):
+    """A run's fastest second, and its motors' peaks at the paper's pace."""
+
+    speed: float  # m/s; 0 where the run did not last a second
+    told: float  # m/s, in its middle
+    # W, of hind hip and hind knee, in the first second at the paper's outdoor speed, or
+    # in the fastest one
+    powers: tuple[float, float]
+    fell_at: float | None  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class PlausibleRun:
+    """What a plausible robot does under a policy, in the paper's numbers."""
+
+    belt: BestSecond
+    road: BestSecond
+    time_100m: float | None  # s, told what gave the road's best second; None: it fell
+
+
+def run_plausible(
+    policy: Policy, robots: Sequence[Values], launch: float
+) -> list[PlausibleRun]:
+    """Run robots on the treadmill, on the road and over 100 m.
+
+    On treadmill and road the command rises slowly to the greatest one of the policy's
+    training. A weak robot that is told too much at once runs slower than it can.
+
+    Args:
+        policy: under which they run.
+        robots: their values.
+        launch: m/s2, rise of the command in the race.
+    """
+    control = policy.card.env.control
+    rise = Ramp(
+        policy.card.env.commands.max_forward, acceleration=RISE, hold=HOLD
+    ).under(control)
+    outdoors = [
+        RunRequest(rise, plausible_robot(one), world=road(one)) for one in robots
+    ]
+    belts = [RunRequest(rise, on_the_belt(one)) for one in robots]
+    ran = simulate_all(best_second, policy, belts + outdoors)
+    on_belt, on_road = ran[: len(robots)], ran[len(robots) :]
+    races = [
+        dataclasses.replace(
+            one, schedule=_race(best.told, launch).under(control), finish=TRACK
+        )
+        for one, best in zip(outdoors, on_road, strict=True)
+    ]
+    times = simulate_all(_race_time, policy, races)
+    return list(map(PlausibleRun, on_belt, on_road, times))
+
+
+def _race(speed: float, launch: float) -> Ramp:
+    """Return a launch to a speed (m/s), held for as long as half of it would take over
+    the track."""
+    speed = max(speed, 1.0)
+    return Ramp(speed, acceleration=launch, hold=2.0 * TRACK / speed)
+
+
+def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
+    """Measure a run's fastest second, and the hind motors' peaks at the paper's
+    pace."""
+    if len(run) <= SECOND:
+        return BestSecond(0.0, 0.0, (0.0, 0.0), run.fell_at)
+    speeds = second_means(run.ground_velocity[:, 0])
+    best = int(np.argmax(speeds))
+    pace = int(np.argmax(speeds >= min(bp2.OUTDOOR_TOP_SPEED, speeds[best])))
+    during = slice(pace, pace + SECOND)
+    power = (run.torque * run.joint_velocity)[during, HIND].max(axis=0)
+    _, hip, knee = map(float, power.reshape(2, 3).max(axis=0))
+    told = float(run.command[best + SECOND // 2, 0])
+    return BestSecond(float(speeds[best]), told, (hip, knee), run.fell_at)
+
+
+def second_means(speed: Float[np.ndarray, " N"]) -> Float[np.ndarray, " K"]:
+    """Return the mean speed of every second, m/s."""
+    total = np.concatenate(([0.0], np.cumsum(speed)))
+    return (total[SECOND:] - total[:-SECOND]) / SECOND
+
+
+def _race_time(_: RunRequest, run: Trajectory) -> float | None:
+    return time_at(run, TRACK)

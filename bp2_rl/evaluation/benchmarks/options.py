@@ -4,7 +4,7 @@ They are read before JAX is imported, so that a mistake is answered at once.
 """
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -14,6 +14,7 @@ from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
 from bp2_rl.simulation.backend import Backend, DrakeContact
 
+POSTERIOR = "posterior"
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 
@@ -43,9 +44,11 @@ class Setup(Bounded, path="--"):
     """How long to hold the speed; by default 20 (robustness: 15, losses: 6,
     sensitivity: 5). Not of sprint."""
     robots: Annotated[
-        Annotated[int, Within(1, 2**20)] | None, tyro.conf.arg(metavar="N")
+        Annotated[int, Within(1, 2**20)] | Literal["posterior"] | None,
+        tyro.conf.arg(metavar="N|posterior"),
     ] = None
-    """How many robots are drawn; by default 200. Of robustness."""
+    """How many robots are drawn; by default 200, of posterior 32. Of these two.
+    posterior: the benchmark of this name."""
     seed: Annotated[
         Annotated[int, Within(0, LARGEST_SEED)] | None, tyro.conf.arg(metavar="N")
     ] = None

@@ -8,8 +8,9 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
+from bp2_rl.evaluation.benchmarks.posterior import posterior, ramp_to_posterior
 from bp2_rl.evaluation.benchmarks.run import (
     ramp_to_sprint,
     ramp_to_topspeed,
@@ -53,6 +54,7 @@ BENCHMARKS = {
     "convergence": Benchmark(ramp_to_topspeed, convergence, VARIANTS),
     "losses": Benchmark(ramp_to_losses, losses, VARIANTS[1:]),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, VARIANTS),
+    POSTERIOR: Benchmark(ramp_to_posterior, posterior, ("robots",)),
 }
 
 

@@ -12,6 +12,7 @@ COMMANDS = {
     "figures": "draw the paper's figures of robots, athletes and pendulums, and the index of all its items",
     "scaling": "the speeds of many robots beside what their legs and motors allow",
     "trajectories": "study optimal trajectories: limits, gaits, limbs, schemes, co-design, where torques come from",
+    "posterior": "simulate robots that BP2 may be, and weigh them by the paper's numbers",
     "eval": "put a policy to the deep benchmarks: endurance, mechanism, efficiency, stability",
 }
 

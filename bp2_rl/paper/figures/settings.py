@@ -92,19 +92,16 @@ class WearFigureSettings(Bounded, path="--"):
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilityFigureSettings(Bounded, path="--"):
-    """Figure of how far the paper's numbers determine parameters that were assumed.
+    """Figure of what the paper's numbers leave of what was assumed, and of what they
+    predict.
 
-    Takes some minutes: trajectories are optimised again with each assumption a little
-    larger and smaller.
+    Takes some minutes, and the extra `posterior`.
     """
 
-    model_error: Annotated[float, Within(1e-6, 10.0)] = 0.05
-    """relative, by which the model's numbers may be off if every assumption holds;
-    rounding in print comes on top"""
-    intervals: Annotated[int, Within(4, 100)] = 8
-    """of each segment of the trajectories"""
-    speed: Annotated[float, Within(2.0, 14.0)] = 10.0
-    """m/s, of the trajectory that the paper's Fig. 4 is compared with"""
+    runs: Path | None = None
+    """runs.csv of `bp2 paper posterior`; by default the one that ships"""
+    draws: Annotated[int, Within(100, 10**7)] = 40_000
+    """from the prior"""
 
 
 @dataclasses.dataclass(frozen=True)

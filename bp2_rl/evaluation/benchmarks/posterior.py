@@ -1,0 +1,160 @@
+"""The posterior benchmark: one policy on robots that explain the paper's numbers, on
+treadmill and road."""
+
+import dataclasses
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.metric import card_of, metric, rounded, rows_of, table_of
+from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_rise
+from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint
+from bp2_rl.evaluation.plausible import HOLD, RISE, read_posterior, run_plausible
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import bp2
+from bp2_rl.simulation.schedule import Ramp
+
+NUM_ROBOTS = 32
+
+
+@dataclasses.dataclass(frozen=True)
+class PlausibleMetrics:
+    """A plausible robot's runs under the policy."""
+
+    belt: float = metric("Belt", "m/s")
+    road: float = metric("Road", "m/s")
+    time_100m: float | None = metric("100 m", "s")
+    # under the slowly rising command, on belt or road
+    fell: bool = metric("Fell")
+
+
+def _of(found: Quantiles | None, unit: str) -> str:
+    if found is None:
+        return "-"
+    return f"{found.median:.2f} ({found.low:.2f} to {found.high:.2f}) {unit}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PosteriorMetrics:
+    """Speeds and times of all robots: the median, and between what nine tenths lie."""
+
+    belt: Quantiles | None = metric(
+        "Treadmill",
+        form=lambda speed: _of(speed, "m/s"),
+        meaning=f"best second: median (90 %); BP2: {bp2.TREADMILL_TOP_SPEED:g}",
+    )
+    road: Quantiles | None = metric(
+        "Road",
+        form=lambda speed: _of(speed, "m/s"),
+        meaning=f"best second: median (90 %); BP2: {bp2.OUTDOOR_TOP_SPEED:g}",
+    )
+    time_100m: Quantiles | None = metric(
+        "100 m",
+        form=lambda time: _of(time, "s"),
+        meaning=f"of those that arrived: median (90 %); BP2: {bp2.SPRINT_100M_TIME:g}",
+    )
+    arrived: int = metric("Arrived", form="d", meaning="robots, after 100 m", card=True)
+    falls: int = metric(
+        "Falls",
+        form="d",
+        meaning="robots that fell while the command rose beyond what they can",
+        card=True,
+    )
+    robots: tuple[PlausibleMetrics, ...]
+
+
+def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
+    """Run a policy on plausible robots; return belt, road and 100 m as an
+    evaluation."""
+    count = setup.robots if isinstance(setup.robots, int) else NUM_ROBOTS
+    ran = run_plausible(policy, read_posterior(count), race.acceleration)
+    robots = tuple(
+        PlausibleMetrics(
+            one.belt.speed,
+            one.road.speed,
+            one.time_100m,
+            None not in (one.belt.fell_at, one.road.fell_at),
+        )
+        for one in ran
+    )
+    times = [one.time_100m for one in robots if one.time_100m is not None]
+    metrics = PosteriorMetrics(
+        belt=quantiles(np.array([one.belt for one in robots])),
+        road=quantiles(np.array([one.road for one in robots])),
+        time_100m=quantiles(np.array(times)),
+        arrived=len(times),
+        falls=sum(one.fell for one in robots),
+        robots=robots,
+    )
+    said = conditions(
+        policy,
+        setup,
+        f"from a stand to {policy.card.env.commands.max_forward:g} m/s at {RISE:g} m/s², then hold for {HOLD:g} s; "
+        f"over 100 m {describe_rise(race)} to what gave the road's best second",
+    )
+    said["robot"] = (
+        f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
+    )
+    return Evaluation(
+        benchmark=POSTERIOR,
+        subject=f"{policy.card.stage} policy, {count} robots that BP2 may be",
+        conditions=said,
+        verdict=f"Treadmill {_of(metrics.belt, 'm/s')}, road {_of(metrics.road, 'm/s')}, "
+        f"100 m {_of(metrics.time_100m, 's')}: median and 90 % of {count} robots.",
+        good=len(times) == count,
+        rows=rows_of(metrics),
+        tiles=("Treadmill", "Road", "100 m"),
+        pictures=(
+            Picture(
+                POSTERIOR,
+                "Each robot's best second on the road over that on the treadmill; the cross is the paper's BP2.",
+                posterior_figure(robots),
+            ),
+        ),
+        metrics=metrics,
+        results=card_of(metrics)
+        | rounded(
+            {
+                name: dataclasses.astuple(value) if value else None
+                for name in ("belt", "road", "time_100m")
+                for value in (getattr(metrics, name),)
+            }
+        )
+        | {"robots": count},
+        tables=(table_of("Robots", robots),),
+    )
+
+
+def ramp_to_posterior(policy: Policy, setup: Setup) -> Ramp:
+    """Return the ramp of the race, whose launch is the policy's own.
+
+    Raises:
+        UserError: the policy's robot is no BP2.
+    """
+    if not policy.card.env.hardware.is_bp2:
+        raise UserError(
+            f"--robots {POSTERIOR}: these robots may be BP2; the policy runs {policy.card.env.hardware.anatomy.name}"
+        )
+    return ramp_to_sprint(policy, setup)
+
+
+@styled
+def posterior_figure(robots: tuple[PlausibleMetrics, ...]) -> Figure:
+    """Draw road over belt, a dot for each robot."""
+    figure = Figure(figsize=(0.6 * WIDTH, 0.6 * WIDTH), layout="constrained")
+    axes = figure.subplots()
+    for fell, color in ((False, FRONT), (True, FALL)):
+        some = np.array([(r.belt, r.road) for r in robots if r.fell is fell])
+        if len(some):
+            label = "fell beyond it" if fell else "no fall"
+            axes.plot(*some.T, "o", ms=5, color=color, alpha=0.7, label=label)
+    paper = bp2.TREADMILL_TOP_SPEED, bp2.OUTDOOR_TOP_SPEED
+    axes.plot(*paper, "X", ms=10, color=INK, label="BP2, paper")
+    axes.set(xlabel="Treadmill, best second [m/s]", ylabel="Road, best second [m/s]")
+    legend_above(axes)
+    return figure

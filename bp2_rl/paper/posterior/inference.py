@@ -1,0 +1,210 @@
+"""What the paper's numbers leave of the robots that BP2 may be: Bayes' rule over
+simulated robots.
+
+A Gaussian process tells from a robot's place in the ranges what it runs. Robots are
+drawn from the ranges, and each is weighted by how well it explains the paper's numbers.
+There are few of these numbers, so that draws from the prior suffice: no chain must
+converge.
+"""
+
+import dataclasses
+import warnings
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.errors import not_installed
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.paper.posterior.runs import RobotRun, Shares
+from bp2_rl.robot import bp2
+
+try:
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+    from sklearn.linear_model import LogisticRegression
+except ImportError as missing:
+    raise not_installed("the posterior", "scikit-learn", "posterior") from missing
+
+RUNS = 6.0  # m/s: a robot whose best second is slower does not run
+DARED = 0.8, 1.0
+"""Share of the road's best speed that was run outdoors: the paper's speed there may be
+what was dared."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """A number of the paper, and how far a right model's number may be from it."""
+
+    unit: str
+    printed: float
+    error: float  # standard deviation of its logarithm, ASSUMED
+
+
+EVIDENCE = {
+    "belt": Evidence("m/s", bp2.TREADMILL_TOP_SPEED, 0.04),
+    "lesser power": Evidence("W", min(bp2.HIND_PEAK_POWERS), 0.05),
+    "road": Evidence("m/s", bp2.OUTDOOR_TOP_SPEED, 0.04),
+    "100 m": Evidence("s", bp2.SPRINT_100M_TIME, 0.04),
+}
+"""The paper's numbers; the greater power is in the range of `corner_power`."""
+NAMES = tuple(EVIDENCE)
+LEFT_OUT = NAMES[2:]  # by the calibration
+ERRORS = np.array([one.error for one in EVIDENCE.values()])
+PRINTED = np.log([one.printed for one in EVIDENCE.values()])
+
+Interval = tuple[float, float, float]
+"""5 % quantile, median, 95 % quantile."""
+Logs = Float[np.ndarray, "N 4"]
+"""Logarithms of the numbers in `EVIDENCE`, one row for each robot."""
+
+
+def logs_of(runs: Iterable[RobotRun]) -> Logs:
+    """Return what robots ran; all numbers are NaN for one that fell before it ran."""
+    rows = [
+        (one.belt, min(one.hip, one.knee), one.road, one.time_100m)
+        if one.time_100m > 0.0 and min(one.belt, one.road) > RUNS
+        else (np.nan,) * len(NAMES)
+        for one in runs
+    ]
+    return np.log(np.array(rows, float))
+
+
+class Emulator:
+    """What robots run under one policy, learnt from simulated ones.
+
+    Args:
+        shares: of the simulated robots.
+        logs: what they ran; NaN: they fell.
+        like: an emulator whose kernels are taken instead of fitted.
+    """
+
+    def __init__(self, shares: Shares, logs: Logs, like: "Emulator | None" = None):
+        ran = ~np.isnan(logs[:, 0])
+        self._falls = None
+        if not ran.all():
+            self._falls = LogisticRegression().fit(shares, ran)
+        self._processes: list[GaussianProcessRegressor] = []
+        for i, values in enumerate(logs[ran].T):
+            fitted = like and like._processes[i].kernel_
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConvergenceWarning)
+                process = GaussianProcessRegressor(
+                    fitted or _kernel(shares.shape[1]),
+                    optimizer=None if fitted else "fmin_l_bfgs_b",
+                    normalize_y=True,
+                )
+                self._processes.append(process.fit(shares[ran], values))
+
+    def run_chance(self, shares: Shares) -> Float[np.ndarray, " N"]:
+        """Return the chance that robots run without a fall."""
+        if self._falls is None:
+            return np.ones(len(shares))
+        return self._falls.predict_proba(shares)[:, 1]
+
+    def mean(self, shares: Shares) -> Logs:
+        """Return what robots run most likely."""
+        return np.stack([p.predict(shares) for p in self._processes], axis=-1)
+
+    def draw(self, shares: Shares, rng: np.random.Generator) -> Logs:
+        """Draw what robots run; the draws spread as the emulator is unsure."""
+        columns = [p.predict(shares, return_std=True) for p in self._processes]
+        return np.stack(
+            [mean + std * rng.standard_normal(len(shares)) for mean, std in columns],
+            axis=-1,
+        )
+
+
+def _kernel(assumptions: int) -> ConstantKernel:
+    return ConstantKernel(10.0, (1e-2, 1e4)) * RBF(
+        np.full(assumptions, 3.0), (0.3, 100.0)
+    ) + WhiteKernel(0.01, (1e-5, 1.0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Draws:
+    """Robots drawn from the prior, each under one policy, and what they run."""
+
+    shares: Shares
+    policy: Float[np.ndarray, " N"]  # its place in the order of the emulators
+    logs: Logs  # at the robot's best
+    dared: Float[np.ndarray, " N"]  # share of the best speed run outdoors
+    chance: Float[np.ndarray, " N"]  # that it runs
+
+    @property
+    def shown(self) -> Logs:
+        """What the paper would have measured, had its numbers no error."""
+        return as_dared(self.logs, self.dared)
+
+
+def as_dared(logs: Logs, dared: Float[np.ndarray, " N"]) -> Logs:
+    """Return what robots run if they dare a share of their best speed outdoors.
+
+    The 100 m take longer as a launch and a constant speed do.
+    """
+    best = np.exp(logs[:, 2])
+    slower = sprint_time(dared * best) / sprint_time(best)
+    same = np.zeros_like(best)
+    return logs + np.stack([same, same, np.log(dared), np.log(slower)], axis=-1)
+
+
+def sprint_time(speed: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+    """Return the time over 100 m, s, of the paper's launch and then a constant speed,
+    m/s."""
+    return TRACK / speed + 0.5 * speed / bp2.LAUNCH_ACCELERATION
+
+
+def draw(
+    emulators: Sequence[Emulator], count: int, assumptions: int, seed: int = 0
+) -> Draws:
+    """Draw robots from the prior, all policies being equally likely."""
+    rng = np.random.default_rng(seed)
+    shares = rng.uniform(size=(count, assumptions))
+    policy = np.arange(count) % len(emulators)
+    logs, chance = np.empty((count, len(NAMES))), np.empty(count)
+    for i, emulator in enumerate(emulators):
+        its = policy == i
+        logs[its] = emulator.draw(shares[its], rng)
+        chance[its] = emulator.run_chance(shares[its])
+    return Draws(shares, policy, logs, rng.uniform(*DARED, count), chance)
+
+
+def weights(
+    draws: Draws, measured: Float[np.ndarray, "4"], names: Sequence[str] = NAMES
+) -> Float[np.ndarray, " N"]:
+    """Return each draw's weight, all together 1, given some of the numbers.
+
+    Args:
+        draws: from the prior.
+        measured: logarithms of all numbers.
+        names: of the numbers that count.
+    """
+    found = draws.chance * likelihood(draws.shown, measured, names)
+    return found / found.sum()
+
+
+def likelihood(
+    shown: Logs, measured: Float[np.ndarray, "4"], names: Sequence[str] = NAMES
+) -> Float[np.ndarray, " N"]:
+    """Return the likelihood of measured numbers if these should have been shown, over
+    its maximum."""
+    off = ((measured - shown) / ERRORS)[:, np.isin(NAMES, names)]
+    return np.exp(-0.5 * np.sum(off**2, axis=-1))
+
+
+def effective(weights: Float[np.ndarray, " N"]) -> float:
+    """Return how many equally weighted draws know as much (Kish)."""
+    return float(np.sum(weights) ** 2 / np.sum(weights**2))
+
+
+def quantiles(
+    values: Float[np.ndarray, " N"], weights: Float[np.ndarray, " N"]
+) -> Interval:
+    """Return median and 90 % interval of weighted values."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order]) - 0.5 * weights[order]
+    low, middle, high = np.interp(
+        (0.05, 0.5, 0.95), below / weights.sum(), values[order]
+    )
+    return float(low), float(middle), float(high)
