@@ -72,13 +72,11 @@ def read_posterior(count: int) -> list[Values]:
     A robot comes as often as its weight says; the same `count` gives the same robots.
     """
     with asset_path(ROBOTS).open(encoding="utf-8", newline="") as file:
-        rows = [
-            {key: float(x) for key, x in row.items() if key != "policy"}
-            for row in csv.DictReader(file)
-        ]
-    upto = np.cumsum([row.pop("weight") for row in rows])
+        rows = list(csv.DictReader(file))
+    upto = np.cumsum([float(row["weight"]) for row in rows])
     which = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
-    return [rows[i] for i in which]
+    names = read_assumptions()
+    return [{name: float(rows[i][name]) for name in names} for i in which]
 
 
 # --- A robot and its conditions -------------------------------------------------------
@@ -186,9 +184,9 @@ def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
     pace = int(np.argmax(speeds >= min(bp2.OUTDOOR_TOP_SPEED, speeds[best])))
     during = slice(pace, pace + SECOND)
     power = (run.torque * run.joint_velocity)[during, HIND].max(axis=0)
-    _, hip, knee = map(float, power.reshape(2, 3).max(axis=0))
+    hip, knee = power.reshape(2, 3).max(axis=0)[1:]
     told = float(run.command[best + SECOND // 2, 0])
-    return BestSecond(float(speeds[best]), told, (hip, knee), run.fell_at)
+    return BestSecond(float(speeds[best]), told, (float(hip), float(knee)), run.fell_at)
 
 
 def second_means(speed: Float[np.ndarray, " N"]) -> Float[np.ndarray, " K"]:

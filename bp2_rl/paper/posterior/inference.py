@@ -10,10 +10,12 @@ converge.
 import dataclasses
 import warnings
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from bp2_rl.base.arrays import Number
 from bp2_rl.base.errors import not_installed
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.paper.posterior.runs import RobotRun, Shares
@@ -44,7 +46,8 @@ class Evidence:
 
 EVIDENCE = {
     "belt": Evidence("m/s", bp2.TREADMILL_TOP_SPEED, 0.04),
-    "lesser power": Evidence("W", min(bp2.HIND_PEAK_POWERS), 0.05),
+    # 5 % of the model, and 6 % by which like robots' peaks differ from run to run
+    "lesser power": Evidence("W", min(bp2.HIND_PEAK_POWERS), 0.08),
     "road": Evidence("m/s", bp2.OUTDOOR_TOP_SPEED, 0.04),
     "100 m": Evidence("s", bp2.SPRINT_100M_TIME, 0.04),
 }
@@ -87,14 +90,13 @@ class Emulator:
             self._falls = LogisticRegression().fit(shares, ran)
         self._processes: list[GaussianProcessRegressor] = []
         for i, values in enumerate(logs[ran].T):
-            fitted = like and like._processes[i].kernel_
+            process: Any = GaussianProcessRegressor(_kernel(shares), normalize_y=True)
+            if like is not None:
+                kernel = like._processes[i].kernel_
+                process.set_params(kernel=kernel, optimizer=None)
             with warnings.catch_warnings():
+                # of a scale at its bound: that assumption changes nothing
                 warnings.simplefilter("ignore", ConvergenceWarning)
-                process = GaussianProcessRegressor(
-                    fitted or _kernel(shares.shape[1]),
-                    optimizer=None if fitted else "fmin_l_bfgs_b",
-                    normalize_y=True,
-                )
                 self._processes.append(process.fit(shares[ran], values))
 
     def run_chance(self, shares: Shares) -> Float[np.ndarray, " N"]:
@@ -103,23 +105,19 @@ class Emulator:
             return np.ones(len(shares))
         return self._falls.predict_proba(shares)[:, 1]
 
-    def mean(self, shares: Shares) -> Logs:
-        """Return what robots run most likely."""
-        return np.stack([p.predict(shares) for p in self._processes], axis=-1)
-
-    def draw(self, shares: Shares, rng: np.random.Generator) -> Logs:
-        """Draw what robots run; the draws spread as the emulator is unsure."""
+    def predict(self, shares: Shares) -> tuple[Logs, Logs]:
+        """Return what robots run most likely, and the standard deviations of that."""
         columns = [p.predict(shares, return_std=True) for p in self._processes]
-        return np.stack(
-            [mean + std * rng.standard_normal(len(shares)) for mean, std in columns],
-            axis=-1,
-        )
+        mean, std = zip(*columns, strict=True)
+        return np.stack(mean, axis=-1), np.stack(std, axis=-1)
 
 
-def _kernel(assumptions: int) -> ConstantKernel:
-    return ConstantKernel(10.0, (1e-2, 1e4)) * RBF(
-        np.full(assumptions, 3.0), (0.3, 100.0)
-    ) + WhiteKernel(0.01, (1e-5, 1.0))
+def _kernel(shares: Shares) -> Any:
+    """Return a smooth function of the places, each with a scale of its own, and noise:
+    what a stride more or less changes."""
+    scales: Any = np.full(shares.shape[1], 3.0)
+    smooth = ConstantKernel(10.0, (1e-2, 1e4)) * RBF(scales, (0.3, 100.0))
+    return smooth + WhiteKernel(0.01, (1e-5, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,8 +125,10 @@ class Draws:
     """Robots drawn from the prior, each under one policy, and what they run."""
 
     shares: Shares
-    policy: Float[np.ndarray, " N"]  # its place in the order of the emulators
-    logs: Logs  # at the robot's best
+    policy: Int[np.ndarray, " N"]  # its place in the order of the emulators
+    mean: Logs  # of what the robot runs at its best
+    std: Logs
+    logs: Logs  # drawn from these
     dared: Float[np.ndarray, " N"]  # share of the best speed run outdoors
     chance: Float[np.ndarray, " N"]  # that it runs
 
@@ -149,7 +149,7 @@ def as_dared(logs: Logs, dared: Float[np.ndarray, " N"]) -> Logs:
     return logs + np.stack([same, same, np.log(dared), np.log(slower)], axis=-1)
 
 
-def sprint_time(speed: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+def sprint_time(speed: Number) -> Number:
     """Return the time over 100 m, s, of the paper's launch and then a constant speed,
     m/s."""
     return TRACK / speed + 0.5 * speed / bp2.LAUNCH_ACCELERATION
@@ -162,12 +162,21 @@ def draw(
     rng = np.random.default_rng(seed)
     shares = rng.uniform(size=(count, assumptions))
     policy = np.arange(count) % len(emulators)
-    logs, chance = np.empty((count, len(NAMES))), np.empty(count)
+    mean, std = np.empty((2, count, len(NAMES)))
+    chance = np.empty(count)
     for i, emulator in enumerate(emulators):
         its = policy == i
-        logs[its] = emulator.draw(shares[its], rng)
+        mean[its], std[its] = emulator.predict(shares[its])
         chance[its] = emulator.run_chance(shares[its])
-    return Draws(shares, policy, logs, rng.uniform(*DARED, count), chance)
+    return Draws(
+        shares,
+        policy,
+        mean,
+        std,
+        logs=mean + std * rng.standard_normal(mean.shape),
+        dared=rng.uniform(*DARED, count),
+        chance=chance,
+    )
 
 
 def weights(
@@ -180,17 +189,28 @@ def weights(
         measured: logarithms of all numbers.
         names: of the numbers that count.
     """
-    found = draws.chance * likelihood(draws.shown, measured, names)
+    expected = as_dared(draws.mean, draws.dared)
+    found = draws.chance * likelihood(expected, measured, names, draws.std)
     return found / found.sum()
 
 
 def likelihood(
-    shown: Logs, measured: Float[np.ndarray, "4"], names: Sequence[str] = NAMES
+    expected: Logs,
+    measured: Float[np.ndarray, "4"],
+    names: Sequence[str] = NAMES,
+    std: Logs | float = 0.0,
 ) -> Float[np.ndarray, " N"]:
-    """Return the likelihood of measured numbers if these should have been shown, over
-    its maximum."""
-    off = ((measured - shown) / ERRORS)[:, np.isin(NAMES, names)]
-    return np.exp(-0.5 * np.sum(off**2, axis=-1))
+    """Return the likelihood of measured numbers, over that of a perfect hit.
+
+    Args:
+        expected: logarithms of the numbers that should be measured.
+        measured: logarithms of the numbers that are.
+        names: of the numbers that count.
+        std: of what is expected, beside the errors of the paper's numbers.
+    """
+    spread = np.sqrt(ERRORS**2 + np.square(std))
+    each = ERRORS / spread * np.exp(-0.5 * ((measured - expected) / spread) ** 2)
+    return np.prod(each[:, np.isin(NAMES, names)], axis=-1)
 
 
 def effective(weights: Float[np.ndarray, " N"]) -> float:

@@ -55,8 +55,8 @@ class NumberNumbers:
     prior: Interval = metric("Assumed", form=show_interval)
     # from the numbers in `SEEN` alone, the model's error included
     predicted: Interval = metric("By belt and power", form=show_interval)
-    posterior: Interval = metric("By all", form=show_interval)
-    best: Interval = metric("By all, all dared", form=show_interval)
+    posterior: Interval = metric("By all four", form=show_interval)
+    best: Interval = metric("By all four, all dared", form=show_interval)
     # of pseudo-truths whose number lies in its interval; None: the number was seen
     coverage: float | None = metric("Coverage", form=".1%", default=None)
     # of the predicted interval over the prior's, median over pseudo-truths
@@ -225,7 +225,7 @@ def calibrate(
             for logs, like in zip(fitted.logs.values(), fitted.emulators, strict=True)
         ]
         for emulator, logs in zip(emulators, fitted.logs.values(), strict=True):
-            errors.append(emulator.mean(fitted.shares[~seen]) - logs[~seen])
+            errors.append(emulator.predict(fitted.shares[~seen])[0] - logs[~seen])
         draws = draw(emulators, count, fitted.shares.shape[1], seed=fold)
         numbers = measured(draws)
         prior = draws.chance / draws.chance.sum()
@@ -266,23 +266,24 @@ def choose(fitted: Fitted, count: int, seed: int = 0) -> Chosen:
     upto = np.cumsum(weights(draws, PRINTED))
     at = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
     at = np.random.default_rng(seed).permutation(at)
+    expected = as_dared(draws.mean[at], draws.dared[at])
     return Chosen(
         draws.shares[at],
         [POLICIES[i] for i in draws.policy[at]],
         draws.dared[at],
-        likelihood(draws.shown[at], PRINTED),
+        likelihood(expected, PRINTED, std=draws.std[at]),
     )
 
 
 def weigh_again(
     chosen: Chosen, robots: Sequence[Values], runs: Sequence[RobotRun]
 ) -> list[dict[str, float | str]]:
-    """Return rows of the file that ships: each robot's values, its policy, and its
-    weight now that it was simulated."""
+    """Return rows of the file that ships: each robot's values, its weight now that
+    it was simulated, and what it ran."""
     logs = as_dared(logs_of(runs), chosen.dared)
     again = np.nan_to_num(likelihood(logs, PRINTED)) / chosen.emulated
     again /= again.mean()
     return [
-        {**values, "policy": run.policy, "weight": float(weight)}
+        {**values, "weight": float(weight), **dataclasses.asdict(run)}
         for values, run, weight in zip(robots, runs, again, strict=True)
     ]
