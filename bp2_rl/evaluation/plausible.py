@@ -8,13 +8,15 @@ posterior`.
 
 import csv
 import dataclasses
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.arrays import Number
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.serialization import from_json
 from bp2_rl.evaluation.races import TRACK
@@ -45,7 +47,7 @@ class Assumption:
     why: str
     even_in: Literal["number", "log"] = "number"
 
-    def at(self, share: Any) -> Any:
+    def at(self, share: Number) -> Number:
         """Return the values below which a share (0 to 1) of the drawn robots lies."""
         low, high = self.range
         if self.even_in == "log":
@@ -91,7 +93,8 @@ def plausible_robot(values: Values) -> HardwareSpec:
     no_load = own["no_load_speed"]
     # The envelope's fall to the no-load speed takes a twentieth of it, at least.
     corner = min(own.pop("corner_power") / own["peak_torque"], 0.95 * no_load)
-    braking = no_load / weak if weak else float("inf")
+    # below a hundredth the motors always brake
+    braking = no_load / weak if weak > 0.01 else math.inf
     return BUILT.changed(**own, corner_speed=corner, braking_speed=braking)
 
 
@@ -127,7 +130,7 @@ class BestSecond(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PlausibleRun:
-    """What a plausible robot does under a policy, in the paper's numbers."""
+    """The best seconds of a robot on treadmill and road, and its time over 100 m."""
 
     belt: BestSecond
     road: BestSecond
@@ -168,8 +171,8 @@ def run_plausible(
 
 
 def _race(speed: float, launch: float) -> Ramp:
-    """Return a launch to a speed (m/s), held for as long as half of it would take over
-    the track."""
+    """Return the ramp of a race: a launch to a speed (m/s), which is then held beyond
+    the time that the track takes."""
     speed = max(speed, 1.0)
     return Ramp(speed, acceleration=launch, hold=2.0 * TRACK / speed)
 

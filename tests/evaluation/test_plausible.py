@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from synthetic import make_run
 
 from bp2_rl.evaluation.plausible import (
     BestSecond,
@@ -20,11 +21,10 @@ from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.world import World
-from synthetic import make_run
 
 ASSUMPTIONS = read_assumptions()
 CONDITIONS = {
-    "corner_power": BUILT.corner_speed * BUILT.peak_torque,
+    "corner_power": float(np.multiply(BUILT.corner_speed, BUILT.peak_torque)),
     "weak_braking": 0.0,
     "belt_supply": 1.0,
     "slope": 0.01,
@@ -63,6 +63,8 @@ def test_an_envelope_never_ends_before_its_corner():
     robot = plausible_robot(slow | {"corner_power": 1950.0})
     assert robot.corner_speed == pytest.approx(0.95 * 18.2)
     assert robot.braking_speed == pytest.approx(26.0)
+    # the least that a range can draw is no speed that hardware may have
+    assert plausible_robot(slow | {"weak_braking": 1e-4}).braking_speed == math.inf
 
 
 @pytest.mark.parametrize("name", ["peak_torque", "spring_damping"])

@@ -78,7 +78,7 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
             one.belt.speed,
             one.road.speed,
             one.time_100m,
-            None not in (one.belt.fell_at, one.road.fell_at),
+            bool(one.belt.fell_at or one.road.fell_at),
         )
         for one in ran
     )

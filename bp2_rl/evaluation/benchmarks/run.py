@@ -9,6 +9,7 @@ import numpy as np
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import (
     NOT_MEASURED,
+    Row,
     Table,
     card_of,
     metric,
@@ -27,12 +28,12 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     speed_to_command,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
 from bp2_rl.evaluation.races import BOLT_SPLITS, LAUNCH_DISTANCE, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.simulation.account import account
 from bp2_rl.simulation.figures import FIGURES
 from bp2_rl.simulation.measuring import Lane, measure_lane, time_at, track_position
@@ -61,6 +62,25 @@ def run_once(
     return run
 
 
+def plausible_rows(
+    policy: Policy, setup: Setup, name: str, unit: str
+) -> tuple[Row, ...]:
+    """Return a report's row with the results of robots that BP2 may be, as they are on
+    the policy's card; none for another robot than the built one."""
+    results = policy.card.results.get(POSTERIOR)
+    found = isinstance(results, dict) and results.get(name)
+    if not found or robot_of(policy, setup) != BUILT:
+        return ()
+    value = "{1:.2f} ({0:.2f} to {2:.2f})".format(*found)
+    return (
+        Row(
+            "Plausible robots",
+            f"{value} {unit}",
+            "median (90 %) of robots that BP2 may be, by --robots posterior",
+        ),
+    )
+
+
 # --- Top speed ------------------------------------------------------------------------
 
 TOPSPEED_HOLD = 20.0  # s
@@ -75,15 +95,17 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     metrics = run.metrics
     if setup.backend == "mujoco" and metrics.hold_time >= 1.0:
         metrics = dataclasses.replace(metrics, account=account(steady_window(run)))
-    good = f"no fall, and a mean speed of {FOLLOWS:.0%} of the commanded one or more"
     return Evaluation(
         benchmark="topspeed",
         subject=run.name,
         backend=run.backend,
-        conditions=conditions(policy, setup, describe_ramp(ramp)) | {"good": good},
+        conditions=conditions(policy, setup, describe_ramp(ramp))
+        | {
+            "good": f"no fall, and a mean speed of {FOLLOWS:.0%} of the commanded one or more"
+        },
         verdict=summarise_topspeed(metrics),
         good=metrics.fell_at is None and follows(metrics),
-        rows=rows_of(metrics),
+        rows=(*rows_of(metrics), *plausible_rows(policy, setup, "road", "m/s")),
         tiles=(
             "Best speed",
             "Time held",
@@ -236,15 +258,21 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     run = run_once(policy, ramp, setup, finish=TRACK)
     metrics = sprint_metrics(run, ramp.acceleration)
     own = "time", "launch", "lane", "sprint_acceleration"
-    good = f"{TRACK:g} m in the time allowed, with trunk and feet inside one lane"
     return Evaluation(
         benchmark="sprint",
         subject=run.name,
         backend=run.backend,
-        conditions=conditions(policy, setup, describe_race(ramp)) | {"good": good},
+        conditions=conditions(policy, setup, describe_race(ramp))
+        | {
+            "good": f"{TRACK:g} m in the time allowed, with trunk and feet inside one lane"
+        },
         verdict=summarise_sprint(metrics),
         good=metrics.time is not None and metrics.lane.kept,
-        rows=(*rows_of(metrics, *own), *rows_of(metrics.run, *OF_THE_RUN)),
+        rows=(
+            *rows_of(metrics, *own),
+            *rows_of(metrics.run, *OF_THE_RUN),
+            *plausible_rows(policy, setup, "time_100m", "s"),
+        ),
         tiles=(
             "100 m",
             "Mean acceleration",

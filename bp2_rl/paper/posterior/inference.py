@@ -1,4 +1,4 @@
-"""What the paper's numbers leave of the robots that BP2 may be: Bayes' rule over
+"""The posterior of BP2's assumed numbers given the paper's results, by Bayes' rule over
 simulated robots.
 
 A Gaussian process tells from a robot's place in the ranges what it runs. Robots are
@@ -10,7 +10,6 @@ converge.
 import dataclasses
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,7 +23,12 @@ from bp2_rl.robot import bp2
 try:
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+    from sklearn.gaussian_process.kernels import (
+        RBF,
+        ConstantKernel,
+        Kernel,
+        WhiteKernel,
+    )
     from sklearn.linear_model import LogisticRegression
 except ImportError as missing:
     raise not_installed("the posterior", "scikit-learn", "posterior") from missing
@@ -75,7 +79,7 @@ def logs_of(runs: Iterable[RobotRun]) -> Logs:
 
 
 class Emulator:
-    """What robots run under one policy, learnt from simulated ones.
+    """Predictions of speeds and powers under one policy, learnt from simulated robots.
 
     Args:
         shares: of the simulated robots.
@@ -90,7 +94,7 @@ class Emulator:
             self._falls = LogisticRegression().fit(shares, ran)
         self._processes: list[GaussianProcessRegressor] = []
         for i, values in enumerate(logs[ran].T):
-            process: Any = GaussianProcessRegressor(_kernel(shares), normalize_y=True)
+            process = GaussianProcessRegressor(_kernel(shares), normalize_y=True)
             if like is not None:
                 kernel = like._processes[i].kernel_
                 process.set_params(kernel=kernel, optimizer=None)
@@ -112,10 +116,10 @@ class Emulator:
         return np.stack(mean, axis=-1), np.stack(std, axis=-1)
 
 
-def _kernel(shares: Shares) -> Any:
+def _kernel(shares: Shares) -> Kernel:
     """Return a smooth function of the places, each with a scale of its own, and noise:
     what a stride more or less changes."""
-    scales: Any = np.full(shares.shape[1], 3.0)
+    scales: Number = np.full(shares.shape[1], 3.0)
     smooth = ConstantKernel(10.0, (1e-2, 1e4)) * RBF(scales, (0.3, 100.0))
     return smooth + WhiteKernel(0.01, (1e-5, 1.0))
 
@@ -134,7 +138,7 @@ class Draws:
 
     @property
     def shown(self) -> Logs:
-        """What the paper would have measured, had its numbers no error."""
+        """The numbers that the paper would have measured without an error."""
         return as_dared(self.logs, self.dared)
 
 
@@ -200,7 +204,7 @@ def likelihood(
     names: Sequence[str] = NAMES,
     std: Logs | float = 0.0,
 ) -> Float[np.ndarray, " N"]:
-    """Return the likelihood of measured numbers, over that of a perfect hit.
+    """Return the likelihood of measured numbers, 1 where all are as expected.
 
     Args:
         expected: logarithms of the numbers that should be measured.

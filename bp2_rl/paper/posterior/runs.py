@@ -23,7 +23,7 @@ Shares = Float[np.ndarray, "N D"]
 
 @dataclasses.dataclass(frozen=True)
 class RobotRun:
-    """What a robot ran under a policy, in the paper's numbers."""
+    """The results of a robot under a policy: speeds, race time and motor powers."""
 
     policy: str
     belt: float  # m/s, best second on the treadmill

@@ -65,7 +65,7 @@ class NumberNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class AssumptionNumbers:
-    """What the paper's numbers leave of an assumption's range."""
+    """The range of an assumption, and its posterior within the range."""
 
     name: str = metric("Assumed", form="s")
     low: float = metric("From", form="g")
