@@ -15,11 +15,20 @@ from scipy import stats
 from bp2_rl.robot import bp2
 
 ROOT = Path(__file__).parents[1]
-PAPER = ("13.2 m/s", "10.74 m/s", "12.2 s", "", "", "", "")
+PAPER = ("13.2 m/s", "13.2", "10.74 m/s", "10.74", "12.2 s", "12.2", "", "", "", "")
 POLICIES = ("built", "gentle", "fastest")
 
 
+def interval(results, name):
+    """Return the cell of a number on plausible robots: median and 90 % interval."""
+    low, middle, high = results["posterior"][name]
+    return f"{middle:.1f} ({low:.1f} to {high:.1f})"
+
+
 ROWS = {
+    "plausible robots, treadmill": lambda results: interval(results, "belt"),
+    "plausible robots, outdoors": lambda results: interval(results, "road"),
+    "plausible robots, 100 m": lambda results: interval(results, "time_100m"),
     "treadmill": lambda results: f"{results['losses']['without']['air']:.2f} m/s",
     "outdoors": lambda results: f"{results['topspeed']['best_speed']:.2f} m/s",
     "100 m": lambda results: f"{results['sprint']['time_100m']:.2f} s",
@@ -35,6 +44,7 @@ ROWS = {
 IDEAL = {
     "treadmill": lambda results: f"{results['losses']['ideal']:.2f} m/s",
     "outdoors": lambda results: f"no air: {ROWS['outdoors'](results)}",
+    **dict.fromkeys(list(ROWS)[:3], lambda _: ""),
 }
 """The ideal robot's own: it runs without air everywhere."""
 

@@ -109,7 +109,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command `bp2 eval`; return its exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     prog = "python eval.py" if argv is None else "bp2 eval"
-    again = f"{prog} {shlex.join(words)}".strip()
     rows = (
         textwrap.fill(
             f"{name}: {what}",
@@ -127,10 +126,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             prog,
             screen=SCREEN.replace("{benchmarks}", "\n".join(rows)),
         )
-        if config.robots == POSTERIOR and config.benchmark == "topspeed":
+        if config.robots == POSTERIOR:
             config = dataclasses.replace(config, benchmark=POSTERIOR)
         require_one_of("--benchmark", config.benchmark, BENCHMARKS)
-        evaluate(config, again=again)
+        evaluate(config, again=f"{prog} {shlex.join(words)}".strip())
 
     return app.run(command)
 

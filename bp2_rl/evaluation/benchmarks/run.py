@@ -71,11 +71,10 @@ def plausible_rows(
     found = isinstance(results, dict) and results.get(name)
     if not found or robot_of(policy, setup) != BUILT:
         return ()
-    value = "{1:.2f} ({0:.2f} to {2:.2f})".format(*found)
     return (
         Row(
             "Plausible robots",
-            f"{value} {unit}",
+            "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*found, unit),
             "median (90 %) of robots that BP2 may be, by --robots posterior",
         ),
     )

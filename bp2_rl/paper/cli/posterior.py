@@ -26,7 +26,7 @@ class PosteriorSettings(Bounded, path="--"):
     """folder of both files; what it has of runs.csv is not simulated again"""
     robots: Annotated[int, Within(32, 2**14)] = 256
     """simulated robots, which fill the assumptions' ranges evenly; a power of two"""
-    draws: Annotated[int, Within(1, 10_000)] = 200
+    draws: Annotated[int, Within(1, 10_000)] = 250
     """robots drawn from the posterior, and simulated again"""
 
 

@@ -1,5 +1,5 @@
-"""The figure of what the paper's numbers leave of what had to be assumed, and of what
-some of them predict of the others."""
+"""The figure of the posterior: the paper's numbers narrow the ranges of the assumptions,
+and predict each other."""
 
 import numpy as np
 from matplotlib.axes import Axes

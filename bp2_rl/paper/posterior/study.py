@@ -164,8 +164,8 @@ def measured(draws: Draws, seed: int = 1) -> Float[np.ndarray, "N 4"]:
 def leading(
     draws: Draws, by: Float[np.ndarray, " N"], names: Sequence[str], count: int = 3
 ) -> tuple[tuple[dict[str, float], float], ...]:
-    """Return the combinations of places that the paper's numbers determine best, and
-    what is left of each."""
+    """Return the best determined combinations of places, each with its posterior
+    standard deviation over the prior's."""
     spread, vectors = np.linalg.eigh(12.0 * np.cov(draws.shares.T, aweights=by))
     found = []
     for left, vector in zip(spread[:count], vectors.T, strict=False):

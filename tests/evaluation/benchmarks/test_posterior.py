@@ -8,7 +8,6 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks import posterior as module
-from bp2_rl.evaluation.benchmarks.fleet import robustness
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.posterior import posterior, ramp_to_posterior
 from bp2_rl.evaluation.benchmarks.run import plausible_rows
@@ -75,13 +74,6 @@ def test_a_policy_of_another_robot_is_refused(built):
     policy = dataclasses.replace(built, card=dataclasses.replace(built.card, env=go1))
     with pytest.raises(UserError, match="the policy runs Unitree Go1"):
         ramp_to_posterior(policy, Setup())
-
-
-def test_a_fleet_is_not_of_posterior_robots(built):
-    with pytest.raises(
-        UserError, match="--robots posterior is of --benchmark posterior"
-    ):
-        robustness(built, Ramp(5.0), Setup(robots="posterior"))
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,8 @@ def asked(monkeypatch, make_run):
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_is_given_what_is_chosen_of_it(name):
     chosen = Setup(operator=HeadingHold(limit=0.1), speed=3.0)
+    if name == "posterior":
+        chosen = Setup(robots=3)
     assert choose(name, chosen) == {name: chosen}
 
 
