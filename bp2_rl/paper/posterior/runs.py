@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from bp2_rl.base.files import write_text
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import read_bytes, write_text
 from bp2_rl.evaluation.plausible import Assumption, Values, run_plausible
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
@@ -81,9 +82,18 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, float | str]]) -> None:
 
 
 def read_runs(path: Path) -> list[RobotRun]:
-    """Return the runs of a file that `write_rows` wrote."""
-    with path.open(encoding="utf-8", newline="") as file:
+    """Return the runs of a file that `write_rows` wrote.
+
+    Raises:
+        UserError: the file cannot be read, or is another one.
+    """
+    rows = csv.DictReader(read_bytes(path).decode(errors="replace").splitlines())
+    try:
         return [
             RobotRun(row.pop("policy"), **{key: float(x) for key, x in row.items()})
-            for row in csv.DictReader(file)
+            for row in rows
         ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(
+            f"{path} is no runs.csv, such as bp2 paper posterior writes"
+        ) from error

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.evaluation.plausible import Values, read_assumptions
 from bp2_rl.paper.posterior.inference import (
@@ -34,6 +35,7 @@ POLICIES = "built", "gentle"
 """Policies that ship and were trained for the built robot: without and with a price on
 hard landings."""
 DRAWS = 40_000
+LEAST = 32  # robots: fewer than there are assumptions tell nothing
 FOLDS, TRUTHS = 5, 200
 SEEN = tuple(name for name in NAMES if name not in LEFT_OUT)
 SHOWN_PART = 0.25  # of a combination: smaller parts are left out of its description
@@ -110,7 +112,13 @@ def study_posterior(runs: Sequence[RobotRun], count: int = DRAWS) -> PosteriorNu
     """Compute the posterior from simulated runs, and calibrate it; `count` robots are
     drawn from the prior."""
     assumptions = read_assumptions()
-    shares = fill_ranges(len(runs) // len(POLICIES), len(assumptions))
+    robots = len(runs) // len(POLICIES)
+    found = {policy: [run.policy for run in runs].count(policy) for policy in POLICIES}
+    if robots < LEAST or set(found.values()) != {robots}:
+        raise UserError(
+            f"the posterior needs {LEAST} robots or more, each under {' and '.join(POLICIES)}; got runs of {found}"
+        )
+    shares = fill_ranges(robots, len(assumptions))
     fitted = fit(runs, shares)
     draws = draw(fitted.emulators, count, len(assumptions))
     prior = draws.chance / draws.chance.sum()

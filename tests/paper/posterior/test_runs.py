@@ -4,7 +4,9 @@ import dataclasses
 import math
 
 import numpy as np
+import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.plausible import BestSecond, PlausibleRun, read_assumptions
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.posterior import runs as module
@@ -16,6 +18,7 @@ from bp2_rl.paper.posterior.runs import (
     run_robots,
     write_rows,
 )
+from bp2_rl.paper.posterior.study import study_posterior
 
 
 def test_places_fill_every_range_evenly():
@@ -43,6 +46,21 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     ]
     write_rows(tmp_path / "runs.csv", [dataclasses.asdict(run) for run in runs])
     assert list(map(repr, read_runs(tmp_path / "runs.csv"))) == list(map(repr, runs))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a,b\n1,2\n", "policy,belt\nbuilt,x\n", "policy\nbuilt\n"]
+)
+def test_another_file_is_refused(tmp_path, text):
+    (tmp_path / "runs.csv").write_text(text)
+    with pytest.raises(UserError, match=r"no runs.csv|needs 32 robots"):
+        study_posterior(read_runs(tmp_path / "runs.csv"))
+
+
+def test_a_robot_that_ran_under_one_policy_alone_is_missed():
+    runs = [RobotRun("built", 13.0, 11.0, 12.0, 1500.0, 1400.0)] * 80
+    with pytest.raises(UserError, match="'gentle': 0"):
+        study_posterior(runs)
 
 
 def test_each_robot_runs_under_its_own_policy_and_in_order(monkeypatch):
