@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bp2_rl.base.arrays import Number
 from bp2_rl.base.assets import asset_path
+from bp2_rl.base.metric import NOT_MEASURED
 from bp2_rl.base.serialization import from_json
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
@@ -27,7 +28,7 @@ from bp2_rl.simulation.measuring import time_at
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory, window_means
 from bp2_rl.simulation.world import World
 
 ASSUMPTIONS, ROBOTS = "plausible/assumptions.toml", "plausible/robots.csv"
@@ -75,10 +76,25 @@ def read_posterior(count: int) -> list[Values]:
     """
     with asset_path(ROBOTS).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    upto = np.cumsum([float(row["weight"]) for row in rows])
-    which = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
+    which = resample(np.array([float(row["weight"]) for row in rows]), count)
     names = read_assumptions()
     return [{name: float(rows[i][name]) for name in names} for i in which]
+
+
+def resample(weights: Float[np.ndarray, " N"], count: int) -> Int[np.ndarray, " count"]:
+    """Return indices of weighted things, each as often as its weight says (systematic
+    resampling)."""
+    upto = np.cumsum(weights)
+    return np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
+
+
+def show_interval(interval: Sequence[float] | None, form: str, unit: str = "") -> str:
+    """Return a median and its interval as text, from (low, median, high); a dash for
+    None."""
+    if interval is None:
+        return NOT_MEASURED
+    low, middle, high = (f"{x:{form}}" for x in interval)
+    return f"{middle} ({low} to {high}) {unit}".rstrip()
 
 
 # --- A robot and its conditions -------------------------------------------------------
@@ -182,7 +198,7 @@ def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
     pace."""
     if len(run) <= SECOND:
         return BestSecond(0.0, 0.0, (0.0, 0.0), run.fell_at)
-    speeds = second_means(run.ground_velocity[:, 0])
+    speeds = window_means(run.ground_velocity[:, 0], SECOND)
     best = int(np.argmax(speeds))
     pace = int(np.argmax(speeds >= min(bp2.OUTDOOR_TOP_SPEED, speeds[best])))
     during = slice(pace, pace + SECOND)
@@ -190,12 +206,6 @@ def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
     hip, knee = power.reshape(2, 3).max(axis=0)[1:]
     told = float(run.command[best + SECOND // 2, 0])
     return BestSecond(float(speeds[best]), told, (float(hip), float(knee)), run.fell_at)
-
-
-def second_means(speed: Float[np.ndarray, " N"]) -> Float[np.ndarray, " K"]:
-    """Return the mean speed of every second, m/s."""
-    total = np.concatenate(([0.0], np.cumsum(speed)))
-    return (total[SECOND:] - total[:-SECOND]) / SECOND
 
 
 def _race_time(_: RunRequest, run: Trajectory) -> float | None:

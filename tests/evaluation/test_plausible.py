@@ -15,11 +15,11 @@ from bp2_rl.evaluation.plausible import (
     read_assumptions,
     read_posterior,
     road,
-    second_means,
 )
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import window_means
 from bp2_rl.simulation.world import World
 
 ASSUMPTIONS = read_assumptions()
@@ -79,7 +79,7 @@ def test_places_in_a_range_and_values_are_inverse(name):
 def test_the_mean_of_every_second_is_a_convolution():
     speed = np.random.default_rng(0).normal(size=2500)
     expected = np.convolve(speed, np.full(1000, 1e-3), "valid")
-    np.testing.assert_allclose(second_means(speed), expected, atol=1e-12)
+    np.testing.assert_allclose(window_means(speed, 1000), expected, atol=1e-12)
 
 
 def test_the_best_second_and_its_peaks_are_those_of_a_known_run():

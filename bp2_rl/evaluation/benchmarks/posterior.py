@@ -7,16 +7,29 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.metric import card_of, metric, rounded, rows_of, table_of
+from bp2_rl.base.metric import (
+    card_of,
+    metric,
+    rounded,
+    rows_of,
+    table_of,
+)
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_rise
 from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles
 from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint
-from bp2_rl.evaluation.plausible import HOLD, RISE, read_posterior, run_plausible
+from bp2_rl.evaluation.plausible import (
+    HOLD,
+    RISE,
+    read_posterior,
+    run_plausible,
+    show_interval,
+)
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
+from bp2_rl.simulation.parallel import keep_workers
 from bp2_rl.simulation.schedule import Ramp
 
 NUM_ROBOTS = 32
@@ -34,9 +47,7 @@ class PlausibleMetrics:
 
 
 def _of(found: Quantiles | None, unit: str) -> str:
-    if found is None:
-        return "-"
-    return f"{found.median:.2f} ({found.low:.2f} to {found.high:.2f}) {unit}"
+    return show_interval(found and dataclasses.astuple(found), ".2f", unit)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,7 +83,8 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
     """Run a policy on plausible robots; return belt, road and 100 m as an
     evaluation."""
     count = setup.robots if isinstance(setup.robots, int) else NUM_ROBOTS
-    ran = run_plausible(policy, read_posterior(count), race.acceleration)
+    with keep_workers():  # for belt and road, and for the race after them
+        ran = run_plausible(policy, read_posterior(count), race.acceleration)
     robots = tuple(
         PlausibleMetrics(
             one.belt.speed,
@@ -97,13 +109,13 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
         f"from a stand to {policy.card.env.commands.max_forward:g} m/s at {RISE:g} m/s², then hold for {HOLD:g} s; "
         f"over 100 m {describe_rise(race)} to what gave the road's best second",
     )
-    said["robot"] = (
-        f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
-    )
     return Evaluation(
         benchmark=POSTERIOR,
         subject=f"{policy.card.stage} policy, {count} robots that BP2 may be",
-        conditions=said,
+        conditions=said
+        | {
+            "robot": f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
+        },
         verdict=f"Treadmill {_of(metrics.belt, 'm/s')}, road {_of(metrics.road, 'm/s')}, "
         f"100 m {_of(metrics.time_100m, 's')}: median and 90 % of {count} robots.",
         good=len(times) == count,

@@ -130,9 +130,9 @@ class Draws:
 
     shares: Shares
     policy: Int[np.ndarray, " N"]  # its place in the order of the emulators
-    mean: Logs  # of what the robot runs at its best
+    expected: Logs  # mean of what the robot runs, as dared
     std: Logs
-    logs: Logs  # drawn from these
+    logs: Logs  # drawn, at the robot's best
     dared: Float[np.ndarray, " N"]  # share of the best speed run outdoors
     chance: Float[np.ndarray, " N"]  # that it runs
 
@@ -172,29 +172,23 @@ def draw(
         its = policy == i
         mean[its], std[its] = emulator.predict(shares[its])
         chance[its] = emulator.run_chance(shares[its])
-    return Draws(
-        shares,
-        policy,
-        mean,
-        std,
-        logs=mean + std * rng.standard_normal(mean.shape),
-        dared=rng.uniform(*DARED, count),
-        chance=chance,
-    )
+    logs = mean + std * rng.standard_normal(mean.shape)
+    dared = rng.uniform(*DARED, count)
+    return Draws(shares, policy, as_dared(mean, dared), std, logs, dared, chance)
 
 
 def weights(
     draws: Draws, measured: Float[np.ndarray, "4"], names: Sequence[str] = NAMES
 ) -> Float[np.ndarray, " N"]:
-    """Return each draw's weight, all together 1, given some of the numbers.
+    """Return each draw's weight, all together 1, given some of the numbers; the prior's
+    without any.
 
     Args:
         draws: from the prior.
         measured: logarithms of all numbers.
         names: of the numbers that count.
     """
-    expected = as_dared(draws.mean, draws.dared)
-    found = draws.chance * likelihood(expected, measured, names, draws.std)
+    found = draws.chance * likelihood(draws.expected, measured, names, draws.std)
     return found / found.sum()
 
 

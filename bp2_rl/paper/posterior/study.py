@@ -3,13 +3,19 @@ numbers are known."""
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
-from bp2_rl.evaluation.plausible import Values, read_assumptions
+from bp2_rl.evaluation.plausible import (
+    Values,
+    read_assumptions,
+    resample,
+    show_interval,
+)
 from bp2_rl.paper.posterior.inference import (
     DARED,
     ERRORS,
@@ -41,10 +47,7 @@ SEEN = tuple(name for name in NAMES if name not in LEFT_OUT)
 SHOWN_PART = 0.25  # of a combination: smaller parts are left out of its description
 
 
-def show_interval(interval: Interval) -> str:
-    """Write an interval with its median, to four digits."""
-    low, middle, high = interval
-    return f"{middle:.4g} ({low:.4g} to {high:.4g})"
+show_four = partial(show_interval, form=".4g")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,11 +57,11 @@ class NumberNumbers:
     name: str = metric("Number", form="s")
     unit: str = metric("Unit", form="s")
     printed: float = metric("Paper", form="g")
-    prior: Interval = metric("Assumed", form=show_interval)
+    prior: Interval = metric("Assumed", form=show_four)
     # from the numbers in `SEEN` alone, the model's error included
-    predicted: Interval = metric("By belt and power", form=show_interval)
-    posterior: Interval = metric("By all four", form=show_interval)
-    best: Interval = metric("By all four, all dared", form=show_interval)
+    predicted: Interval = metric("By belt and power", form=show_four)
+    posterior: Interval = metric("By all four", form=show_four)
+    best: Interval = metric("By all four, all dared", form=show_four)
     # of pseudo-truths whose number lies in its interval; None: the number was seen
     coverage: float | None = metric("Coverage", form=".1%", default=None)
     # of the predicted interval over the prior's, median over pseudo-truths
@@ -72,7 +75,7 @@ class AssumptionNumbers:
     name: str = metric("Assumed", form="s")
     low: float = metric("From", form="g")
     high: float = metric("To", form="g")
-    posterior: Interval = metric("Median (90 %)", form=show_interval)
+    posterior: Interval = metric("Median (90 %)", form=show_four)
     # posterior over prior standard deviation, of the place in the range
     left: float = metric("Left", form=".0%")
 
@@ -121,17 +124,17 @@ def study_posterior(runs: Sequence[RobotRun], count: int = DRAWS) -> PosteriorNu
     shares = fill_ranges(robots, len(assumptions))
     fitted = fit(runs, shares)
     draws = draw(fitted.emulators, count, len(assumptions))
-    prior = draws.chance / draws.chance.sum()
-    seen, full = (weights(draws, PRINTED, names) for names in (SEEN, NAMES))
+    prior, seen, full = (weights(draws, PRINTED, names) for names in ((), SEEN, NAMES))
+    shown, noisy = draws.shown, measured(draws)
     checks = calibrate(fitted, count)
     numbers = tuple(
         NumberNumbers(
             name,
             one.unit,
             one.printed,
-            prior=_spread(draws.shown[:, i], prior),
-            predicted=_spread(measured(draws)[:, i], seen),
-            posterior=_spread(draws.shown[:, i], full),
+            prior=_spread(shown[:, i], prior),
+            predicted=_spread(noisy[:, i], seen),
+            posterior=_spread(shown[:, i], full),
             best=_spread(draws.logs[:, i], full),
             **(checks.of(name) if name in LEFT_OUT else {}),
         )
@@ -235,8 +238,9 @@ def calibrate(
         for emulator, logs in zip(emulators, fitted.logs.values(), strict=True):
             errors.append(emulator.predict(fitted.shares[~seen])[0] - logs[~seen])
         draws = draw(emulators, count, fitted.shares.shape[1], seed=fold)
-        numbers = measured(draws)
-        prior = draws.chance / draws.chance.sum()
+        numbers = dict(zip(NAMES, measured(draws).T, strict=True))
+        prior = weights(draws, PRINTED, ())
+        priors = {name: quantiles(numbers[name], prior) for name in LEFT_OUT}
         for policy, robot in chosen:
             if robot % FOLDS != fold:
                 continue
@@ -245,10 +249,9 @@ def calibrate(
             truth = truth + ERRORS * rng.standard_normal(len(NAMES))
             by = weights(draws, truth, SEEN)
             for name in LEFT_OUT:
-                i = NAMES.index(name)
-                low, _, high = quantiles(numbers[:, i], by)
-                least, _, most = quantiles(numbers[:, i], prior)
-                inside[name].append(bool(low <= truth[i] <= high))
+                low, _, high = quantiles(numbers[name], by)
+                least, _, most = priors[name]
+                inside[name].append(bool(low <= truth[NAMES.index(name)] <= high))
                 widths[name].append((high - low) / (most - least))
     return Checks(
         inside, widths, np.sqrt(np.nanmean(np.concatenate(errors) ** 2, axis=0))
@@ -271,15 +274,13 @@ class Chosen:
 def choose(fitted: Fitted, count: int, seed: int = 0) -> Chosen:
     """Choose draws from the posterior, each as often as its weight says."""
     draws = draw(fitted.emulators, DRAWS, fitted.shares.shape[1])
-    upto = np.cumsum(weights(draws, PRINTED))
-    at = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
+    at = resample(weights(draws, PRINTED), count)
     at = np.random.default_rng(seed).permutation(at)
-    expected = as_dared(draws.mean[at], draws.dared[at])
     return Chosen(
         draws.shares[at],
         [POLICIES[i] for i in draws.policy[at]],
         draws.dared[at],
-        likelihood(expected, PRINTED, std=draws.std[at]),
+        likelihood(draws.expected[at], PRINTED, std=draws.std[at]),
     )
 
 

@@ -48,7 +48,7 @@ def draws_of(logs, **changed):
     parts = {
         "shares": np.zeros((count, 1)),
         "policy": np.zeros(count, int),
-        "mean": logs,
+        "expected": logs,
         "std": np.zeros_like(logs),
         "logs": logs,
         "dared": np.ones(count),
