@@ -44,8 +44,8 @@ what is run:
                         or of a run
   --benchmark NAME      what is measured [topspeed]
 {benchmarks}
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; by
-                        default built, or the policy's own robot
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
+                        one that BP2 may be [the policy's; built for ideal]
   --backend {mujoco,mjx,drake}
                         mujoco: C MuJoCo; mjx: the engine of training; drake: a
                         second opinion [mujoco]

@@ -54,7 +54,7 @@ what is trained:
   --preset {gpu,cpu,first,smoke,auto}
                                auto: gpu where JAX sees an accelerator, else cpu;
                                first: learn to trot, in minutes; smoke: tests
-  --robot NAME|FILE            built, ideal, go1 or another that ships, or a file;
+  --robot NAME|FILE            built, ideal, real, go1, ... or a file;
                                by default that of --from, else built
   --weights {ours,paper}       rewards: ours, or the paper's Table S4
   --reference {collocation,kinematic,none}
@@ -107,7 +107,7 @@ class EarlyFlags:
     weights: Weights | None = None
     """rewards: ours, or the paper's Table S4"""
     robot: RobotWish = None
-    """built, ideal, go1 or another that ships, or a file; by default that of --from,
+    """built, ideal, real, go1, ... or a file; by default that of --from,
     else built"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """take networks and settings from this run [relaxed: the newest imitation run]"""

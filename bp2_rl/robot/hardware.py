@@ -306,9 +306,36 @@ BUILT = HardwareSpec(
 """BP2 as a machine that could be built, with ASSUMED losses; docs/notes/reality.md has
 published values."""
 
+REAL = BUILT.changed(
+    peak_torque=117.0,
+    corner_speed=16.3,
+    no_load_speed=19.5,
+    braking_speed=36.4,
+    rotor_inertia=1.86e-4,
+    spring_stiffness=6280.0,
+    spring_damping=45.6,
+    spring_travel=0.141,
+    spring_stop_stiffness=58.9e3,
+    friction=0.848,
+    drag_area=0.394,
+    headwind=1.3,
+    gear_efficiency=0.867,
+    joint_friction=1.59,
+    joint_viscosity=0.0383,
+    spring_friction=18.5,
+    current_lag=3.67e-3,
+    latency=5.92e-3,
+    bus_power_out=5140.0,
+    bus_power_in=6890.0,
+    bus_sag=0.0071,
+)
+"""One of many robots that may be BP2: of those of `evaluation.plausible`, the one on
+which a policy runs most nearly what the paper's BP2 ran. Its wind is that of the road;
+the road itself rises by 0.19 % and is rough by 2.8 mm."""
 
-RobotName = Literal["ideal", "built"]
-ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}
+
+RobotName = Literal["ideal", "built", "real"]
+ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT, "real": REAL}
 
 
 def robot_name(hardware: HardwareSpec) -> RobotName | None:

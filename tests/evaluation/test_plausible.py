@@ -16,8 +16,12 @@ from bp2_rl.evaluation.plausible import (
     read_posterior,
     road,
 )
-from bp2_rl.robot.hardware import BUILT
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import BUILT, REAL
+from bp2_rl.simulation.measuring import time_at
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import window_means
 from bp2_rl.simulation.world import World
@@ -47,6 +51,24 @@ def test_the_built_robots_values_give_the_built_robot():
     }
     # 120 Nm x 14.7 rad/s is a watt less than was measured; the slope is this test's own
     assert outside == {"corner_power", "slope"}
+
+
+def test_the_real_robot_is_one_that_ships():
+    """`REAL` is a row of the file, to three digits."""
+    names = [name for name in ASSUMPTIONS if name not in CONDITIONS]
+    real = [REAL.parameter(name) for name in names]
+    rows = [[robot[name] for name in names] for robot in read_posterior(2000)]
+    off = np.max(np.abs(np.divide(rows, real) - 1.0), axis=1)
+    assert np.min(off) < 0.005
+
+
+def test_a_policy_runs_on_the_real_robot_what_the_papers_bp2_ran():
+    policy = load_policy("built")
+    ramp = Ramp(15.5, acceleration=2.38, hold=6.0).under(policy.card.env.control)
+    (run,) = simulate(policy, [RunRequest(ramp, REAL)])
+    best = best_second(RunRequest(ramp, REAL), run)
+    assert best.speed == pytest.approx(bp2.OUTDOOR_TOP_SPEED, rel=0.02)
+    assert time_at(run, TRACK) == pytest.approx(bp2.SPRINT_100M_TIME, rel=0.02)
 
 
 def test_a_treadmill_has_no_air_and_may_have_mains():

@@ -12,7 +12,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
-from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
+from bp2_rl.robot.hardware import BUILT, IDEAL, REAL, ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.model import SPRING_QVEL, load_model
 
 assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
@@ -117,7 +117,7 @@ def test_impossible_hardware_is_refused_in_one_line(change, says):
 
 
 def test_a_robot_has_a_name_if_it_is_one_of_those_with_names():
-    assert [robot_name(robot) for robot in (IDEAL, BUILT)] == ["ideal", "built"]
+    assert [robot_name(robot) for robot in (IDEAL, BUILT, REAL)] == [*ROBOTS]
     assert robot_name(HardwareSpec(friction=0.5)) is None
 
 

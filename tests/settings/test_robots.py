@@ -9,14 +9,14 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.kinematics import reach
-from bp2_rl.robot.named import find_robot, robot_names
+from bp2_rl.robot.named import find_robot, shipped_files
 from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import robot_text
 from bp2_rl.settings import presets
 from bp2_rl.settings.presets.robots import sized, speed_factor
 from bp2_rl.settings.training import TrainConfig
 
-SHIPPED = [name for name in robot_names() if name not in ("built", "ideal")]
+SHIPPED = list(shipped_files())
 
 
 def test_bp2_has_the_settings_that_were_written_for_it_however_it_is_changed():

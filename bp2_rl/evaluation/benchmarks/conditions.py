@@ -99,13 +99,10 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
 
 def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
     """Return the robot that a benchmark simulates: the one asked for, else the built
-    one.
-
-    The card's own robot runs where that robot has no name.
-    """
+    one in place of the ideal one, else the card's own."""
     own = policy.card.env.hardware
     if setup.robot is None:
-        return BUILT if robot_name(own) else own
+        return BUILT if own == IDEAL else own
     chosen = find_robot(setup.robot)
     if chosen.anatomy.name != own.anatomy.name:
         raise UserError(

@@ -23,8 +23,8 @@ class Setup(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     robot: RobotWish = None
-    """built: BP2 with losses and solid legs; ideal: without; by default built, or the
-    policy's own robot where that is neither"""
+    """built: BP2 with losses and solid legs; ideal: without; real: one that BP2 may be; by
+    default the policy's own robot, and built in place of ideal"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo. mjx: MJX, the reference engine of training. drake: Drake's
     dynamics and contact, a second opinion."""

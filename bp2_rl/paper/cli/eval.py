@@ -29,7 +29,8 @@ what is run:
                         mechanism: whose inertia balances whose, at five speeds
                         efficiency: what running costs, at eight speeds
                         all: one after the other
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
+                        one that BP2 may be
   --quick               the short version, in half a minute
 
 how:
