@@ -29,10 +29,7 @@ def find_robot(name: str) -> HardwareSpec:
     Raises:
         UserError: there is no such robot, or its file is broken.
     """
-    found = next(
-        (hardware for known, hardware in ROBOTS.items() if known == name), None
-    )
-    return found or find_robot_file(name).hardware
+    return ROBOTS[name] if name in ROBOTS else find_robot_file(name).hardware
 
 
 def find_robot_file(name: str) -> "RobotFile":

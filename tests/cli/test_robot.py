@@ -54,7 +54,7 @@ def test_mistakes_are_one_line(
         (["new", str(tmp_path / "fused.xml")], "base is fixed"),
         (["new", str(model), "--foot-radius", "-1"], "--foot-radius must be"),
         (["new", str(model), "--feet", "a"], "four names"),
-        (["check", "nobody"], "built, b2, black_panther, go1"),
+        (["check", "nobody"], "built, real, b2, black_panther, go1"),
         (["check", "go1", "--out", str(tmp_path)], "must be a name that ends in"),
         (
             ["check", str(tmp_path / "there.toml")],

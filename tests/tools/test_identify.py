@@ -2,6 +2,10 @@
 numbers."""
 
 import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -306,6 +310,21 @@ def test_targets_begin_at_the_stand_keep_off_the_stops_and_keep_legs_apart(name)
     assert np.min(apart.legs) > 0.0
     text = excitation_text(robot.hardware, robot.gains)
     assert text.startswith(f"time,q_target.{anatomy.joints[0].name},")
+
+
+@pytest.mark.skipif("BP2_RECORDING" not in os.environ, reason="needs the recording")
+def test_the_recording_of_a_real_robot_is_predicted(tmp_path):
+    """Limits in mrad, of abad, hip and knee after 50 ms, from a centred filter and from
+    past rows alone."""
+    script = Path(__file__).parents[2] / "docs/real_recording.py"
+    words = [script, os.environ["BP2_RECORDING"], tmp_path / "log.npz"]
+    subprocess.run([sys.executable, *words], check=True)
+    robot = find_robot_file("black_panther")
+    assert robot.gains is not None
+    log = read_log(tmp_path / "log.npz", robot.anatomy)
+    errors = identify(log, robot, robot.gains).errors
+    found = 1e3 * np.array([error.fitted for error in errors])
+    assert np.all(found < [15.0, 40.0, 30.0, 15.0, 44.0, 36.0])
 
 
 def test_numbers_that_cannot_be_written_are_said_so(found, tmp_path):
