@@ -24,9 +24,9 @@ class IdentifyConfig:
 
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
     """the robot file whose numbers are tried, with the loop's [gains]"""
-    log: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")] = (
-        None
-    )
+    log: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[LOG]")
+    ] = None
     """the recording; without one, targets.csv is written to DIR"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("identified")
     """folder of the robot file, the numbers and the picture"""
