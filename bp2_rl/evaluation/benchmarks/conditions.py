@@ -158,7 +158,6 @@ def describe_robot(hardware: HardwareSpec) -> str:
             "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
             "through each other"
         )
-    known = hardware.is_bp2 and name is not None
     parts = {
         f"CdA {losses.drag_area:g} m²": True,
         f"gears {losses.gear_efficiency:.0%}": True,
@@ -174,7 +173,7 @@ def describe_robot(hardware: HardwareSpec) -> str:
         "legs that pass through each other": not hardware.solid_legs,
     }
     said = ", ".join(part for part, holds in parts.items() if holds)
-    if known:
+    if name is not None:
         return f"{name}: {said}"
     return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {said}; config {config_hash(hardware)}"
 
@@ -191,7 +190,8 @@ def title_of(hardware: HardwareSpec) -> str:
     """Return a robot's name for the title of a figure or report."""
     if not hardware.is_bp2:
         return hardware.anatomy.name
-    return f"{robot_name(hardware) or 'unnamed'} robot"
+    name = robot_name(hardware) or "unnamed"
+    return "one of many robots that BP2 may be" if name == "real" else f"{name} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:
