@@ -35,7 +35,7 @@ def running(*arguments, pause=0.0):
 
 def finish(*arguments):
     with running(*arguments) as process:
-        _, error = process.communicate(timeout=120)
+        _, error = process.communicate(timeout=180)
     assert process.returncode == 0, error
 
 
@@ -134,7 +134,7 @@ def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(
     with running(*new, "--out", run, pause=2.0) as process:
         wait_for((run / "config.json").exists, process)
         process.send_signal(number)
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=180)
     assert (process.returncode, error) == (128 + number, line)
     assert list(tmp_path.rglob("*")) == [tmp_path / "runs"]
 
@@ -148,7 +148,7 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
         with running(*arguments, pause=0.04) as process:
             wait_for(lambda before=saved: (latest_step(run) or 0) > before, process)
             process.send_signal(number)
-            _, error = process.communicate(timeout=60)
+            _, error = process.communicate(timeout=180)
         assert process.returncode == status
         saved = latest_step(run) or 0
         assert (
@@ -248,12 +248,12 @@ def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(
             (start_again, "holds a run already"),
             (also, "another process trains in"),
         ):
-            _, error = other.communicate(timeout=60)
+            _, error = other.communicate(timeout=180)
             assert other.returncode == 2
             assert why in error
             assert error.count("\n") == 1
     both = [begin("--resume", run, pause=0.1) for _ in range(2)]
-    errors = [process.communicate(timeout=120)[1] for process in both]
+    errors = [process.communicate(timeout=180)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]
     assert f"another process trains in {run}" in "".join(errors)
     assert_same_run(run, uninterrupted)
@@ -264,7 +264,7 @@ def test_a_run_whose_folder_is_deleted_ends_and_leaves_no_other(new, tmp_path):
     with running(*new, "--out", run, pause=0.04) as process:
         wait_for(lambda: (latest_step(run) or 0) > 0, process)
         run.rename(tmp_path / "moved")
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=180)
     assert process.returncode == 1
     assert (
         error
