@@ -7,13 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.metric import (
-    card_of,
-    metric,
-    rounded,
-    rows_of,
-    table_of,
-)
+from bp2_rl.base.metric import card_of, metric, rounded, rows_of, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_rise
 from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles
