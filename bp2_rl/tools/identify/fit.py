@@ -51,6 +51,9 @@ MODEL, MODEL_DELAY = 0.004, 3e-5
 added to the spread."""
 SETTLED = 5e-4
 """Share of the loss by which two last steps may still lower it."""
+INERTIA = 0.03
+"""Standard deviation of the logarithm of a link's inertia: 90 % are within 5 %. Torque,
+friction and armature are known no better, as motion tells only their ratio to it."""
 BLOCK = 0.5  # s, of a hanging leg, whose windows may share errors
 ENOUGH = 2
 """Swings that a fit needs for each unknown of the motors."""
@@ -89,6 +92,7 @@ def rig_of(hardware: HardwareSpec, gains: GainNumbers) -> Rig:
         armature=three(hardware.reflected_inertia),
         corner_share=three(hardware.joint_corner_speed) / no_load,
         delay=np.array([losses.latency + losses.current_lag]),
+        inertia=np.ones(3),
     )
     peak = three(hardware.joint_peak_torque)
     guess = configured._replace(
@@ -251,20 +255,39 @@ def fit_motors(
         return jnp.where(windows.kept[..., None], both, 0.0)
 
     substeps = _substeps(float(windows.step))
-    cost = jax.jit(lambda *x: jnp.sum(_huber(residual(*x))))
+    loss = jax.jit(lambda *x: jnp.sum(_huber(residual(*x))))
+
+    def cost(u: np.ndarray, start: np.ndarray) -> float:
+        return float(loss(u, start, windows)) + 0.5 * float(prior @ u**2)
+
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)
-    damping, least, calm = 1e-3, float(cost(u, start, windows)), 0
+    prior = np.concatenate(
+        [
+            np.full(len(guess[name]), INERTIA**-2.0 * (name == "inertia"))
+            for name in free
+        ]
+    )
+
+    def normal_at(u: np.ndarray, start: np.ndarray) -> _Normal:
+        """Return the normal equations there; legs and windows first."""
+        rest, by_u, by_start = map(np.asarray, derivatives(u, start, windows))
+        by_each = (np.moveaxis(x, 0, -1).astype(float) for x in (by_u, by_start))
+        return _Normal(
+            *by_each, rest[..., None].astype(float), np.asarray(windows.swing), prior, u
+        )
+
+    damping, least, calm = 1e-3, cost(u, start), 0
     if not math.isfinite(least):
         raise UserError(
             "the robot file's numbers predict no motion from this log: look at joints' names, signs and units"
         )
     for _ in range(iterations):
-        normal = _normal(windows, *map(np.asarray, derivatives(u, start, windows)))
+        normal = normal_at(u, start)
         gain = 0.0
         while damping < 1e6:
             du, dstart = normal.step(damping)
-            tried = float(cost(u + du, start + dstart, windows))
+            tried = cost(u + du, start + dstart)
             if tried < least:
                 gain, least = least - tried, tried
                 u, start = u + du, start + dstart
@@ -274,7 +297,7 @@ def fit_motors(
         if calm == 2:
             break
         damping = max(damping / 8.0, 1e-8)
-    normal = _normal(windows, *map(np.asarray, derivatives(u, start, windows)))
+    normal = normal_at(u, start)
     found = {
         name: np.asarray(x, dtype=float)
         for name, x in motors(jnp.asarray(u))._asdict().items()
@@ -318,12 +341,15 @@ class _Normal(NamedTuple):
     s: np.ndarray  # and by the starts, (4, W, m, 6)
     residual: np.ndarray  # (4, W, m, 1)
     swing: np.ndarray  # to which each window belongs, (4, W)
+    prior: np.ndarray  # precision of the motors' logarithms about 0, (n,)
+    at: np.ndarray  # the motors' logarithms, (n,)
 
     def step(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Return Levenberg's steps of the motors' logarithms and of the starts."""
         along, left, right = self._eliminated(-0.5, damping)
         left = left * (1.0 + damping * np.eye(len(left))) + 1e-9 * np.eye(len(left))
-        du = np.clip(-np.linalg.solve(left, np.sum(right, axis=(0, 1))), -0.5, 0.5)
+        slope = np.sum(right, axis=(0, 1)) + self.prior * self.at
+        du = np.clip(-np.linalg.solve(left, slope), -0.5, 0.5)
         dstart = -along[..., -1] - along[..., :-1] @ du
         most = FARTHEST * np.array([ANGLE] * 3 + [RATE] * 3)
         return du, np.clip(dstart, -most, most)
@@ -337,8 +363,8 @@ class _Normal(NamedTuple):
         there = np.any(swings != 0.0, axis=1).sum()
         told = np.diag(left) > INFORMATIVE * np.max(np.diag(left))
         inverse = np.linalg.pinv(left[np.ix_(told, told)], rcond=1e-10, hermitian=True)
-        between = (swings.T @ swings)[np.ix_(told, told)] * there / (there - 1.0)
-        variance = np.diag(inverse @ between @ inverse)
+        between = swings.T @ swings * there / (there - 1.0) + np.diag(self.prior)
+        variance = np.diag(inverse @ between[np.ix_(told, told)] @ inverse)
         spread = np.full(len(told), math.inf)
         spread[told] = np.sqrt(np.maximum(variance, 0.0))
         return spread
@@ -362,14 +388,7 @@ class _Normal(NamedTuple):
         along = np.linalg.solve(
             ss, np.concatenate([us.swapaxes(-1, -2), gradient[0]], -1)
         )
-        left = np.sum(by_u @ self.u - us @ along[..., :-1], axis=(0, 1))
+        left = np.sum(by_u @ self.u - us @ along[..., :-1], axis=(0, 1)) + np.diag(
+            self.prior
+        )
         return along, left, (gradient[1] - us @ along[..., -1:])[..., 0]
-
-
-def _normal(
-    windows: Windows, residual: np.ndarray, by_u: np.ndarray, by_start: np.ndarray
-) -> _Normal:
-    """Return the normal equations at residuals (4, W, m) with these derivatives."""
-    u = np.moveaxis(by_u, 0, -1).astype(float)
-    s = np.moveaxis(by_start, 0, -1).astype(float)
-    return _Normal(u, s, residual[..., None].astype(float), np.asarray(windows.swing))

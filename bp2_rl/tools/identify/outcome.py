@@ -37,8 +37,8 @@ HELD_OUT = 1.0 / 3.0
 third `BLOCK` of one that hangs."""
 BLOCK = 1.0  # s
 RUNNING = ("torque_scale", "no_load_speed", "friction", "viscosity", "delay")
-HANGING = (*RUNNING, "armature", "corner_share")
-"""Numbers that a log can tell; running alone leaves the rotors' inertia open."""
+HANGING = (*RUNNING, "armature", "corner_share", "inertia")
+"""Numbers that a log can tell; running alone leaves the inertias open."""
 WINDOW = {False: 0.05, True: 0.2}
 """s, length of a window of a running and of a hanging robot."""
 STRIDE = {False: 0.01, True: 0.2}
@@ -55,6 +55,7 @@ UNITS = {
     "armature": "kg m2",
     "corner_share": "of no-load speed",
     "delay": "s",
+    "inertia": "of the file's",
 }
 Verdict = Literal["identified", "too wide", "none to be seen", "the log is silent"]
 

@@ -34,7 +34,8 @@ could turn the motion round."""
 
 
 class Motors(NamedTuple):
-    """Numbers of the motors that a log can tell; arrays (3,) over abad, hip and knee."""
+    """Numbers that a log can tell of motors and links; arrays (3,) over abad, hip and
+    knee."""
 
     torque_scale: Float[arrays.Array, "3"]  # of the torque that gains and limits say
     no_load_speed: Float[arrays.Array, "3"]  # rad/s
@@ -43,6 +44,7 @@ class Motors(NamedTuple):
     armature: Float[arrays.Array, "3"]  # kg m2, the rotor's inertia at the joint
     corner_share: Float[arrays.Array, "3"]  # corner speed over the no-load speed
     delay: Float[arrays.Array, "1"]  # s, from a target to its torque
+    inertia: Float[arrays.Array, "3"]  # of a link, times what the robot file says
 
 
 class Windows(NamedTuple):
@@ -81,7 +83,7 @@ def predict(
         motors: the numbers that are tried.
         start: (4, W, 6), angles (rad) and rates (rad/s) at each window's start.
         windows: the recorded ones.
-        substeps: integration steps between two rows.
+        substeps: integration steps before a row's target changes, and as many after it.
     """
     corner = motors.corner_share * motors.no_load_speed
     limits = {"corner_speed": corner, "no_load_speed": motors.no_load_speed}
@@ -89,15 +91,20 @@ def predict(
     springs = rig.design.armature[3:]
     design = dataclasses.replace(rig.design, armature=(*motors.armature, *springs))
     still = [jnp.zeros_like(start[..., 0])] * len(springs)
+    links = jnp.stack([motors.inertia[min(i, 2)] for i in range(len(design.links))])
+    factors = jnp.concatenate([jnp.ones(2), jnp.tile(links, 4)])[:, None]
+    masses = Masses.of(design, factors, jnp.zeros((3, 1)))
 
-    def acceleration(q: Array, qd: Array, target: Array, trunk: list[Array]) -> Array:
+    def acceleration(
+        q: Array, qd: Array, dt: Array, target: Array, trunk: list[Array]
+    ) -> Array:
         asked = pd_torque(drive, q, qd, target, jnp.zeros(()))
         torque = motors.torque_scale * jnp.clip(asked, *torque_limits(drive, qd))
         friction = motors.friction + rig.gear_loss * jnp.abs(torque)
         torque = torque - motors.viscosity * qd
         up, spin, turning = trunk
         return _free_acceleration(
-            design,
+            Robots(design, masses, 1.0),
             _parts(q) + still,
             _parts(qd) + still,
             _parts(torque) + still,
@@ -108,35 +115,36 @@ def predict(
             turning,
         )
 
-    dt = windows.step / substeps
     rows, targets = len(windows.up), windows.q_target
-    integral = jnp.concatenate([jnp.zeros_like(targets[:1]), jnp.cumsum(targets, 0)])
+    late = len(targets) - rows - motors.delay[0] / windows.step
+    first = jnp.clip(jnp.floor(late), 0, len(targets) - rows - 1)
+    spans = jnp.stack([1.0 - (late - first), late - first]) * windows.step / substeps
 
-    def held_until(place: Array) -> Array:
-        whole = jnp.clip(jnp.floor(place), 0, len(targets) - 1)
-        i = whole.astype(int)
-        return integral[i] + (place - whole) * targets[i]
-
-    def row(
+    def advance(
         state: tuple[Array, Array], now: list[Array]
     ) -> tuple[tuple[Array, Array], Array]:
-        (q, qd), (place, *trunk) = state, now
-        for i in range(substeps):
-            begin = place + i / substeps
-            target = substeps * (held_until(begin + 1.0 / substeps) - held_until(begin))
-            middle = qd + 0.5 * dt * acceleration(q, qd, target, trunk)
-            rate = acceleration(q + 0.5 * dt * qd, middle, target, trunk)
-            q = q + dt * middle
-            qd = qd + dt * rate
-        return (q, qd), q
+        (q, qd), (dt, target, *trunk) = state, now
+        middle = qd + 0.5 * dt * acceleration(q, qd, dt, target, trunk)
+        rate = acceleration(q + 0.5 * dt * qd, middle, dt, target, trunk)
+        return (q + dt * middle, qd + dt * rate), q + dt * middle
 
-    late = len(targets) - rows - motors.delay[0] / windows.step
-    recorded = [late + jnp.arange(rows), windows.up, windows.spin, windows.turning]
-    return jax.lax.scan(row, (start[..., :3], start[..., 3:]), recorded)[1]
+    def each(x: Array) -> Array:
+        return jnp.repeat(x, 2 * substeps, axis=0)
+
+    place = first.astype(int) + jnp.arange(rows)
+    held = jnp.stack([targets[place], targets[place + 1]], axis=1)
+    held = held.reshape(2 * rows, *targets.shape[1:])
+    recorded = [
+        jnp.tile(jnp.repeat(spans, substeps), rows),
+        jnp.repeat(held, substeps, axis=0),
+        *(each(x) for x in (windows.up, windows.spin, windows.turning)),
+    ]
+    begun = start[..., :3], start[..., 3:]
+    return jax.lax.scan(advance, begun, recorded)[1][2 * substeps - 1 :: 2 * substeps]
 
 
 def _free_acceleration(
-    design: Design,
+    robots: Robots,
     q: list[Number],
     qd: list[Number],
     torque: list[Number],
@@ -148,10 +156,9 @@ def _free_acceleration(
 ) -> Array:
     """Return the accelerations of abad, hip and knee of legs that touch nothing; Coulomb
     friction does not turn a motion round within a step `dt`."""
-    factors = jnp.ones((2 + 4 * len(design.links), 1))
-    masses = Masses.of(design, factors, jnp.zeros((3, 1)))
+    design, masses, _ = robots
     pose = RobotPose(_rotation(_vector(up)), Legs.of(design, masses, q))
-    inertia = inertia_matrix(FusionBarriers(None), Robots(design, masses, 1.0), pose)
+    inertia = inertia_matrix(FusionBarriers(None), robots, pose)
     velocity = GeneralizedVector([ZERO, ZERO, ZERO, *_vector(spin)], qd)
     applied = GeneralizedVector([ZERO] * 6, torque)
     force = smooth_force(design, masses, pose, q, velocity, applied).legs
@@ -165,18 +172,17 @@ def _free_acceleration(
             coupled * turn for coupled, turn in zip(row[3:], turned, strict=True)
         )
         free.append(force[i] - held - trunk)
-    rows = [
-        jnp.stack(
-            jnp.broadcast_arrays(
-                *(inertia.legs[max(i, j)][min(i, j)] for j in range(3))
-            ),
-            -1,
-        )
-        for i in range(3)
-    ]
-    # LAPACK's solver also keeps XLA from compiling all of the step as one for minutes
-    right = jnp.stack(free, -1)[..., None]
-    return jnp.linalg.solve(jnp.stack(rows, -2), right)[..., 0]
+    # Cholesky's solution written out: LAPACK's, called from many threads, may wait for ever
+    m = inertia.legs
+    across = [m[1][0] / m[0][0], m[2][0] / m[0][0]]
+    second = m[1][1] - across[0] * m[1][0]
+    turn = (m[2][1] - across[1] * m[1][0]) / second
+    third = m[2][2] - across[1] * m[2][0] - turn * turn * second
+    y = free[1] - across[0] * free[0]
+    knee = (free[2] - across[1] * free[0] - turn * y) / third
+    hip = y / second - turn * knee
+    abad = free[0] / m[0][0] - across[0] * hip - across[1] * knee
+    return jnp.stack(jnp.broadcast_arrays(abad, hip, knee), -1)
 
 
 def _rotation(up: Vector) -> Rotation:
