@@ -14,7 +14,6 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.actuator import Actuator, pd_torque, torque_limits
 from bp2_rl.robot.clearance import clearance
-from bp2_rl.robot.conventions import JOINTS
 from bp2_rl.robot.hardware import BUILT, Losses
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import find_robot_file, shipped_files
@@ -28,7 +27,7 @@ from bp2_rl.tools.identify.fit import (
     rig_of,
 )
 from bp2_rl.tools.identify.log import describe_log, read_log
-from bp2_rl.tools.identify.outcome import HANGING, identified_file, identify
+from bp2_rl.tools.identify.outcome import HANGING, NAMES, identified_file, identify
 from bp2_rl.tools.identify.swing import Motors
 
 SECONDS = 9.0
@@ -43,7 +42,7 @@ TRUTH = Motors(
     armature=np.array([0.0045, 0.0055, 0.006]),
     corner_share=np.array([0.65, 0.58, 0.6]),
     delay=np.array([0.0026]),
-    inertia=np.ones(3),
+    inertia=np.ones((4, 3)),
 )
 
 
@@ -75,7 +74,9 @@ def four(values: object) -> np.ndarray:
     return np.tile(np.broadcast_to(np.asarray(values, dtype=float), 3), 4)
 
 
-def hanging_log(path: Path, truth: Motors, seconds: float, inertias: object = 1.0):
+def hanging_log(
+    path: Path, truth: Motors, seconds: float, inertias: np.ndarray | float = 1.0
+):
     """Write a log of a hanging Go1 with these motors, whose bodies have these multiples
     of their mass and inertia."""
     hardware, gains = ROBOT.hardware, ROBOT.gains
@@ -140,7 +141,7 @@ def found(log_file):
 @pytest.mark.parametrize(("name", "within"), WITHIN.items())
 def test_a_hanging_robots_motors_are_found_again(found, name, within):
     values = [one.value for one in found.numbers if one.name == name]
-    np.testing.assert_allclose(values, getattr(TRUTH, name), rtol=within)
+    np.testing.assert_allclose(values, np.ravel(getattr(TRUTH, name)), rtol=within)
 
 
 def test_what_was_found_predicts_rows_that_it_has_not_seen(found):
@@ -364,15 +365,14 @@ def test_random_motors_are_found_again(tmp_path, covered, seed, wrong):
     shares = (0.2, 0.2, 0.4, 0.4, 0.3, 0.1)
     motors = [near(x, share) for x, share in zip(TRUTH, shares, strict=False)]
     delay = random.uniform(1e-3, 6e-3, 1).round(4)
-    truth = Motors(*motors, delay=delay, inertia=np.ones(3))
-    hanging_log(tmp_path / "log.npz", truth, DURATION, near(np.ones(14), wrong))
+    inertias = near(np.ones(14), wrong)
+    truth = Motors(*motors, delay=delay, inertia=inertias[2:].reshape(4, 3))
+    hanging_log(tmp_path / "log.npz", truth, DURATION, inertias)
     log = read_log(tmp_path / "log.npz", ROBOT.anatomy)
     assert ROBOT.gains is not None
     for one in identify(log, ROBOT, ROBOT.gains).numbers:
-        i = JOINTS.index(one.joint) if one.joint in JOINTS else 0
-        right = getattr(truth, one.name)[i]
-        if one.name == "inertia" and wrong:
-            continue
+        values = np.ravel(getattr(truth, one.name))
+        right = values[NAMES[len(values)].index(one.joint)]
         covered.append((one.low or 0.0) <= right <= (one.high or 0.0))
         if not wrong:
             near_enough = 1e-4 if one.name == "delay" else WITHIN[one.name] * right

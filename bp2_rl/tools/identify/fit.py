@@ -92,7 +92,7 @@ def rig_of(hardware: HardwareSpec, gains: GainNumbers) -> Rig:
         armature=three(hardware.reflected_inertia),
         corner_share=three(hardware.joint_corner_speed) / no_load,
         delay=np.array([losses.latency + losses.current_lag]),
-        inertia=np.ones(3),
+        inertia=np.ones((4, 3)),
     )
     peak = three(hardware.joint_peak_torque)
     guess = configured._replace(
@@ -234,7 +234,7 @@ def fit_motors(
         UserError: there are too few swings, or the log cannot be predicted at all.
     """
     guess = {name: np.asarray(x) for name, x in rig.guess._asdict().items()}
-    sizes = np.cumsum([len(guess[name]) for name in free])
+    sizes = np.cumsum([guess[name].size for name in free])
     swings = len(np.unique(np.asarray(windows.swing)[np.asarray(windows.kept)]))
     if swings < ENOUGH * sizes[-1]:
         raise UserError(
@@ -243,7 +243,10 @@ def fit_motors(
 
     def motors(u: jax.Array) -> Motors:
         parts = zip(free, jnp.split(u, sizes[:-1]), strict=True)
-        changed = {name: guess[name] * jnp.exp(part) for name, part in parts}
+        changed = {
+            name: guess[name] * jnp.exp(part.reshape(guess[name].shape))
+            for name, part in parts
+        }
         tried = Motors(**(guess | changed))
         return tried._replace(corner_share=jnp.minimum(tried.corner_share, 0.98))
 
@@ -262,20 +265,23 @@ def fit_motors(
 
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)
-    prior = np.concatenate(
-        [
-            np.full(len(guess[name]), INERTIA**-2.0 * (name == "inertia"))
-            for name in free
-        ]
+    # a leg's own inertias are unknowns that move that leg alone: one way for all legs
+    own = np.concatenate(
+        [np.full(guess[name].size, name == "inertia") for name in free]
     )
+    prior = np.where(own, INERTIA**-2.0, 0.0)
+    legs, joints = np.divmod(np.cumsum(own) - 1, 3)
+    of_leg = ~own | (legs == np.arange(4)[:, None])
+    ways = np.eye(sizes[-1])[~own]
+    if np.any(own):
+        ways = np.concatenate([ways, own * (joints == np.arange(3)[:, None])])
 
     def normal_at(u: np.ndarray, start: np.ndarray) -> _Normal:
         """Return the normal equations there; legs and windows first."""
-        rest, by_u, by_start = map(np.asarray, derivatives(u, start, windows))
-        by_each = (np.moveaxis(x, 0, -1).astype(float) for x in (by_u, by_start))
-        return _Normal(
-            *by_each, rest[..., None].astype(float), np.asarray(windows.swing), prior, u
-        )
+        found = map(np.asarray, derivatives(u, start, windows, ways))
+        rest, by_way, by_start = (np.moveaxis(x, 0, -1).astype(float) for x in found)
+        by_u = by_way @ ways * of_leg[:, None, None]
+        return _Normal(by_u, by_start, rest, np.asarray(windows.swing), prior, u)
 
     damping, least, calm = 1e-3, cost(u, start), 0
     if not math.isfinite(least):
@@ -305,7 +311,7 @@ def fit_motors(
     spread = {name: np.full_like(value, math.nan) for name, value in guess.items()}
     for name, part in zip(free, np.split(normal.spread(), sizes[:-1]), strict=True):
         model = MODEL_DELAY / found[name] if name == "delay" else MODEL
-        spread[name] = np.hypot(part, model)
+        spread[name] = np.hypot(part.reshape(guess[name].shape), model)
     kept = {
         name: np.where(x < VANISHED * guess[name], 0.0, x) for name, x in found.items()
     }
@@ -313,9 +319,14 @@ def fit_motors(
 
 
 def _derivatives(
-    residual: Callable[..., jax.Array], u: jax.Array, start: jax.Array, windows: Windows
+    residual: Callable[..., jax.Array],
+    u: jax.Array,
+    start: jax.Array,
+    windows: Windows,
+    ways: jax.Array,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return residuals (4, W, m), and their derivatives by `u` and by each window's start."""
+    """Return residuals (1, 4, W, m), and their derivatives along the ways of `u` and by
+    each window's start."""
 
     def by_u(along: jax.Array) -> jax.Array:
         return jax.jvp(lambda x: residual(x, start, windows), (u,), (along,))[1]
@@ -324,8 +335,8 @@ def _derivatives(
         along = jnp.zeros_like(start).at[..., i].set(1.0)
         return jax.jvp(lambda x: residual(u, x, windows), (start,), (along,))[1]
 
-    ways = jax.vmap(by_u)(jnp.eye(len(u))), jax.vmap(by_start)(jnp.arange(6))
-    return residual(u, start, windows), *ways
+    both = jax.vmap(by_u)(ways), jax.vmap(by_start)(jnp.arange(6))
+    return residual(u, start, windows)[None], *both
 
 
 def _huber(residual: jax.Array) -> jax.Array:

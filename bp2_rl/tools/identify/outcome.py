@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
-from bp2_rl.robot.conventions import JOINTS
+from bp2_rl.robot.conventions import JOINTS, MOTOR_NAMES
 from bp2_rl.robot.robot_file import GainNumbers, RobotFile, row
 from bp2_rl.tools.identify.fit import (
     Found,
@@ -57,6 +57,8 @@ UNITS = {
     "delay": "s",
     "inertia": "of the file's",
 }
+NAMES = {1: ("all",), 3: JOINTS, 12: MOTOR_NAMES}
+"""Names of the joints to which so many numbers belong."""
 Verdict = Literal["identified", "too wide", "none to be seen", "the log is silent"]
 
 
@@ -162,7 +164,7 @@ def _numbers(rig: Rig, found: Found, free: tuple[str, ...]) -> list[IdentifiedNu
     numbers: list[IdentifiedNumber] = []
     for name in free:
         configured, values, spreads = (
-            getattr(motors, name)
+            np.ravel(getattr(motors, name))
             for motors in (rig.configured, found.motors, found.spread)
         )
         for i, (value, spread) in enumerate(zip(values, spreads, strict=True)):
@@ -178,7 +180,7 @@ def _numbers(rig: Rig, found: Found, free: tuple[str, ...]) -> list[IdentifiedNu
             numbers.append(
                 IdentifiedNumber(
                     name=name,
-                    joint=JOINTS[i] if len(values) > 1 else "all",
+                    joint=NAMES[len(values)][i],
                     unit=UNITS[name],
                     configured=float(configured[i]),
                     value=float(value),

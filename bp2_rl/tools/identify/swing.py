@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from bp2_rl.base import arrays
@@ -44,7 +45,7 @@ class Motors(NamedTuple):
     armature: Float[arrays.Array, "3"]  # kg m2, the rotor's inertia at the joint
     corner_share: Float[arrays.Array, "3"]  # corner speed over the no-load speed
     delay: Float[arrays.Array, "1"]  # s, from a target to its torque
-    inertia: Float[arrays.Array, "3"]  # of a link, times what the robot file says
+    inertia: Float[arrays.Array, "4 3"]  # of each leg's links, times the robot file's
 
 
 class Windows(NamedTuple):
@@ -91,8 +92,8 @@ def predict(
     springs = rig.design.armature[3:]
     design = dataclasses.replace(rig.design, armature=(*motors.armature, *springs))
     still = [jnp.zeros_like(start[..., 0])] * len(springs)
-    links = jnp.stack([motors.inertia[min(i, 2)] for i in range(len(design.links))])
-    factors = jnp.concatenate([jnp.ones(2), jnp.tile(links, 4)])[:, None]
+    links = motors.inertia[:, np.minimum(np.arange(len(design.links)), 2)]
+    factors = jnp.concatenate([jnp.ones(2), jnp.ravel(links)])[:, None]
     masses = Masses.of(design, factors, jnp.zeros((3, 1)))
 
     def acceleration(
