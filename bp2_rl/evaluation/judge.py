@@ -2,7 +2,8 @@
 from a standing start.
 
 Its processes run on processors that the training leaves idle. `measure_launches`
-defines a policy's top speed.
+defines a policy's top speed; `judge_policy` searches the speed that a robot holds where
+the robot falls under the fastest command.
 """
 
 import contextlib
@@ -94,6 +95,9 @@ others show whether that was luck.
 In the last launch the built robot has a friction of 0.6. No benchmark makes these
 launches: none reports the results by which a policy was chosen.
 """
+SLOWER = tuple(0.7**k for k in range(1, 7))
+"""Shares of the fastest command, down to 0.12, at which launches are repeated until no
+robot falls."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +109,7 @@ class LaunchResult:
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
     command: float = math.inf  # m/s, at its end
     fell_told: float = 0.0  # m/s, the command when it fell
-    fell_after: float = 0.0  # m/s, best 1-s mean before it fell
+    held: float = 0.0  # m/s, best 5-s mean; 0 after a fall, or in a shorter launch
 
     @property
     def followed(self) -> float:
@@ -140,30 +144,68 @@ def measure_launches(
 
 
 def _result(run: Trajectory, command: float) -> LaunchResult:
-    best = best_window(run, 1.0)
-    speed = best.speed if best is not None else 0.0
-    if run.fell_at is None:
-        return LaunchResult(False, speed, command)
-    return LaunchResult(
-        True, 0.0, command, fell_told=float(run.command[-1, 0]), fell_after=speed
+    if run.fell_at is not None:
+        return LaunchResult(True, 0.0, command, fell_told=float(run.command[-1, 0]))
+    best, held = (
+        0.0 if window is None else max(window.speed, 0.0)
+        for window in (best_window(run, 1.0), best_window(run, HELD))
     )
+    return LaunchResult(False, best, command, held=held)
 
 
-def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Combine the results of a policy's launches; a fall in the first launch, the
-    longest, ranks the policy last."""
-    mean = (
-        0.0
-        if launches[0].fell
-        else sum(one.followed for one in launches) / len(launches)
-    )
-    fallen = [(one.fell_told, one.fell_after) for one in launches if one.fell]
+def judge_policy(
+    policy: ActionFunction,
+    env: EnvConfig,
+    kept: Path | None = None,
+    length: float = 0.0,
+) -> JudgeResult:
+    """Make the judge's launches of a policy; where the robot falls in the first, repeat
+    all with slower commands until no robot falls.
+
+    A command above one at which a robot fell is left out: the launch would be the same
+    up to the fall. `kept` and `length` are those of `measure_launches`, for the
+    launches to the fastest command.
+    """
+    launches = measure_launches(policy, env, JUDGED_LAUNCHES, kept, length)
+    result = combine(launches)
+    least = result.fell_told
+    for share in SLOWER if launches[0].fell else ():
+        if share * env.commands.max_forward >= least:
+            continue
+        slower = [dataclasses.replace(one, share=share) for one in JUDGED_LAUNCHES]
+        tried = measure_launches(policy, env, slower)
+        fallen = [one.fell_told for one in tried if one.fell]
+        if not fallen:
+            return combine(launches, tried)
+        least = min(fallen)
+    return result
+
+
+def combine(
+    launches: Sequence[LaunchResult], slower: Sequence[LaunchResult] = ()
+) -> JudgeResult:
+    """Combine the results of a policy's launches.
+
+    A fall in the first launch, the longest, ranks a policy by the speed that it held
+    under a slower command. That speed counts as one launch of all: a policy comes first
+    which in the first launch stays up and runs at least 0.7 of the fastest command.
+
+    Args:
+        launches: to the fastest command.
+        slower: to the fastest slower command at which no robot fell, as many; empty
+            where there is none, or where the first of `launches` did not fall.
+    """
+    fell = launches[0].fell
+    counted = slower if fell else launches
+    mean = sum(one.followed for one in counted) / len(launches)
+    fallen = [one.fell_told for one in launches if one.fell]
     return JudgeResult(
         launches[0].best_speed,
         len(fallen),
         len(launches),
-        mean,
-        *min(fallen, default=()),
+        mean / len(launches) if fell else mean,
+        min(fallen, default=0.0),
+        min(counted[0].held, counted[0].command) if counted else 0.0,
     )
 
 
@@ -230,6 +272,4 @@ def _warm_up(card: PolicyCard) -> None:
 
 def _judge(policy: Path, kept: Path | None, length: float) -> JudgeResult:
     loaded = load_policy(policy, layout_of=layout_of)
-    return combine(
-        measure_launches(loaded, loaded.card.env, JUDGED_LAUNCHES, kept, length)
-    )
+    return judge_policy(loaded, loaded.card.env, kept, length)
