@@ -34,8 +34,8 @@ class JudgeResult:
 
     def __str__(self) -> str:
         """Return the result in words."""
-        said = [self.fallen] if self.falls else []
-        return ", ".join([self.ran, *said] if self.ran else said)
+        said = (self.ran, self.fallen if self.falls else "")
+        return ", ".join(part for part in said if part)
 
     @property
     def ran(self) -> str:
