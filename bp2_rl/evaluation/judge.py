@@ -2,8 +2,8 @@
 from a standing start.
 
 Its processes run on processors that the training leaves idle. `measure_launches`
-defines a policy's top speed; `judge_policy` searches the speed that a robot holds where
-the robot falls under the fastest command.
+defines a policy's top speed. `judge_policy` finds the speed that a robot holds where the
+fastest command makes it fall.
 """
 
 import contextlib
@@ -163,12 +163,12 @@ def judge_policy(
     kept: Path | None = None,
     length: float = 0.0,
 ) -> JudgeResult:
-    """Make the judge's launches of a policy, and those to slower commands where the
-    robot falls in the first.
+    """Make the judge's launches of a policy; where the robot falls in the first, make
+    the slower ones, too.
 
-    All slower launches run side by side, for 18 robots take less than twice as long as
-    three. `kept` and `length` are those of `measure_launches`, for the launches to the
-    fastest command.
+    All slower launches run side by side, since 18 robots take less than twice as long
+    as three. `kept` and `length` are those of `measure_launches`, for the launches to
+    the fastest command.
     """
     launches = measure_launches(policy, env, JUDGED_LAUNCHES, kept, length)
     if not launches[0].fell:
@@ -185,14 +185,15 @@ def combine(
 ) -> JudgeResult:
     """Combine the results of a policy's launches.
 
-    A fall in the first launch, the longest, ranks a policy by the speed that it held
-    under a slower command. That speed counts as one launch of all: a policy comes first
-    which in the first launch stays up and runs at least 0.7 of the fastest command.
+    Where the robot falls in the first launch, the longest, its policy ranks by the
+    slower launches, whose mean speed counts as one launch. So a policy that stays up in
+    the first launch, at 0.7 of the fastest command or more, comes before one that
+    falls.
 
     Args:
         launches: to the fastest command.
-        slower: to the fastest slower command at which no robot fell, as many; empty
-            where there is none, or where the first of `launches` did not fall.
+        slower: as many launches, to the fastest slower command at which no robot fell;
+            empty where every command made one fall, or where none was tried.
     """
     fell = launches[0].fell
     counted = slower if fell else launches
