@@ -183,7 +183,7 @@ def films_page(
         results=shown,
         best=best,
         last=max(shown),
-        most=max(1.0, *(result.speed for result in shown.values())),
+        most=max(1.0, *(one.speed or one.held for one in shown.values())),
         films={
             steps: f"{FILMS}/{steps}"
             for steps in shown

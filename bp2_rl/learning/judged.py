@@ -19,26 +19,38 @@ POLICIES, JUDGED = "policies", "judged.json"
 class JudgeResult:
     """The judge's measurements of a policy."""
 
-    speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
+    # m/s, top speed in the first launch to the fastest command; 0 where the robot fell
+    speed: float
     falls: int  # launches that ended in a fall
     launches: int
     # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the
-    # command taken off, and 0 after a fall in the first: the better policy has more
+    # command taken off; after a fall in the first launch, the mean under the slower
+    # command over the number of launches: the better policy has more
     mean: float
     fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
-    fell_after: float = 0.0  # m/s, best second of that launch before the fall
+    # m/s, held for 5 s in the first launch, or, where that fell, under the fastest of
+    # the slower commands at which no robot falls; no more than the command
+    held: float = 0.0
 
     def __str__(self) -> str:
         """Return the result in words."""
-        speed = [f"{self.speed:.1f} m/s"] if self.speed or not self.falls else []
-        return ", ".join(speed + ([self.fallen] if self.falls else []))
+        said = (self.ran, self.fallen if self.falls else "")
+        return ", ".join(part for part in said if part)
+
+    @property
+    def ran(self) -> str:
+        """Return the top speed under the fastest command, or else the speed held under
+        a slower one, in words; empty where the robot always fell."""
+        if self.speed or not self.falls:
+            return f"{self.speed:.1f} m/s"
+        return f"holds {self.held:.1f} m/s" if self.held else ""
 
     @property
     def fallen(self) -> str:
-        """Return how many launches fell, at which command, and what the robot had run
-        before, in words."""
-        told = f", first told {self.fell_told:.1f} m/s after a second at {self.fell_after:.1f} m/s"
-        return f"{self.falls} of {self.launches} launches fell{told if self.fell_told else ''}"
+        """Return how many launches to the fastest command fell, and at which command,
+        in words."""
+        told = f", first told {self.fell_told:.1f} m/s" if self.fell_told else ""
+        return f"{self.falls} of {self.launches} launches fell{told}"
 
     def reaches(self, speed: float | None) -> bool:
         """Return whether the policy reaches this speed, m/s, and holds it."""

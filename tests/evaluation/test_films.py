@@ -18,6 +18,7 @@ from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
 FAST, FALLEN = JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 3, 6.0)
+HOLDING = JudgeResult(0.0, 3, 3, 1.4, 8.0, 4.2)
 
 
 class Fleet(JudgeProcesses):
@@ -62,17 +63,21 @@ def page(run_dir):
 
 
 def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, camera):
-    with filming(Fleet({64: FALLEN, 128: FAST}), print) as judge:
+    results = {64: FALLEN, 96: HOLDING, 128: FAST}
+    with filming(Fleet(results), print) as judge:
         assert isinstance(judge, Judge)
-        assert hear(judge, tmp_path, 128, 64) == [FAST, FALLEN]
+        assert hear(judge, tmp_path, 128, 64, 96) == [FAST, FALLEN, HOLDING]
     card = r"<video src=\"(.*?)\" poster=\"(.*?)\".*?<b>(.*?)</b>.*?<span class=\"(\w+)\">(.*?)</span>"
     shown = re.findall(card, page(tmp_path), re.DOTALL)
     assert shown == [
         ("films/64.mp4", "films/64.jpg", "fell", "bad", "1 of 3 launches fell"),
+        ("films/96.mp4", "films/96.jpg", "holds 4.2 m/s", "bad", f"{HOLDING.fallen}"),
         ("films/128.mp4", "films/128.jpg", "12.5 m/s", "good", "no fall"),
     ]
     # nothing else is left
-    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4", "128.mp4"}
+    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {
+        *("64.mp4", "96.mp4", "128.mp4")
+    }
     assert "://" not in page(tmp_path)
 
 

@@ -16,7 +16,7 @@ from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
-from bp2_rl.learning.judged import JudgeResult
+from bp2_rl.learning.judged import JudgeResult, best_policy
 from bp2_rl.learning.policy import NETWORKS, load_policy, save_policy
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import CommandConfig, EnvConfig
@@ -63,14 +63,55 @@ def test_a_robot_that_falls_has_no_speed(slower):
         slower.card.env,
         [JUDGED_LAUNCHES[1]],
     )
-    assert launched == LaunchResult(
-        True, 0.0, 6.0, launched.fell_told, launched.fell_after
-    )
+    assert launched == LaunchResult(True, 0.0, 6.0, launched.fell_told)
     assert 0.0 < launched.fell_told < 6.0  # it falls while the command rises
 
 
-def fell(told=0.0, after=0.0):
-    return LaunchResult(True, 0.0, fell_told=told, fell_after=after)
+def clumsy(policy, limit):
+    """Return the policy that runs as `policy` up to a command of `limit`, m/s, and
+    throws its legs about beyond."""
+
+    def act(observation):
+        wild = 100.0 * jnp.sign(observation[5:17])
+        return jnp.where(observation[0] > limit, wild, policy(observation))
+
+    return act
+
+
+def test_the_judge_finds_the_speed_below_which_a_robot_stays_up(slower):
+    """Of 6 m/s times 0.7, 0.7**2 ... the fastest command below 2 m/s is 1.44 m/s."""
+    result = judging.judge_policy(clumsy(slower, 2.0), slower.card.env)
+    assert (result.speed, result.falls) == (0.0, 3)
+    assert 2.0 < result.fell_told < 6.0
+    launches = [dataclasses.replace(one, share=0.7**4) for one in JUDGED_LAUNCHES]
+    under = judging.combine(judging.measure_launches(slower, slower.card.env, launches))
+    # below 2 m/s it is the policy itself, on the same processor in another batch
+    assert result.held == pytest.approx(min(under.held, 6.0 * 0.7**4), rel=1e-3)
+    # the mean speed under that command counts as one launch of three
+    assert result.mean == pytest.approx(under.mean / 3.0, rel=1e-3)
+    assert str(result) == (
+        f"holds 1.4 m/s, 3 of 3 launches fell, first told {result.fell_told:.1f} m/s"
+    )
+
+
+def test_a_robot_that_always_falls_holds_no_speed(slower):
+    result = judging.judge_policy(clumsy(slower, 0.0), slower.card.env)
+    assert (result.held, result.mean, result.falls) == (0.0, 0.0, 3)
+    assert str(result).startswith("3 of 3 launches fell")
+
+
+def test_no_slower_command_is_tried_where_the_first_launch_stays_up(
+    slower, monkeypatch
+):
+    launches = judging.measure_launches(slower, slower.card.env, JUDGED_LAUNCHES)
+    monkeypatch.setattr(judging, "SLOWER_LAUNCHES", None)
+    result = judging.judge_policy(slower, slower.card.env)
+    assert result == judging.combine(launches)
+    assert result.held == pytest.approx(6.0, rel=0.1)
+
+
+def fell(told=0.0):
+    return LaunchResult(True, 0.0, fell_told=told)
 
 
 @pytest.mark.parametrize(
@@ -78,8 +119,8 @@ def fell(told=0.0, after=0.0):
     [
         # of several falls that at the least command is told
         (
-            [LaunchResult(False, 9.0), fell(5.0, 4.6), fell(3.9, 3.5)],
-            JudgeResult(9.0, 2, 3, 3.0, 3.9, 3.5),
+            [LaunchResult(False, 9.0, held=8.8), fell(5.0), fell(3.9)],
+            JudgeResult(9.0, 2, 3, 3.0, 3.9, 8.8),
         ),
         # the first launch gives the speed, all of them falls and mean
         (
@@ -99,6 +140,24 @@ def fell(told=0.0, after=0.0):
 )
 def test_launches_are_combined(launches, result):
     assert judging.combine(launches) == result
+
+
+def test_who_follows_the_fastest_command_comes_before_who_holds_a_slower_one():
+    told = 10.0
+    barely = [LaunchResult(False, 0.7 * told, told), fell(9.0), fell(9.0)]
+    slower = [LaunchResult(False, 0.7 * told, 0.7 * told, held=0.7 * told)] * 3
+    results = {1: judging.combine([fell(8.0)] * 3, slower), 2: judging.combine(barely)}
+    assert results[1].held == pytest.approx(7.0)
+    assert best_policy(results, None) == 2
+    # by the speed that they hold, where all fall
+    halves = [LaunchResult(False, 5.0, 5.0, held=5.2)] * 3
+    results = {
+        2: judging.combine([fell(8.0)] * 3, slower),
+        3: judging.combine([fell(9.9)] * 3, halves),
+        4: judging.combine([fell(9.9)] * 3),
+    }
+    assert results[3].held == 5.0  # no more than the command
+    assert best_policy(results, None) == 2
 
 
 @pytest.mark.parametrize(
@@ -189,10 +248,11 @@ def test_a_judge_compiles_before_the_first_policy(slow_policy):
     control: Any = compiled(
         NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
     )
-    assert control._cache_size() == 1
+    assert control._cache_size() == 2  # a batch, and that of slower launches
     judging._judge(slow_policy, None, 0.0)
+    judging.measure_launches(policy, policy.card.env, judging.SLOWER_LAUNCHES)
     assert compiled.cache_info().misses == 1
-    assert control._cache_size() == 1
+    assert control._cache_size() == 2
 
 
 def test_a_judge_whose_process_is_killed_says_so(slow_policy):

@@ -35,8 +35,8 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
     A robot may run slower than it is told.
 
     A card without a result of this benchmark gives the one of its top speed. One
-    without either gives the fastest command of the training, or, where that is far
-    beyond the robot, what the judge of the training measured.
+    without either gives the fastest command of the training, or, where that fells the
+    robot or is far beyond it, the speed that the judge of the training measured.
     """
     for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
@@ -44,17 +44,19 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
             return speed
     fastest = policy.card.env.commands.max_forward
     own = top_speed(policy)
-    return round(own, 2) if BEYOND[0] <= own / fastest < BEYOND[1] else fastest
+    fell = own < fastest and on_card(policy, "judged", "speed") is None
+    return round(own, 2) if fell or BEYOND[0] <= own / fastest < BEYOND[1] else fastest
 
 
 def top_speed(policy: Policy) -> float:
     """Return a policy's own top speed, m/s: the `topspeed` result on its card, else the
     judge's measurement.
 
-    Of a policy that fell in the judge's launch it is the best second before. A policy
-    that nobody measured gives the fastest command of its training.
+    Of a policy that fell under the fastest command it is the speed held under a slower
+    one. A policy that nobody measured, or that always fell, gives the fastest command
+    of its training.
     """
-    found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "fell_after"))
+    found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "held"))
     measured = (on_card(policy, *each) for each in found)
     return next(filter(None, measured), policy.card.env.commands.max_forward)
 

@@ -24,8 +24,10 @@ from bp2_rl.settings.env import CommandConfig, EnvConfig
         ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
         ({"judged": {"speed": 0.004}}, 7.5),  # it only stands
         ({"judged": {"speed": 0.0}}, 7.5),  # all launches fell
-        # and this is what the robot ran before
-        ({"judged": {"speed": 0.0, "fell_after": 4.0}}, 4.0),
+        # but not under slower commands
+        ({"judged": {"speed": 0.0, "held": 5.256}}, 5.26),
+        ({"judged": {"speed": 0.0, "held": 1.2}}, 1.2),
+        ({"judged": {"speed": 6.0, "held": 5.9}}, 7.5),
     ],
 )
 def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(
