@@ -60,6 +60,7 @@ from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.observation import ENTRIES
 from bp2_rl.robot.operator import COMMAND_LIMITS, HEADING_HOLD
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 MOTORS = (
@@ -74,6 +75,8 @@ OF_POLICY = ("stage", "created", "weights_sha256", "library_sha256", "config_has
 OF_CONTROL = ("action_scale", "action_limit", "feedforward", "clock_at_rest")
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
+TASK_MODULE = "task.py"
+"""Module of the onboard code with the entries that a task adds."""
 LAWS = [
     str(module.__file__)
     for module in (
@@ -144,6 +147,12 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                     fresh / CODE / module.name,
                     FROM_PACKAGE.sub("from .", module.read_text()),
                 )
+            task = policy.card.env.task
+            if task is not None and isinstance(task.code, TaskSources):
+                write_text(
+                    fresh / CODE / TASK_MODULE,
+                    FROM_PACKAGE.sub("from .", onboard_source(task.code, task.task)),
+                )
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
             seal(fresh)
@@ -162,11 +171,13 @@ def describe(policy: Policy) -> Playback:
     """
     card, env = policy.card, policy.card.env
     known = [entry.name for entry in ENTRIES]
+    if env.task is not None and isinstance(env.task.code, TaskSources):
+        known += [name for name, _ in env.task.entries]
     seen = [name.partition("@")[0] for name, _ in card.observation_layout]
     if unknown := [name for name in seen if name not in known]:
         raise UserError(
             f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
-            f"{', '.join(known)}"
+            f"{', '.join(known)}; entries of a task come with --task FILE"
         )
     reference, arrays = playback(env)
     control, commands = env.control, env.commands

@@ -44,11 +44,16 @@ def metrics(
         inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
-    exploded, too_low, tilted, self_collision = step.fall
+    exploded, too_low, tilted, self_collision, own = step.fall
+    down = exploded | too_low | tilted
     if self_collision is not None:
         named["fall/self_collision"] = (
             self_collision & ~tilted & ~too_low & ~exploded
         ).astype(jnp.float32)
+        down |= self_collision
+    for name, ended in own.items():
+        named[f"fall/{name}"] = (ended & ~down).astype(jnp.float32)
+        down |= ended
     return named | {
         "speed_error": error,
         "curriculum_level": level,
