@@ -201,8 +201,8 @@ WRONG = [
         "world.pushes takes a Push, got 3",
     ),
     (
-        'make("bp2", rows=3)',
-        "rows takes the reward's terms by name, as env.rewards.ROWS has them, got 3",
+        'make("bp2", task=3)',
+        "task takes a file or a Task, got 3",
     ),
     (
         "resume(None)",

@@ -292,7 +292,9 @@ def _walk_record(cls: Any, value: Any, prefix: str, way: Way) -> Any:
     """Check a dataclass, write it, or make it of an object of JSON."""
     if way != "read":
         return _walk_fields(value, prefix, way)
-    fields = {field.name: field for field in _written(cls)}
+    fields = {
+        field.name: field for field in dataclasses.fields(cls) if _is_walked(field)
+    }
     for key in value:
         if key not in fields:
             raise UserError(
@@ -320,7 +322,7 @@ def _walk_record(cls: Any, value: Any, prefix: str, way: Way) -> Any:
 def _walk_fields(config: Any, prefix: str, way: Way) -> dict[str, Any]:
     """Walk the fields that a dataclass is made with; return their values by name."""
     hints = typing.get_type_hints(type(config), include_extras=True)
-    names = [field.name for field in _written(config)]
+    names = [field.name for field in dataclasses.fields(config) if _is_walked(field)]
     shown_names = {
         name: name.replace("_", "-") if prefix.startswith("--") else name
         for name in names
@@ -331,13 +333,9 @@ def _walk_fields(config: Any, prefix: str, way: Way) -> dict[str, Any]:
     }
 
 
-def _written(config: Any) -> list[dataclasses.Field[Any]]:
-    """Return the fields of a dataclass that a walk goes through."""
-    return [
-        field
-        for field in dataclasses.fields(config)
-        if field.init and not UNWRITTEN.items() <= field.metadata.items()
-    ]
+def _is_walked(field: "dataclasses.Field[object]") -> bool:
+    """Return whether a walk goes through a field of a dataclass."""
+    return field.init and not UNWRITTEN.items() <= field.metadata.items()
 
 
 def _in_words(kind: Any, way: Way) -> str:

@@ -185,23 +185,19 @@ class TrainArguments(EarlyFlags):
     run: RunConfig = RunConfig()
 
     @property
-    def own_task(self) -> TaskConfig | None:
+    def own_task(self) -> TaskConfig:
         """The task with the coefficients of the flags.
 
         Raises:
             UserError: there is no task, or it has no such rows.
         """
-        task = self.env.task
-        rows = {} if task is None else dict(task.rows)
+        rows = dict(self.env.task.rows)
         if unknown := [name for name in self.coefficients if name not in rows]:
-            of_task = (
-                f"the task's rows are {', '.join(rows)}"
-                if rows
-                else "no --task has rows"
+            raise UserError(
+                f"--task.row: there is no row {unknown[0]!r}; the task has {', '.join(rows) or 'none: name it, --task'}"
             )
-            raise UserError(f"--task.row: there is no row {unknown[0]!r}: {of_task}")
-        rows |= self.coefficients
-        return task and dataclasses.replace(task, rows=tuple(rows.items()))
+        changed = tuple((rows | self.coefficients).items())
+        return dataclasses.replace(self.env.task, rows=changed)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -347,7 +343,7 @@ def read_arguments(
     default = TrainArguments(
         parent=parent,
         task=flags.task,
-        coefficients=dict(defaults.env.task.rows) if defaults.env.task else {},
+        coefficients=dict(defaults.env.task.rows),
         impl=defaults.impl,
         env=defaults.env,
         ppo=defaults.ppo,
@@ -407,7 +403,7 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
     from bp2_rl.learning import run
 
     old = run.load_own(parent)
-    task = flags.task or (old.env.task and old.env.task.code)
+    task = flags.task or old.env.task.code
     theirs = (
         (robot_name(old.env.hardware) or "built")
         if old.env.hardware.is_bp2

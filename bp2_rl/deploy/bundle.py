@@ -75,8 +75,6 @@ OF_POLICY = ("stage", "created", "weights_sha256", "library_sha256", "config_has
 OF_CONTROL = ("action_scale", "action_limit", "feedforward", "clock_at_rest")
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
-TASK_MODULE = "task.py"
-"""Module of the onboard code with the entries that a task adds."""
 LAWS = [
     str(module.__file__)
     for module in (
@@ -148,9 +146,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                     FROM_PACKAGE.sub("from .", module.read_text()),
                 )
             task = policy.card.env.task
-            if task is not None and isinstance(task.code, TaskSources):
+            if isinstance(task.code, TaskSources):
                 write_text(
-                    fresh / CODE / TASK_MODULE,
+                    fresh / CODE / "task.py",
                     FROM_PACKAGE.sub("from .", onboard_source(task.code, task.task)),
                 )
             for name, hardware in _robots(policy.card.env).items():
@@ -171,8 +169,8 @@ def describe(policy: Policy) -> Playback:
     """
     card, env = policy.card, policy.card.env
     known = [entry.name for entry in ENTRIES]
-    if env.task is not None and isinstance(env.task.code, TaskSources):
-        known += [name for name, _ in env.task.entries]
+    if isinstance(env.task.code, TaskSources):
+        known += dict(env.task.entries)
     seen = [name.partition("@")[0] for name, _ in card.observation_layout]
     if unknown := [name for name in seen if name not in known]:
         raise UserError(

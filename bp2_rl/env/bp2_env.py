@@ -70,7 +70,12 @@ class BP2Env(envs.Env):
         num_robots: int = 1,
     ):
         self.config = config
+        if config.task.source and config.task.code is None:
+            raise UserError(
+                f"the settings name the task {config.task.source} without its code: pass task="
+            )
         self.rows = rewards.rows_of(config)
+        self._terminations = tuple(config.task.task.terminations)
         self._privileged = observations.privileged_of(config)
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -111,12 +116,11 @@ class BP2Env(envs.Env):
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         after = before.replace(physics=physics, controller=controller)
-        fall = fall._replace(own=self._own_falls(after, foot_contact))
+        now = self._unsensed(after, foot_contact)
+        fall = fall._replace(own=termination.own_falls(self._terminations, now))
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
         after = self._average(before, after, outcome)
-        inputs = self._reward_inputs(before, after, outcome).replace(
-            now=self._unsensed(after, foot_contact)
-        )
+        inputs = self._reward_inputs(before, after, outcome).replace(now=now)
         terms = rewards.reward_terms(inputs, self.config, self.rows)
 
         level = state.info["curriculum"]
@@ -143,9 +147,7 @@ class BP2Env(envs.Env):
         """Sizes of the policy's and of the critic's observation."""
         return {
             "state": observations.size_of(observations.layout_of(self.config)),
-            "privileged_state": observations.size_of(
-                observations.critic_layout_of(self.config)
-            ),
+            "privileged_state": len(self.mirrors["privileged_state"].sign),
         }
 
     @property
@@ -223,7 +225,7 @@ class BP2Env(envs.Env):
                 false,
                 false,
                 false if self.config.hardware.solid_legs else None,
-                dict.fromkeys(self._own_falls(episode, reference.contact), false),
+                {one.name: false for one in self._terminations},
             ),
         )
         return envs.State(
@@ -347,14 +349,6 @@ class BP2Env(envs.Env):
             foot_contact=foot_contact,
             trunk_mass=state.randomization.mass[self.trunk],
         )
-
-    def _own_falls(
-        self, state: PipelineState, foot_contact: Float[Array, "4"]
-    ) -> dict[str, Array]:
-        """Return whether each termination of the task ends the episode."""
-        task = self.config.task
-        now = self._unsensed(state, foot_contact)
-        return {} if task is None else termination.own_falls(task.task, now)
 
 
 def _make_engine(

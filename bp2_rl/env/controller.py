@@ -16,9 +16,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import (
     Measurement,
     entries_of,
-    frame_layout,
     observe,
-    size_of,
 )
 from bp2_rl.reference.interface import Reference, ReferenceMotion
 from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
@@ -53,7 +51,6 @@ class Controller:
     def __init__(self, config: EnvConfig):
         self._control = config.control
         self._entries = entries_of(config)
-        self._frame_size = size_of(frame_layout(config))
         self._stand = np.array(config.hardware.anatomy.stand, np.float32)
         self.reference: ReferenceMotion = motion_of(config)
 
@@ -64,7 +61,12 @@ class Controller:
             last_action=jnp.zeros(conventions.NUM_MOTORS),
             # At least a row: an array of no size, split over devices, crashes JAX
             # 0.11.2's compiler.
-            past_frames=jnp.zeros((max((1, *self._control.history)), self._frame_size)),
+            past_frames=jnp.zeros(
+                (
+                    max((1, *self._control.history)),
+                    sum(entry.size for entry in self._entries),
+                )
+            ),
             steps=jnp.zeros(()),
         )
 

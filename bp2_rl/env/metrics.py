@@ -45,15 +45,11 @@ def metrics(
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
     exploded, too_low, tilted, self_collision, own = step.fall
-    down = exploded | too_low | tilted
     if self_collision is not None:
         named["fall/self_collision"] = (
             self_collision & ~tilted & ~too_low & ~exploded
         ).astype(jnp.float32)
-        down |= self_collision
-    for name, ended in own.items():
-        named[f"fall/{name}"] = (ended & ~down).astype(jnp.float32)
-        down |= ended
+    named |= {f"fall/{name}": x.astype(jnp.float32) for name, x in own.items()}
     return named | {
         "speed_error": error,
         "curriculum_level": level,

@@ -10,7 +10,6 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.robot.coordinates import (
     compression_rates,
     compressions,
@@ -82,17 +81,13 @@ def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
     Raises:
         UserError: nobody has named the task's code.
     """
-    task = config.task
-    return (
-        ENTRIES if task is None or not task.entries else (*ENTRIES, *task.task.entries)
-    )
+    return (*ENTRIES, *config.task.task.entries)
 
 
 def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
     """Return the entries that the critic alone sees: `PRIVILEGED`, and those of the
     task."""
-    task = config.task
-    return PRIVILEGED if task is None else (*PRIVILEGED, *task.task.privileged)
+    return (*PRIVILEGED, *config.task.task.privileged)
 
 
 def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
@@ -107,32 +102,21 @@ def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
     }
 
 
-def frame_layout(config: EnvConfig) -> Layout:
-    """Return names and sizes of the policy's entries at one moment, the task's last."""
-    return LAYOUT if config.task is None else (*LAYOUT, *config.task.entries)
-
-
 def layout_of(config: EnvConfig) -> Layout:
-    """Return names and sizes of the policy's observation: the present entries, and
-    `NAME@K`, their changes in K steps."""
-    frame = frame_layout(config)
-    history = config.control.history
-    return (
-        *frame,
-        *((f"{name}@{k}", size) for k in history for name, size in frame),
+    """Return names and sizes of the policy's observation: the present entries, those
+    of the task last, and `NAME@K`, their changes in K steps."""
+    now = (*LAYOUT, *config.task.entries)
+    changes = (
+        (f"{name}@{k}", size) for k in config.control.history for name, size in now
     )
-
-
-def critic_layout_of(config: EnvConfig) -> Layout:
-    """Return names and sizes of the entries that the critic sees: the policy's at one
-    moment, without noise, `PRIVILEGED`, and the task's."""
-    own = () if config.task is None else config.task.privileged
-    unsensed = ((entry.name, entry.size) for entry in PRIVILEGED)
-    return (*frame_layout(config), *unsensed, *own)
+    return (*now, *changes)
 
 
 LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
 """Names and sizes of `ENTRIES`."""
+CRITIC_LAYOUT: Layout = (*LAYOUT, *((entry.name, entry.size) for entry in PRIVILEGED))
+"""Names and sizes of the entries that the critic sees without a task: the policy's at
+one moment, without noise, and `PRIVILEGED`."""
 
 
 def size_of(layout: Layout) -> int:
@@ -188,13 +172,10 @@ def observe(
     """
     parts = []
     for entry in entries:
-        with user_code(f"entry {entry.name}"):
-            part = jnp.reshape(entry.read(source), -1)
-        if len(part) != entry.size:
-            raise UserError(
-                f"task: entry {entry.name} has {len(part)} numbers, its mirror image {entry.size}"
-            )
-        parts.append(part)
+        with user_code(
+            f"entry {entry.name} ({entry.size} numbers by its mirror image)"
+        ):
+            parts.append(jnp.reshape(entry.read(source), entry.size))
     return jnp.concatenate(parts)
 
 
@@ -206,13 +187,8 @@ def own_number(
     Raises:
         UserError: the function fails, or returns more than one number.
     """
-    with user_code(what):
-        value = jnp.asarray(function(*inputs), jnp.float32)
-    if value.shape:
-        raise UserError(
-            f"task: {what} returns an array of shape {value.shape}: return one number"
-        )
-    return value
+    with user_code(f"{what} (one number)"):
+        return jnp.asarray(function(*inputs), jnp.float32).reshape(())
 
 
 class TrunkMotion(struct.PyTreeNode):

@@ -305,8 +305,6 @@ def rows_of(config: EnvConfig) -> Mapping[str, RewardRow]:
     Raises:
         UserError: a row of the task has the name of one of `ROWS`, or fails.
     """
-    if config.task is None:
-        return ROWS
     for name, _ in config.task.rows:
         if name in ROWS:
             raise UserError(f"Task: there is a row {name} already: rename yours")

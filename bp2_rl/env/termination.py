@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.coordinates import compressions, joint_positions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, TerminationConfig
-from bp2_rl.settings.task import Task
+from bp2_rl.settings.task import TaskTermination
 
 
 class Fall(NamedTuple):
@@ -70,7 +70,9 @@ def fall_in_training(
     return Fall(state.exploded | ~finite, state.too_low, state.tilted, collision)
 
 
-def own_falls(task: Task, now: Unsensed) -> dict[str, Bool[Array, ""]]:
+def own_falls(
+    terminations: Sequence[TaskTermination], now: Unsensed
+) -> dict[str, Bool[Array, ""]]:
     """Return whether each termination of a task ends a robot's episode, by name.
 
     Raises:
@@ -78,7 +80,7 @@ def own_falls(task: Task, now: Unsensed) -> dict[str, Bool[Array, ""]]:
     """
     return {
         one.name: own_number(f"termination {one.name}", one.read, now) > 0
-        for one in task.terminations
+        for one in terminations
     }
 
 

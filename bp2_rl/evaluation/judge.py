@@ -194,9 +194,7 @@ class JudgeProcesses:
     one.
     """
 
-    def __init__(
-        self, pool: ProcessPoolExecutor, count: int, task: TaskConfig | None = None
-    ):
+    def __init__(self, pool: ProcessPoolExecutor, count: int, task: TaskConfig):
         self._pool = pool
         self._task = task
         self.places = count
@@ -233,10 +231,9 @@ def _warm_up(card: PolicyCard) -> None:
 
 
 def _judge(
-    policy: Path, kept: Path | None, length: float, task: TaskConfig | None
+    policy: Path, kept: Path | None, length: float, task: TaskConfig
 ) -> JudgeResult:
-    code = None if task is None else task.code
-    loaded = load_policy(policy, layout_of=layout_of, task=code)
+    loaded = load_policy(policy, layout_of=layout_of, task=task.code)
     return combine(
         measure_launches(loaded, loaded.card.env, JUDGED_LAUNCHES, kept, length)
     )

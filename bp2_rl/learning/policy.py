@@ -37,7 +37,7 @@ from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.learning.judged import own_policy, results_of_judge
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import Activation
-from bp2_rl.settings.task import TaskSources, read_task
+from bp2_rl.settings.task import Task, TaskSources, read_task
 from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
@@ -234,7 +234,7 @@ def load_policy(
     path: Path | str,
     *,
     layout_of: Callable[[EnvConfig], Sequence[tuple[str, int]]] | None = None,
-    task: Path | str | TaskSources | None = None,
+    task: Path | str | TaskSources | Task | None = None,
 ) -> Policy:
     """Load an exported policy, or a run's.
 
@@ -264,7 +264,7 @@ def load_policy(
     if layout_of is not None:
         _check_layout(card, layout_of(card.env), directory)
     if task is not None:
-        card = dataclasses.replace(card, env=_with_code(card.env, task, directory))
+        card = dataclasses.replace(card, env=_with_code(card.env, task))
     arrays = _read_weights(directory / WEIGHTS, card)
     policy = _from_arrays(card, arrays)
     _check_numbers(policy, f"{directory / WEIGHTS}")
@@ -313,13 +313,9 @@ def find_policy(path: Path | str) -> Path:
     )
 
 
-def _with_code(
-    env: EnvConfig, task: Path | str | TaskSources, directory: Path
-) -> EnvConfig:
+def _with_code(env: EnvConfig, task: Path | str | TaskSources | Task) -> EnvConfig:
     """Return a policy's environment with the code of its task."""
-    if env.task is None:
-        raise PolicyError(f"policy {directory} was trained without a task: name none")
-    code = task if isinstance(task, TaskSources) else read_task(task)
+    code = read_task(task) if isinstance(task, str | Path) else task
     return dataclasses.replace(env, task=env.task.with_code(code))
 
 

@@ -23,7 +23,6 @@ from bp2_rl.base.serialization import (
     to_json,
 )
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.observations import critic_layout_of
 from bp2_rl.learning import cluster, guards, loop
 from bp2_rl.learning.checkpoint import (
     CHECKPOINTS,
@@ -44,7 +43,7 @@ from bp2_rl.learning.programs import use_kept
 from bp2_rl.learning.writers import Writer, open_tracker
 from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
-from bp2_rl.settings.task import FOLDER, TaskSources, read_run_task
+from bp2_rl.settings.task import FOLDER, TaskSources, read_task
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
@@ -80,7 +79,7 @@ def start(
     run_dir = Path(run_dir)
     inherited = None
     task = config.env.task
-    if task is not None and not isinstance(task.code, TaskSources):
+    if task.source and not isinstance(task.code, TaskSources):
         raise UserError(
             'a training takes a task from a file, to keep it: preset(..., task="my_task.py")'
         )
@@ -103,7 +102,7 @@ def start(
                 removal = Finalize(None, shutil.rmtree, (run_dir, True), exitpriority=0)
                 held.callback(removal)
                 writers = open_tracker(tracker, run_dir, config)
-                if task is not None:
+                if isinstance(task.code, TaskSources):
                     task.code.write(run_dir / FOLDER)
                 save_config(run_dir / CONFIG, config)
         with learner.compiling():
@@ -189,9 +188,9 @@ def load_own(run_dir: Path) -> TrainConfig:
         UserError: there is no run, or the code is missing or is not as it was.
     """
     config = load_run_config(run_dir)
-    if config.env.task is None:
-        return config
-    task = read_run_task(run_dir, config.env.task)
+    task = config.env.task
+    if task.source:
+        task = task.with_code(read_task(Path(run_dir) / FOLDER / task.source))
     return dataclasses.replace(config, env=dataclasses.replace(config.env, task=task))
 
 
@@ -241,7 +240,7 @@ def _inherit(
     The second value names the parent.
     """
     old = load_run_config(parent)
-    names = [f"ppo.{name}" for name in NETWORK]
+    names = ["env.task.entries", *(f"ppo.{name}" for name in NETWORK)]
     names += [
         f"env.control.{field.name}"
         for field in dataclasses.fields(ControlConfig)
@@ -255,11 +254,6 @@ def _inherit(
             raise UserError(
                 f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree"
             )
-    theirs, ours = (critic_layout_of(settings.env) for settings in (old, config))
-    if theirs != ours:
-        raise UserError(
-            f"run {parent} sees {dict(theirs)}, this one {dict(ours)}: train both with the same entries"
-        )
     levels = np.empty(old.ppo.num_envs, np.float32)
     wanted = {
         "params": shape.params,

@@ -243,7 +243,7 @@ class EnvConfig:
     randomization: RandomizationConfig = RandomizationConfig()
     termination: TerminationConfig = TerminationConfig()
     reward: RewardConfig = RewardConfig()
-    task: Annotated[TaskConfig | None, tyro.conf.Fixed, tyro.conf.Suppress] = None
+    task: Annotated[TaskConfig, tyro.conf.Fixed, tyro.conf.Suppress] = TaskConfig()
     """a user's rows, terminations and entries: `--task`"""
 
     def __post_init__(self) -> None:

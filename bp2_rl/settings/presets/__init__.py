@@ -211,8 +211,7 @@ def preset(
     )
     config = _changed(config, differences)
     config = dataclasses.replace(config, env=sized(config.env))
-    if stage == "relaxed" and chosen == "ours":
-        config = settled(config)
+    config = settled(config) if stage == "relaxed" and chosen == "ours" else config
     return config if task is None else with_task(config, task)
 
 
@@ -228,9 +227,8 @@ def with_task(
     own = task_config(code, config.stage)
     if (change := own.task.settings) is not None:
         with user_code("settings"):
-            changed = change(config)
-            require_kind("settings", changed, TrainConfig, "the TrainConfig, changed")
-        config = changed
+            config = change(config)
+            require_kind("settings", config, TrainConfig, "the TrainConfig, changed")
     return dataclasses.replace(config, env=dataclasses.replace(config.env, task=own))
 
 
