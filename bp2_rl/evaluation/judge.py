@@ -146,7 +146,11 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
     if run.fell_at is None:
         return LaunchResult(False, speed, command)
     return LaunchResult(
-        True, 0.0, command, fell_told=float(run.command[-1, 0]), fell_after=max(speed, 0.0)
+        True,
+        0.0,
+        command,
+        fell_told=float(run.command[-1, 0]),
+        fell_after=max(speed, 0.0),
     )
 
 

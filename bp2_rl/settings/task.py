@@ -272,7 +272,7 @@ def run_task(code: TaskSources | Task) -> Task:
         for name in modules.keys() & sys.modules.keys():
             del sys.modules[name]
         sys.modules.update(before)
-    task = vars(module).get(code.name)
+    task = vars(modules[code.main.removesuffix(".py")]).get(code.name)
     if not isinstance(task, Task):
         raise UserError(
             f"task {code.main} has no {code.name}: let it say {code.name} = Task(...), or name another, FILE.py:NAME"

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import config_hash, from_json, to_json
 from bp2_rl.robot.observation import Mirror, Moment
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.task import onboard_source, read_task
+from bp2_rl.settings.task import onboard_source, read_task, run_task
 
 PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_row.md"
 FILE = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
@@ -64,9 +65,8 @@ def test_the_environment_computes_rows_terminations_and_entries(task):
 
 
 def test_a_robots_computer_computes_the_entry_of_training(task):
-    config = bp2.preset("imitation", "smoke", task=task).env.task
-    module = {}
-    exec(onboard_source(config.code, config.task), module)
+    module, code = {}, read_task(task)
+    exec(onboard_source(code, run_task(code)), module)
     [entry] = module["TASK_ENTRIES"]
     now = Moment(*np.random.default_rng(1).normal(size=(8, 12)))
     np.testing.assert_array_equal(entry.read(now), now.up[1:2])
@@ -120,7 +120,7 @@ def test_a_mistake_that_only_training_meets_is_told_by_name(task, right, wrong, 
 
     def step(key):
         env = bp2.make("bp2_kinematic", task=task)
-        return env.step(env.reset(key), np.zeros(12))
+        return env.step(env.reset(key), jnp.zeros(12))
 
     with pytest.raises(UserError, match=told):
         jax.eval_shape(step, jax.random.PRNGKey(0))
@@ -142,9 +142,9 @@ def test_two_tasks_with_modules_of_one_name_stay_apart(tmp_path):
     assert [config.env.task.rows[0][1] for config in configs] == [0.25, 0.5]
     assert len({config.env.task.sha256 for config in configs}) == 2
     assert sys.modules["random"].random() < 1.0
-    code = configs[0].env.task.code
+    code = read_task(tmp_path / "a/my-task.py")
     code.write(tmp_path / "copy")
-    assert read_task(tmp_path / "copy" / configs[0].env.task.source) == code
+    assert read_task(tmp_path / "copy/my-task.py") == code
 
 
 def test_a_policy_without_a_task_of_its_own_takes_none(task):

@@ -54,6 +54,19 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
     assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
 
 
+def test_a_task_is_a_variant_whose_later_stage_inherits_it():
+    plan = Plan(("ours", "a/my_task.py:OTHER"), (0,), "smoke", (2048, 1024))
+    first, then = plan.chains[1]
+    assert first.name == "my_task-OTHER-0-imitation"
+    words = plan.command(first, Path("folder"))
+    assert words[words.index("--task") + 1] == "a/my_task.py:OTHER"
+    words = plan.command(then, Path("folder"))
+    assert words[words.index("--from") + 1] == f"folder/{first.name}"
+    assert "--task" not in words
+    with pytest.raises(UserError, match=r"each once"):
+        Plan(("a/my_task.py", "b/my_task.py"), (0,), "smoke", (2048, 1024))
+
+
 SETS = {
     "ours": {},
     "paper": {},
