@@ -338,7 +338,7 @@ def _read_tasks(plan: Plan, folder: Path) -> dict[str, TaskSources]:
         claim_folder(
             folder,
             f"{label(name)}.task.json",
-            TaskConfig(name, task.sha256),
+            TaskConfig(task.main, task.sha256),
             f"runs of {name}",
         )
     return tasks
