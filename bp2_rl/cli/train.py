@@ -196,8 +196,8 @@ class TrainArguments(EarlyFlags):
             raise UserError(
                 f"--task.row: there is no row {unknown[0]!r}; the task has {', '.join(rows) or 'none: name it, --task'}"
             )
-        changed = tuple((rows | self.coefficients).items())
-        return dataclasses.replace(self.env.task, rows=changed)
+        rows |= self.coefficients
+        return dataclasses.replace(self.env.task, rows=tuple(rows.items()))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

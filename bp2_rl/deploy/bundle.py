@@ -145,12 +145,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                     fresh / CODE / module.name,
                     FROM_PACKAGE.sub("from .", module.read_text()),
                 )
-            task = policy.card.env.task
-            if isinstance(task.code, TaskSources):
-                write_text(
-                    fresh / CODE / "task.py",
-                    FROM_PACKAGE.sub("from .", onboard_source(task.code, task.task)),
-                )
+            if isinstance(code := policy.card.env.task.code, TaskSources):
+                own = onboard_source(code, policy.card.env.task.task)
+                write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
             seal(fresh)

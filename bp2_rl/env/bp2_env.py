@@ -75,7 +75,6 @@ class BP2Env(envs.Env):
                 f"the settings name the task {config.task.source} without its code: pass task="
             )
         self.rows = rewards.rows_of(config)
-        self._terminations = tuple(config.task.task.terminations)
         self._privileged = observations.privileged_of(config)
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -117,7 +116,9 @@ class BP2Env(envs.Env):
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         after = before.replace(physics=physics, controller=controller)
         now = self._unsensed(after, foot_contact)
-        fall = fall._replace(own=termination.own_falls(self._terminations, now))
+        fall = fall._replace(
+            own=termination.own_falls(self.config.task.task.terminations, now)
+        )
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
         after = self._average(before, after, outcome)
         inputs = self._reward_inputs(before, after, outcome).replace(now=now)
@@ -225,7 +226,7 @@ class BP2Env(envs.Env):
                 false,
                 false,
                 false if self.config.hardware.solid_legs else None,
-                {one.name: false for one in self._terminations},
+                {one.name: false for one in self.config.task.task.terminations},
             ),
         )
         return envs.State(

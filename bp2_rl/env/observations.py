@@ -75,8 +75,8 @@ at."""
 
 
 def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
-    """Return the entries of the policy's observation at one moment: `ENTRIES`, and
-    those of the task.
+    """Return the entries of the policy's observation at one moment: `ENTRIES`, then
+    the task's.
 
     Raises:
         UserError: nobody has named the task's code.
@@ -85,8 +85,7 @@ def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
 
 
 def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
-    """Return the entries that the critic alone sees: `PRIVILEGED`, and those of the
-    task."""
+    """Return the entries that the critic alone sees: `PRIVILEGED`, then the task's."""
     return (*PRIVILEGED, *config.task.task.privileged)
 
 
@@ -103,8 +102,8 @@ def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
 
 
 def layout_of(config: EnvConfig) -> Layout:
-    """Return names and sizes of the policy's observation: the present entries, those
-    of the task last, and `NAME@K`, their changes in K steps."""
+    """Return names and sizes of the policy's observation: the present entries, the
+    task's last, and `NAME@K`, their changes in K steps."""
     now = (*LAYOUT, *config.task.entries)
     changes = (
         (f"{name}@{k}", size) for k in config.control.history for name, size in now

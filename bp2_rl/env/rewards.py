@@ -299,8 +299,7 @@ ROWS: Mapping[str, RewardRow] = {
 
 
 def rows_of(config: EnvConfig) -> Mapping[str, RewardRow]:
-    """Return the rows of the reward: `ROWS`, and those of the task, times their
-    coefficients.
+    """Return the rows of the reward: `ROWS`, then the task's, times their coefficients.
 
     Raises:
         UserError: a row of the task has the name of one of `ROWS`, or fails.

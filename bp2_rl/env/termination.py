@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -71,7 +71,7 @@ def fall_in_training(
 
 
 def own_falls(
-    terminations: Sequence[TaskTermination], now: Unsensed
+    terminations: Iterable[TaskTermination], now: Unsensed
 ) -> dict[str, Bool[Array, ""]]:
     """Return whether each termination of a task ends a robot's episode, by name.
 

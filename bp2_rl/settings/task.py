@@ -36,12 +36,8 @@ if TYPE_CHECKING:
     from bp2_rl.settings.training import Stage, TrainConfig
 
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
-NAME = "TASK"
-"""Name of the task in its file, where no other is given."""
 FOLDER = "task"
 """Folder of a run that holds the sources of its task."""
-LARGEST_SOURCE = 1 << 20
-"""Bytes of the largest source that is read."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +67,7 @@ class TaskTermination:
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """What a user adds to the training of `EnvConfig`; every part may be left out.
+    """A user's additions to a training; every part may be left out.
 
     Args:
         rows: of the reward.
@@ -117,9 +113,13 @@ def _require_mirror(name: str, mirror: object) -> None:
             "VECTOR, JOINTS or another Mirror of bp2_rl.robot.observation"
         )
     order, sign = mirror
-    if sorted(order) != [*range(len(sign))] or any(
-        (order[order[i]], sign[i] * sign[order[i]], abs(sign[i])) != (i, 1, 1)
-        for i in order
+    if (
+        {type(order), type(sign)} != {tuple}
+        or sorted(order) != [*range(len(sign))]
+        or any(
+            (order[order[i]], sign[i] * sign[order[i]], abs(sign[i])) != (i, 1, 1)
+            for i in order
+        )
     ):
         raise UserError(
             f"the mirror image of entry {name}, taken twice, is not the entry: mend its order or signs"
@@ -152,7 +152,7 @@ class TaskSources:
 
 @dataclasses.dataclass(frozen=True)
 class TaskConfig(Bounded, path="task."):
-    """A task in a run's settings and in a policy's card: all of it but the code."""
+    """The data of a task, in a run's settings and in a policy's card."""
 
     source: str = ""  # my_task.py:TASK; empty: there is no task
     sha256: str = ""  # of the sources
@@ -218,17 +218,21 @@ def read_task(where: Path | str) -> TaskSources:
     """Read the sources of a task, without running them.
 
     Args:
-        where: FILE.py, FILE.py:NAME or package.module:NAME.
+        where: FILE.py, FILE.py:NAME or package.module:NAME. NAME is TASK by default.
 
     Raises:
         UserError: there is no such file, or a source cannot be read.
     """
-    place, name = str(where), NAME
+    place, name = str(where), "TASK"
     if not place.endswith(".py"):
         place, _, name = place.rpartition(":")
     if not place.endswith(".py"):
-        with user_code(f"{where}: neither FILE.py nor package.module:NAME"):
+        with contextlib.suppress(ImportError, ValueError):
             place = str(getattr(importlib.util.find_spec(place), "origin", None))
+    if not place.endswith(".py"):
+        raise UserError(
+            f"no task {where}: name FILE.py, FILE.py:NAME or package.module:NAME"
+        )
     texts: dict[str, str] = {}
     _gather(Path(place), texts)
     return TaskSources(name, tuple(texts.items()))
@@ -237,16 +241,18 @@ def read_task(where: Path | str) -> TaskSources:
 def _gather(file: Path, texts: dict[str, str]) -> None:
     """Add to `texts` a source, after the modules beside it that it imports."""
     with user_code(str(file)):
-        text = read_bytes(file, LARGEST_SOURCE).decode()
+        text = read_bytes(file, 1 << 20).decode("utf-8-sig")
         nodes = [*ast.walk(ast.parse(text, file.name))]
     names = {
         a.name for node in nodes if isinstance(node, ast.Import) for a in node.names
     }
     names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-    for name in sorted(names - {file.stem}):
+    texts[file.name] = ""  # modules that import each other are read once
+    for name in sorted(names):
         beside = file.with_name(f"{name}.py")
         if beside.name not in texts and beside.is_file():
             _gather(beside, texts)
+    del texts[file.name]  # it comes after those
     texts[file.name] = text
 
 
@@ -282,7 +288,11 @@ def run_task(code: TaskSources | Task) -> Task:
 
 @contextlib.contextmanager
 def user_code(what: str) -> Generator[None]:
-    """Raise a `UserError` for any error in the block; `what`: whose code it runs."""
+    """Raise a `UserError` for any error in the block, where a user's code runs.
+
+    Args:
+        what: the part of the task, in words.
+    """
     try:
         yield
     except (Exception, SystemExit) as error:
@@ -291,8 +301,9 @@ def user_code(what: str) -> Generator[None]:
             for frame in traceback.extract_tb(error.__traceback__)
             if frame.filename.endswith(".py") and not Path(frame.filename).is_absolute()
         ]
-        said = str(error) if isinstance(error, UserError) else repr(error)
-        raise UserError(f"task: {what}{''.join(lines[-1:])}: {said}") from error
+        raise UserError(
+            f"task: {what}{''.join(lines[-1:])}: {error if isinstance(error, UserError) else repr(error)}"
+        ) from error
 
 
 # --- On board -------------------------------------------------------------------------
@@ -305,8 +316,11 @@ def onboard_source(code: TaskSources, task: Task) -> str:
     Raises:
         UserError: the function of an entry is no `def` at the top level of the file.
     """
-    body = ast.parse(code.files[-1][1]).body
-    defined = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
+    defined = {
+        node.name: node
+        for node in ast.parse(code.files[-1][1]).body
+        if isinstance(node, ast.FunctionDef)
+    }
     functions: list[str] = []
     entries: list[str] = []
     for entry in task.entries:
@@ -357,9 +371,11 @@ def _check_entries(task: Task, code: TaskSources | Task) -> None:
 
 def _draw_moment() -> tuple[Moment, Moment]:
     """Return a moment of random numbers, and the moment of the mirrored robot."""
-    draw = np.random.default_rng(0)
     mirrors = [*(entry.mirror for entry in ENTRIES), JOINTS]  # in a Moment's order
-    drawn = [draw.normal(size=len(mirror.sign)) for mirror in mirrors]
+    drawn = [
+        np.random.default_rng(seed).normal(size=len(mirror.sign))
+        for seed, mirror in enumerate(mirrors)
+    ]
     units = [values / np.linalg.norm(values) for values in drawn]  # as `up` is
     images = [
         values[[*mirror.order]] * np.array(mirror.sign)

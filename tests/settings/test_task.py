@@ -61,7 +61,7 @@ def test_the_environment_computes_rows_terminations_and_entries(task):
     assert after.metrics["reward/level_trunk"] == pytest.approx(
         0.1 * np.exp(-20.0 * 2.0 * (x**2 + y**2)), rel=1e-4
     )
-    assert (after.done, after.metrics["fall/skids"]) == (1.0, 1.0)
+    assert (after.done, after.metrics["fall/task/skids"]) == (1.0, 1.0)
 
 
 def test_a_robots_computer_computes_the_entry_of_training(task):
@@ -150,5 +150,7 @@ def test_two_tasks_with_modules_of_one_name_stay_apart(tmp_path):
 def test_a_policy_without_a_task_of_its_own_takes_none(task):
     with pytest.raises(UserError, match=r"not that of any task"):
         bp2.load_policy("built", task=task)
-    with pytest.raises(UserError, match=r"nowhere: neither FILE.py nor package"):
+    with pytest.raises(
+        UserError, match=r"no task nowhere: name FILE.py, FILE.py:NAME or"
+    ):
         bp2.load_policy("built", task="nowhere")
