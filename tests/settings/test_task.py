@@ -1,6 +1,7 @@
 """Tasks: a user's file with rows, terminations and entries, read, run and refused."""
 
 import pickle
+import random
 import sys
 from pathlib import Path
 
@@ -29,19 +30,15 @@ def task(tmp_path):
 
 
 def test_a_task_changes_the_settings_and_is_data_in_them(task):
-    plain = bp2.preset("relaxed", "smoke")
-    config = bp2.preset("relaxed", "smoke", task=task)
-    assert config.env.task.rows == (("level_trunk", 0.05),)
-    assert config.env.randomization.friction == (0.4, 1.1)
-    written = to_json(config.env)
-    assert "code" not in written["task"]
-    read = from_json(EnvConfig, written)
-    assert read.task.with_code(read_task(task)) == config.env.task
-    assert config_hash(read) == config_hash(config.env) != config_hash(plain.env)
+    env = bp2.preset("relaxed", "smoke", task=task).env
+    assert env.task.rows == (("level_trunk", 0.05),)
+    assert env.randomization.friction == (0.4, 1.1)
+    read = from_json(EnvConfig, to_json(env))
+    assert config_hash(read) == config_hash(env)
     with pytest.raises(UserError, match=r"policy sees lean, .* RUN/task/my_task.py:"):
         _ = read.task.task
-    again = pickle.loads(pickle.dumps(config.env.task))
-    assert [row.name for row in again.task.rows] == ["level_trunk"]
+    assert read.task.with_code(read_task(task)) == env.task
+    assert len(pickle.loads(pickle.dumps(env.task)).task.rows) == 1
 
 
 def test_the_environment_computes_rows_terminations_and_entries(task):
@@ -51,8 +48,6 @@ def test_the_environment_computes_rows_terminations_and_entries(task):
     after = jax.jit(env.step)(state, np.zeros(12))
     sizes = {name: len(value) for name, value in state.obs.items()}
     assert sizes == env.observation_size == {"state": 48, "privileged_state": 91}
-    reflected = {name: len(mirror.sign) for name, mirror in env.mirrors.items()}
-    assert reflected == {**sizes, "action": 12}
     assert state.obs["state"][47] == state.obs["state"][30]  # the noisy `up`, too
     np.testing.assert_array_equal(
         state.obs["privileged_state"][-3:], state.pipeline_state.physics.qvel[3:6]
@@ -68,9 +63,8 @@ def test_a_robots_computer_computes_the_entry_of_training(task):
     module, code = {}, read_task(task)
     exec(onboard_source(code, run_task(code)), module)
     [entry] = module["TASK_ENTRIES"]
-    now = Moment(*np.random.default_rng(1).normal(size=(8, 12)))
-    np.testing.assert_array_equal(entry.read(now), now.up[1:2])
-    assert entry.mirror == Mirror((0,), (-1,))
+    now = Moment(*np.arange(96.0).reshape(8, 12))
+    assert (entry.read(now), entry.mirror) == (now.up[1], Mirror((0,), (-1,)))
 
 
 WRONG = {
@@ -127,24 +121,16 @@ def test_a_mistake_that_only_training_meets_is_told_by_name(task, right, wrong, 
 
 
 def test_two_tasks_with_modules_of_one_name_stay_apart(tmp_path):
-    for folder, coefficient in (("a", 0.25), ("b", 0.5)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "random.py").write_text(f"HOW = {coefficient}\n")
-        (tmp_path / folder / "my-task.py").write_text(
-            f"from random import HOW\n{FILE.replace('=0.1', '=HOW')}\nOTHER = TASK\n"
-        )
-    configs = [
-        bp2.preset(
-            "imitation", "smoke", task=f"{tmp_path / folder / 'my-task.py'}:OTHER"
-        )
-        for folder in ("a", "b")
-    ]
-    assert [config.env.task.rows[0][1] for config in configs] == [0.25, 0.5]
-    assert len({config.env.task.sha256 for config in configs}) == 2
-    assert sys.modules["random"].random() < 1.0
-    code = read_task(tmp_path / "a/my-task.py")
-    code.write(tmp_path / "copy")
-    assert read_task(tmp_path / "copy/my-task.py") == code
+    found = []
+    for folder in ("0.25", "0.5"):
+        file = tmp_path / folder / "my-task.py"
+        file.parent.mkdir()
+        (tmp_path / folder / "random.py").write_text(f"HOW = {folder}\n")
+        text = FILE.replace("=0.1", "=HOW").replace("TASK", "OTHER")
+        file.write_text(f"from random import HOW\n{text}")
+        found += bp2.preset("imitation", "smoke", task=f"{file}:OTHER").env.task.rows
+    assert found == [("level_trunk", 0.25), ("level_trunk", 0.5)]
+    assert sys.modules["random"] is random
 
 
 def test_a_policy_without_a_task_of_its_own_takes_none(task):
