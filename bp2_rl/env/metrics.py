@@ -49,7 +49,9 @@ def metrics(
         named["fall/self_collision"] = (
             self_collision & ~tilted & ~too_low & ~exploded
         ).astype(jnp.float32)
-    named |= {f"fall/task/{name}": x.astype(jnp.float32) for name, x in own.items()}
+    named |= {
+        f"fall/task/{name}": x.astype(jnp.float32) for name, x in (own or {}).items()
+    }
     return named | {
         "speed_error": error,
         "curriculum_level": level,

@@ -3,7 +3,6 @@
 import functools
 import operator
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from jaxtyping import Bool, Float
@@ -27,14 +26,16 @@ class Fall(NamedTuple):
     # a leg is in another or in the trunk; None where nobody asks
     self_collision: Bool[Array, "..."] | None = None
     # the terminations of the task, by name
-    own: Mapping[str, Bool[Array, "..."]] = MappingProxyType({})
+    own: Mapping[str, Bool[Array, "..."]] | None = None
 
     @property
     def happened(self) -> Bool[Array, "..."]:
         """Return whether the robot is down for any reason."""
         down = self.exploded | self.too_low | self.tilted
         others = [] if self.self_collision is None else [self.self_collision]
-        return functools.reduce(operator.or_, [*others, *self.own.values()], down)
+        return functools.reduce(
+            operator.or_, [*others, *(self.own or {}).values()], down
+        )
 
 
 def fall(

@@ -142,7 +142,7 @@ def trained(tmp_path, monkeypatch, make_card):
     trainings that were run."""
     started: list[str] = []
 
-    async def run_train(self, arguments, run_dir, gpu):
+    async def run_train(self, arguments, run_dir, gpu, task):
         started.append(run_dir.name)
         if run_dir.name in failing:
             return False
@@ -389,7 +389,7 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
     folder, started, _ = trained
     train, stopped = running.Here.train, []
 
-    async def interrupt(self, arguments, run_dir, gpu):
+    async def interrupt(self, arguments, run_dir, gpu, task):
         if run_dir.name == "ours-1-relaxed":
             raise KeyboardInterrupt
         if run_dir.name == "ours-0-relaxed":
@@ -398,7 +398,7 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
             except asyncio.CancelledError:
                 stopped.append(run_dir.name)
                 raise
-        return await train(self, arguments, run_dir, gpu)
+        return await train(self, arguments, run_dir, gpu, task)
 
     with monkeypatch.context() as patch:
         patch.setattr(running.Here, "train", interrupt)

@@ -373,7 +373,7 @@ async def _run_chains(
             for place_in_chain, training in enumerate(chain):
                 task = tasks.get(training.variant)
                 if await _train(
-                    plan, folder, place, slot, training, task, resources.say
+                    plan, folder, place, slot, training, resources.say, task
                 ):
                     group.create_task(measure(training))
                 elif training.stage == "imitation":  # the others go on from it
@@ -397,8 +397,8 @@ async def _train(
     place: Here | Jobs,
     slot: str | None,
     training: Training,
-    task: TaskSources | None,
     say: Callable[[str], None],
+    task: TaskSources | None = None,
 ) -> bool:
     """Run a training unless it is finished; return whether it has finished."""
     run_dir = folder / training.name
