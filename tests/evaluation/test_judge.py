@@ -190,7 +190,7 @@ def test_a_judge_compiles_before_the_first_policy(slow_policy):
         NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
     )
     assert control._cache_size() == 1
-    judging._judge(slow_policy, None, 0.0)
+    judging._judge(slow_policy, None, 0.0, policy.card.env.task)
     assert compiled.cache_info().misses == 1
     assert control._cache_size() == 1
 
