@@ -79,7 +79,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     programs = keep_compiled()
-    with _judge(run.load_own(Path(run_dir))) as judge:
+    with _judge(run.load_own(run_dir)) as judge:
         return run.resume(
             Path(run_dir), judge=judge, tracker=tracker, programs=programs
         )

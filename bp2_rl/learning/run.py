@@ -180,7 +180,7 @@ def replay(run_dir: Path) -> str:
     return f"train step {step + 1}: {guards.explain(learner, state)}"
 
 
-def load_own(run_dir: Path) -> TrainConfig:
+def load_own(run_dir: Path | str) -> TrainConfig:
     """Return the settings of a run that goes on, with the code of its task, which the
     run's folder holds.
 
