@@ -13,25 +13,28 @@ import numpy as np
 
 from bp2_rl.base.processes import keep_compiled
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
+from bp2_rl.env.rewards import RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig
 from bp2_rl.settings.presets import preset
+from bp2_rl.settings.task import Task, TaskRow
 
 
 def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scalar:
-    """Up to 0.1 for a trunk that does not lean: e_z is its vertical axis, (0, 0, 1)
-    when level."""
-    del config, at  # the coefficient is ours, and the same at every command
-    return 0.1 * jnp.exp(-20.0 * (1.0 - x.e_z[2]))
+    """1 for a trunk that does not lean: e_z is its vertical axis, (0, 0, 1) when
+    level."""
+    del config, at  # the same at every command
+    return jnp.exp(-20.0 * (1.0 - x.e_z[2]))
+
+
+TASK = Task(rows=[TaskRow("level_trunk", level_trunk, imitation=0.1)])
+"""What `python train.py --task examples/reward_row.py` trains on."""
 
 
 def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
     """The mean of every row over so many control steps of so many robots, with actions
     of zero."""
-    config = preset("imitation", "smoke").env
-    env = BP2Env(
-        config, impl=impl, num_robots=robots, rows={**ROWS, "level_trunk": level_trunk}
-    )
+    config = preset("imitation", "smoke", task=TASK).env
+    env = BP2Env(config, impl=impl, num_robots=robots)
     step = jax.jit(jax.vmap(env.step))
     state = jax.jit(jax.vmap(env.reset))(
         jax.random.split(jax.random.PRNGKey(0), robots)

@@ -201,8 +201,8 @@ WRONG = [
         "world.pushes takes a Push, got 3",
     ),
     (
-        'make("bp2", rows=3)',
-        "rows takes the reward's terms by name, as env.rewards.ROWS has them, got 3",
+        'make("bp2", task=3)',
+        "task takes a file or a Task, got 3",
     ),
     (
         "resume(None)",
@@ -287,6 +287,7 @@ def paths_of_the_api():
 
 SHORT = bp2_rl.Ramp(0.5, hold=0.05)
 GO1 = asset_path("robots/go1.toml")
+TASK = Path(__file__).parents[1] / "examples/reward_row.py"
 UNJUDGED = bp2_rl.preset("imitation", "smoke")
 UNJUDGED = dataclasses.replace(
     UNJUDGED, run=dataclasses.replace(UNJUDGED.run, judged=0)
@@ -297,6 +298,13 @@ BY_PATH: dict[tuple[str, str], Callable[[Path, Callable[[Path], Any]], Any]] = {
     ),
     ("preset", "robot"): lambda _, of: bp2_rl.preset(
         "imitation", "smoke", robot=of(GO1)
+    ),
+    ("preset", "task"): lambda _, of: bp2_rl.preset(
+        "imitation", "smoke", task=of(TASK)
+    ),
+    ("make", "task"): lambda _, of: bp2_rl.make("bp2_kinematic", task=of(TASK)).config,
+    ("load_policy", "task"): lambda _, of: refusal(
+        lambda: bp2_rl.load_policy("ideal", task=of(TASK))
     ),
     ("rollout", "hardware"): lambda _, of: refusal(
         lambda: bp2_rl.rollout(

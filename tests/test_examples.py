@@ -62,7 +62,7 @@ def test_a_reward_row_is_weighed_among_the_others():
     leaning: Any = types.SimpleNamespace(e_z=jnp.array([np.sqrt(0.75), 0.0, 0.5]))
     unread: Any = None
     assert reward_row.level_trunk(leaning, unread, unread) == pytest.approx(
-        0.1 * np.exp(-10.0), rel=1e-5
+        np.exp(-10.0), rel=1e-5
     )
     means = reward_row.weigh(steps=2, robots=2)
     assert means.keys() == {*ROWS, "level_trunk"}

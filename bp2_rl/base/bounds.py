@@ -80,6 +80,8 @@ Way = Literal["check", "read", "write"]
 """What a walk does with a value: check it, read it from JSON, or write it to JSON."""
 TYPE = "type"
 """The key in JSON under which one of several dataclasses has its name."""
+UNWRITTEN = {"written": False}
+"""Metadata of a field that JSON does not hold, and of which nothing is checked."""
 # JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
 NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 
@@ -290,7 +292,9 @@ def _walk_record(cls: Any, value: Any, prefix: str, way: Way) -> Any:
     """Check a dataclass, write it, or make it of an object of JSON."""
     if way != "read":
         return _walk_fields(value, prefix, way)
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    fields = {
+        field.name: field for field in dataclasses.fields(cls) if _is_walked(field)
+    }
     for key in value:
         if key not in fields:
             raise UserError(
@@ -318,7 +322,7 @@ def _walk_record(cls: Any, value: Any, prefix: str, way: Way) -> Any:
 def _walk_fields(config: Any, prefix: str, way: Way) -> dict[str, Any]:
     """Walk the fields that a dataclass is made with; return their values by name."""
     hints = typing.get_type_hints(type(config), include_extras=True)
-    names = [field.name for field in dataclasses.fields(config) if field.init]
+    names = [field.name for field in dataclasses.fields(config) if _is_walked(field)]
     shown_names = {
         name: name.replace("_", "-") if prefix.startswith("--") else name
         for name in names
@@ -327,6 +331,11 @@ def _walk_fields(config: Any, prefix: str, way: Way) -> dict[str, Any]:
         name: walk(hints[name], getattr(config, name), prefix + shown_names[name], way)
         for name in names
     }
+
+
+def _is_walked(field: "dataclasses.Field[object]") -> bool:
+    """Return whether a walk goes through a field of a dataclass."""
+    return field.init and not UNWRITTEN.items() <= field.metadata.items()
 
 
 def _in_words(kind: Any, way: Way) -> str:

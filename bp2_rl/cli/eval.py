@@ -21,6 +21,7 @@ from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
 from bp2_rl.learning.policy import find_policy
+from bp2_rl.settings.training import TaskWish
 
 BENCHMARKS = {
     "topspeed": "ramp to the top speed and hold it",
@@ -46,6 +47,8 @@ what is run:
 {benchmarks}
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
                         one that BP2 may be [the policy's; built for ideal]
+  --task FILE[:NAME]    the task that the policy was trained with, where the task
+                        adds to what the policy sees
   --backend {mujoco,mjx,drake}
                         mujoco: C MuJoCo; mjx: the engine of training; drake: a
                         second opinion [mujoco]
@@ -89,6 +92,9 @@ class Target:
             + " `bp2 paper eval` has the deep ones.",
         ),
     ] = "topspeed"
+    task: TaskWish = None
+    """The task that the policy was trained with, where the task adds to what the policy
+    sees; its code is run."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,7 +191,7 @@ def evaluate(
     find_backend()
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)
-    policy = load_policy(path, layout_of=layout_of)
+    policy = load_policy(path, layout_of=layout_of, task=config.task)
     if config.robot is not None:
         find_robot(config.robot)
     schedules = {

@@ -11,6 +11,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.operator import COMMAND_LIMITS
+from bp2_rl.settings.training import TaskWish
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +38,9 @@ class ExportConfig:
     ] = ()
     """A folder that eval.py wrote of this policy; may be given several times. Not with
     onnx, which has no card."""
+    task: TaskWish = None
+    """The task that the policy was trained with, where the task adds to what the policy
+    sees: a bundle holds its entries' code"""
     braking: float | None = None
     """m/s2, at which the forward command that the policy is told falls at most: the
     copy's `control.braking`"""
@@ -63,7 +67,7 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.evaluation.report.folder import read_report
     from bp2_rl.learning.policy import load_policy, save_policy
 
-    policy = load_policy(config.run)
+    policy = load_policy(config.run, task=config.task)
     eased = {
         name: value
         for name in COMMAND_LIMITS

@@ -16,7 +16,7 @@ from bp2_rl.base.processes import without_gl_library
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.learning.policy import find_policy
-from bp2_rl.settings.training import RobotWish
+from bp2_rl.settings.training import RobotWish, TaskWish
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -38,6 +38,9 @@ class PlayConfig(Bounded, path="--"):
     robot: RobotWish = None
     """built: BP2 with losses and solid legs; ideal: without; by default built, or the
     policy's own robot where that is neither"""
+    task: TaskWish = None
+    """the task that the policy was trained with, where the task adds to what the policy
+    sees; its code is run"""
     host: str = "127.0.0.1"
     """Address at which the page is served; 0.0.0.0: to all machines that can reach this
     one, under any name."""
@@ -82,7 +85,7 @@ def play(config: PlayConfig) -> None:
     # s: else the page's thread may keep the robot waiting for a control step
     sys.setswitchinterval(1e-3)
     keep_compiled()
-    policy = load_policy(path, layout_of=layout_of)
+    policy = load_policy(path, layout_of=layout_of, task=config.task)
     robot = robot_of(policy, Setup(robot=config.robot))
     least, most = wish_limits(policy.card.env.commands)
     if not least.speed <= config.speed <= most.speed:

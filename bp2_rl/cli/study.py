@@ -14,14 +14,14 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.app import Command
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
-from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
+from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps, label
 
 SCREEN = """usage: {prog} [FLAGS]
 
 {what}
 
 flags:
-  --variants NAME ...   some of those below [all]
+  --variants NAME ...   some of those below, or tasks: FILE.py [all]
   --seeds INT ...       [0 1 2]
   --preset {gpu,cpu,first,smoke}
                         size of the trainings [gpu]
@@ -42,6 +42,7 @@ variants:
         "",
         "examples:",
         "  bp2 study --variants ours kinematic --seeds 0 1 2",
+        "  bp2 study --variants ours my_task.py   # a task beside the recipe",
     ]
 )
 """What `--help` prints."""
@@ -57,7 +58,7 @@ class StudyArguments(Bounded, path="--"):
     """
 
     variants: tuple[str, ...] = tuple(VARIANTS)
-    """which are trained; what each is: --help"""
+    """which are trained, or the files of tasks; what each is: --help"""
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
@@ -100,7 +101,7 @@ def _study(arguments: StudyArguments) -> None:
         ]
         outcomes = [one for one in found if one is not None]
         for one in outcomes:
-            save_config(arguments.out / f"{one.variant}.json", one)
+            save_config(arguments.out / f"{label(one.variant)}.json", one)
         if outcomes:
             write_text(arguments.out / "table.md", outcome_table(outcomes))
         return outcomes

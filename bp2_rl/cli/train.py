@@ -30,6 +30,7 @@ from bp2_rl.settings import presets
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.robots import on_robot
+from bp2_rl.settings.task import TaskConfig
 from bp2_rl.settings.tracking import Tracker, choose_tracker
 from bp2_rl.settings.training import (
     ClusterConfig,
@@ -37,6 +38,7 @@ from bp2_rl.settings.training import (
     RobotWish,
     RunConfig,
     Stage,
+    TaskWish,
     TrainConfig,
     Weights,
     load_run_config,
@@ -59,6 +61,9 @@ what is trained:
   --weights {ours,paper}       rewards: ours, or the paper's Table S4
   --reference {collocation,kinematic,none}
                                the motion that is learnt; none: standing
+  --task FILE[:NAME]           your own rewards, terminations, observation entries
+                               and settings; --task.row.NAME: a row's coefficient
+                               [that of --from]
 
 runs:
   --out PATH                   the run's folder [runs/STAGE-DATE-TIME]
@@ -109,6 +114,9 @@ class EarlyFlags:
     robot: RobotWish = None
     """built, ideal, real, go1, ... or a file; by default that of --from,
     else built"""
+    task: TaskWish = None
+    """your own rewards, terminations, observation entries and settings: FILE.py,
+    FILE.py:NAME or package.module:NAME; by default that of --from"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """take networks and settings from this run [relaxed: the newest imitation run]"""
     resume: Path | None = None
@@ -146,13 +154,15 @@ class EarlyFlags:
     def known_without_jax(self) -> bool:
         """Return whether these flags determine all defaults without importing JAX.
 
-        A parent's settings and the machine's accelerator are looked at with JAX. In a
-        cluster all processes must hear of a mistake, once they have met.
+        A parent's settings and the machine's accelerator are looked at with JAX, which
+        a task may use. In a cluster all processes must hear of a mistake, once they
+        have met.
         """
         return self.cluster.coordinator is None and (
             self.goes_on is not None
             or (
-                (self.preset != "auto" or jax_is_on_cpu())
+                self.task is None
+                and (self.preset != "auto" or jax_is_on_cpu())
                 and (self.stage, self.parent) == ("imitation", None)
             )
         )
@@ -166,9 +176,28 @@ class TrainArguments(EarlyFlags):
     """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
     out: Path | None = None
     """the run's folder [runs/STAGE-DATE-TIME]"""
+    coefficients: Annotated[dict[str, float], tyro.conf.arg(name="task.row")] = (
+        dataclasses.field(default_factory=dict[str, float])
+    )
+    """coefficients of the task's rows"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
+
+    @property
+    def own_task(self) -> TaskConfig:
+        """The task with the coefficients of the flags.
+
+        Raises:
+            UserError: there is no task, or it has no such rows.
+        """
+        rows = dict(self.env.task.rows)
+        if unknown := [name for name in self.coefficients if name not in rows]:
+            raise UserError(
+                f"--task.row: there is no row {unknown[0]!r}; the task has {', '.join(rows) or 'none: name it, --task'}"
+            )
+        rows |= self.coefficients
+        return dataclasses.replace(self.env.task, rows=tuple(rows.items()))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -266,8 +295,9 @@ def _train(
         raise UserError(
             "--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax"
         )
+    env = dataclasses.replace(arguments.env, task=arguments.own_task)
     config = TrainConfig(
-        arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl
+        arguments.stage, env, arguments.ppo, arguments.run, arguments.impl
     )
     if arguments.out is not None:
         require_name(arguments.out)
@@ -306,12 +336,14 @@ def read_arguments(
         parent = None if app.HELP_ALL in words else _newest_imitation_run()
     if parent is None or flags.goes_on is not None:
         defaults = presets.preset(
-            flags.stage, preset, flags.weights, flags.robot or "built"
+            flags.stage, preset, flags.weights, flags.robot or "built", flags.task
         )
     else:
         defaults = _continue(flags, preset, parent)
     default = TrainArguments(
         parent=parent,
+        task=flags.task,
+        coefficients=dict(defaults.env.task.rows),
         impl=defaults.impl,
         env=defaults.env,
         ppo=defaults.ppo,
@@ -370,14 +402,15 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
     robot, networks and changed settings."""
     from bp2_rl.learning import run
 
-    old = load_run_config(parent)
+    old = run.load_own(parent)
+    task = flags.task or old.env.task.code
     theirs = (
         (robot_name(old.env.hardware) or "built")
         if old.env.hardware.is_bp2
         else old.env.hardware
     )
     before, now = (
-        presets.preset(each, preset, flags.weights, theirs)
+        presets.preset(each, preset, flags.weights, theirs, task)
         for each in (old.stage, flags.stage)
     )
     env = merge(before.env, old.env, now.env)
@@ -389,7 +422,7 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
         env = on_robot(env, other)
     return dataclasses.replace(
         now,
-        env=dataclasses.replace(env, reward=now.env.reward),
+        env=dataclasses.replace(env, reward=now.env.reward, task=now.env.task),
         ppo=dataclasses.replace(
             now.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}
         ),

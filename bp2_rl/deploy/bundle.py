@@ -60,6 +60,7 @@ from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.observation import ENTRIES
 from bp2_rl.robot.operator import COMMAND_LIMITS, HEADING_HOLD
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 MOTORS = (
@@ -144,6 +145,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                     fresh / CODE / module.name,
                     FROM_PACKAGE.sub("from .", module.read_text()),
                 )
+            if isinstance(code := policy.card.env.task.code, TaskSources):
+                own = onboard_source(code, policy.card.env.task.task)
+                write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
             seal(fresh)
@@ -162,11 +166,13 @@ def describe(policy: Policy) -> Playback:
     """
     card, env = policy.card, policy.card.env
     known = [entry.name for entry in ENTRIES]
+    if isinstance(env.task.code, TaskSources):
+        known += dict(env.task.entries)
     seen = [name.partition("@")[0] for name, _ in card.observation_layout]
     if unknown := [name for name in seen if name not in known]:
         raise UserError(
             f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
-            f"{', '.join(known)}"
+            f"{', '.join(known)}; entries of a task come with --task FILE"
         )
     reference, arrays = playback(env)
     control, commands = env.control, env.commands

@@ -3,7 +3,8 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from types import NoneType
 from typing import Any, get_args
 
@@ -36,6 +37,9 @@ from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
 from bp2_rl.robot.observation import Mirror
 from bp2_rl.settings.env import EnvConfig, Impl
+from bp2_rl.settings.presets import with_task
+from bp2_rl.settings.task import Task
+from bp2_rl.settings.training import TrainConfig
 
 
 class BP2Env(envs.Env):
@@ -50,8 +54,9 @@ class BP2Env(envs.Env):
     time limits are the wrapper's.
 
     `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the
-    largest batch that `warp` steps at once; the other engines ignore it. `rows` are the
-    reward's terms by name: Table S4's, or these and your own.
+    largest batch that `warp` steps at once; the other engines ignore it. A task in the
+    settings adds rows to the reward, reasons to end an episode, and entries to both
+    observations.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which
     outlives episodes).
@@ -63,10 +68,14 @@ class BP2Env(envs.Env):
         *,
         impl: Impl = "jax",
         num_robots: int = 1,
-        rows: Mapping[str, rewards.RewardRow] | None = None,
     ):
         self.config = config
-        self.rows = rewards.ROWS if rows is None else rows
+        if config.task.source and config.task.code is None:
+            raise UserError(
+                f"the settings name the task {config.task.source} without its code: pass task="
+            )
+        self.rows = rewards.rows_of(config)
+        self._privileged = observations.privileged_of(config)
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
                 f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
@@ -105,13 +114,15 @@ class BP2Env(envs.Env):
         physics, effort = self._replace_exploded(physics, effort, fall)
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
+        after = before.replace(physics=physics, controller=controller)
+        now = self._unsensed(after, foot_contact)
+        fall = fall._replace(
+            own=termination.own_falls(self.config.task.task.terminations, now)
+        )
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
-        after = self._average(
-            before, before.replace(physics=physics, controller=controller), outcome
-        )
-        terms = rewards.reward_terms(
-            self._reward_inputs(before, after, outcome), self.config, self.rows
-        )
+        after = self._average(before, after, outcome)
+        inputs = self._reward_inputs(before, after, outcome).replace(now=now)
+        terms = rewards.reward_terms(inputs, self.config, self.rows)
 
         level = state.info["curriculum"]
         command, raised = commands.advance(
@@ -136,15 +147,15 @@ class BP2Env(envs.Env):
     def observation_size(self) -> dict[str, int]:
         """Sizes of the policy's and of the critic's observation."""
         return {
-            "state": observations.size_of(observations.layout_of(self.config.control)),
-            "privileged_state": observations.size_of(observations.CRITIC_LAYOUT),
+            "state": observations.size_of(observations.layout_of(self.config)),
+            "privileged_state": len(self.mirrors["privileged_state"].sign),
         }
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
         """Mirrors of both observations and of the action, for a robot with left and
         right exchanged, half a cycle on."""
-        return observations.mirrors_under(self.config.control)
+        return observations.mirrors_under(self.config)
 
     @property
     def action_size(self) -> int:
@@ -211,7 +222,11 @@ class BP2Env(envs.Env):
                 episode.physics.qpos, episode.physics.qvel
             ),
             fall=Fall(
-                false, false, false, false if self.config.hardware.solid_legs else None
+                false,
+                false,
+                false,
+                false if self.config.hardware.solid_legs else None,
+                {one.name: false for one in self.config.task.task.terminations},
             ),
         )
         return envs.State(
@@ -315,18 +330,26 @@ class BP2Env(envs.Env):
         controller, noisy = self.controller.observe(
             state.controller, command, measurement
         )
-        unsensed = observations.Unsensed(
-            episode=state,
-            velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
-            foot_contact=foot_contact,
-            trunk_mass=state.randomization.mass[self.trunk],
+        privileged = observations.observe(
+            self._privileged, self._unsensed(state, foot_contact)
         )
-        privileged = observations.observe(observations.PRIVILEGED, unsensed)
         obs = {
             "state": noisy,
             "privileged_state": jnp.concatenate([noiseless, privileged]),
         }
         return state.replace(controller=controller), obs
+
+    def _unsensed(
+        self, state: PipelineState, foot_contact: Float[Array, "4"]
+    ) -> observations.Unsensed:
+        """Return what the critic, and the rows and terminations of a task, look at."""
+        physics = state.physics
+        return observations.Unsensed(
+            episode=state,
+            velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
+            foot_contact=foot_contact,
+            trunk_mass=state.randomization.mass[self.trunk],
+        )
 
 
 def _make_engine(
@@ -346,15 +369,17 @@ def make(
     *,
     impl: Impl = "jax",
     num_robots: int = 1,
-    rows: Mapping[str, rewards.RewardRow] | None = None,
+    task: str | Path | Task | None = None,
 ) -> BP2Env:
     """Return the environment of this name, or with `config` in place of its settings; see `BP2Env` for the rest.
 
     Args:
         name: `bp2`; `bp2_ideal`, without losses; or `bp2_kinematic`, on the kinematic gait, at 3 m/s.
+        task: your own rewards, terminations and entries, as `preset` takes it or as a `settings.task.Task`, with the
+            coefficients of the imitation stage.
 
     Raises:
-        UserError: there is no such environment, or it cannot be.
+        UserError: there is no such environment or task, or it cannot be.
 
     Examples:
         >>> make("bp2")  # the built robot, the rewards of preset("imitation", "gpu")
@@ -371,17 +396,13 @@ def make(
         (EnvConfig, NoneType),
         'settings, such as preset("imitation", "cpu").env',
     )
-    require_kind(
-        "rows",
-        rows,
-        (Mapping, NoneType),
-        "the reward's terms by name, as env.rewards.ROWS has them",
-    )
+    require_kind("task", task, (str, Path, Task, NoneType), "a file or a Task")
     if num_robots < 1:
         raise UserError(f"num_robots must be at least 1, got {num_robots}")
-    return BP2Env(
-        config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows
-    )
+    settings = TrainConfig(env=config or CONFIGS[name]())
+    if task is not None:
+        settings = with_task(settings, task)
+    return BP2Env(settings.env, impl=impl, num_robots=num_robots)
 
 
 for each in CONFIGS:

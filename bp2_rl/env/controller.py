@@ -13,13 +13,17 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.observations import LAYOUT, Measurement, observe, size_of
+from bp2_rl.env.observations import (
+    Measurement,
+    entries_of,
+    observe,
+)
 from bp2_rl.reference.interface import Reference, ReferenceMotion
 from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.observation import ENTRIES, Moment
+from bp2_rl.robot.observation import Moment
 from bp2_rl.settings.env import EnvConfig
 
 
@@ -29,7 +33,7 @@ class ControllerState(struct.PyTreeNode):
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
     # In the last control steps, newest first, as far back as `history` asks.
-    past_frames: Float[Array, "... longest 47"]
+    past_frames: Float[Array, "... longest frame"]
     steps: Float[Array, "..."]  # so many of them there were since the start
 
 
@@ -46,6 +50,7 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
+        self._entries = entries_of(config)
         self._stand = np.array(config.hardware.anatomy.stand, np.float32)
         self.reference: ReferenceMotion = motion_of(config)
 
@@ -56,7 +61,12 @@ class Controller:
             last_action=jnp.zeros(conventions.NUM_MOTORS),
             # At least a row: an array of no size, split over devices, crashes JAX
             # 0.11.2's compiler.
-            past_frames=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
+            past_frames=jnp.zeros(
+                (
+                    max((1, *self._control.history)),
+                    sum(entry.size for entry in self._entries),
+                )
+            ),
             steps=jnp.zeros(()),
         )
 
@@ -90,7 +100,7 @@ class Controller:
         state: ControllerState,
         command: Float[Array, "... 3"],
         measurement: Measurement,
-    ) -> Float[Array, "... 47"]:
+    ) -> Float[Array, "... frame"]:
         """Return the observation of this moment alone, without a history."""
         hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
         angle = 2.0 * jnp.pi * state.phase
@@ -101,7 +111,7 @@ class Controller:
             last_action=state.last_action,
             stand=self._stand,
         )
-        return observe(ENTRIES, now)
+        return observe(self._entries, now)
 
     def act(
         self,

@@ -44,11 +44,14 @@ def metrics(
         inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
-    exploded, too_low, tilted, self_collision = step.fall
+    exploded, too_low, tilted, self_collision, own = step.fall
     if self_collision is not None:
         named["fall/self_collision"] = (
             self_collision & ~tilted & ~too_low & ~exploded
         ).astype(jnp.float32)
+    named |= {
+        f"fall/task/{name}": x.astype(jnp.float32) for name, x in (own or {}).items()
+    }
     return named | {
         "speed_error": error,
         "curriculum_level": level,

@@ -1,6 +1,6 @@
 """The robot's sensors, the policy's observation, and the critic's, which has more."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -28,9 +28,11 @@ from bp2_rl.robot.observation import (
     VECTOR,
     Entry,
     Mirror,
+    Moment,
     Source,
 )
-from bp2_rl.settings.env import ControlConfig, RandomizationConfig
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.settings.task import user_code
 
 if TYPE_CHECKING:
     from bp2_rl.env.episode import PipelineState
@@ -72,31 +74,48 @@ where the command goes, the draw of the robot, and the errors that the reward lo
 at."""
 
 
-def mirrors_under(control: ControlConfig) -> dict[str, Mirror]:
+def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
+    """Return the entries of the policy's observation at one moment: `ENTRIES`, then
+    the task's.
+
+    Raises:
+        UserError: nobody has named the task's code.
+    """
+    return (*ENTRIES, *config.task.task.entries)
+
+
+def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
+    """Return the entries that the critic alone sees: `PRIVILEGED`, then the task's."""
+    return (*PRIVILEGED, *config.task.task.privileged)
+
+
+def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
     """Return the mirrors of both observations and of the action, for left and right
     exchanged, half a cycle on."""
-    own = [entry.mirror for entry in ENTRIES]
+    own = [entry.mirror for entry in entries_of(config)]
+    unsensed = [entry.mirror for entry in privileged_of(config)]
     return {
-        "state": Mirror.joined(own * (1 + len(control.history))),
-        "privileged_state": Mirror.joined([*own, *(e.mirror for e in PRIVILEGED)]),
+        "state": Mirror.joined(own * (1 + len(config.control.history))),
+        "privileged_state": Mirror.joined([*own, *unsensed]),
         "action": JOINTS,
     }
 
 
-def layout_of(control: ControlConfig) -> Layout:
-    """Return names and sizes of the policy's observation under a controller: the
-    present entries, and `NAME@K`, their changes in K steps."""
-    return (
-        *LAYOUT,
-        *((f"{name}@{k}", size) for k in control.history for name, size in LAYOUT),
+def layout_of(config: EnvConfig) -> Layout:
+    """Return names and sizes of the policy's observation: the present entries, the
+    task's last, and `NAME@K`, their changes in K steps."""
+    now = (*LAYOUT, *config.task.entries)
+    changes = (
+        (f"{name}@{k}", size) for k in config.control.history for name, size in now
     )
+    return (*now, *changes)
 
 
 LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
-"""Names and sizes of the entries of the policy's observation at one moment."""
+"""Names and sizes of `ENTRIES`."""
 CRITIC_LAYOUT: Layout = (*LAYOUT, *((entry.name, entry.size) for entry in PRIVILEGED))
-"""Names and sizes of the entries that the critic sees: the policy's at one moment,
-without noise, and `PRIVILEGED`."""
+"""Names and sizes of the entries that the critic sees without a task: the policy's at
+one moment, without noise, and `PRIVILEGED`."""
 
 
 def size_of(layout: Layout) -> int:
@@ -145,8 +164,30 @@ def add_noise(
 def observe(
     entries: Sequence[Entry[Source]], source: Source
 ) -> Float[Array, " observation"]:
-    """Return the observation vector of these entries, read from their source."""
-    return jnp.concatenate([entry.read(source).reshape(-1) for entry in entries])
+    """Return the observation vector of these entries, read from their source.
+
+    Raises:
+        UserError: an entry of a task fails, or is not as long as its mirror image.
+    """
+    parts = []
+    for entry in entries:
+        with user_code(
+            f"entry {entry.name} ({entry.size} numbers by its mirror image)"
+        ):
+            parts.append(jnp.reshape(entry.read(source), entry.size))
+    return jnp.concatenate(parts)
+
+
+def own_number(
+    what: str, function: Callable[..., Array], *inputs: object
+) -> Float[Array, ""]:
+    """Return the number that a function of a task returns, `what` in words.
+
+    Raises:
+        UserError: the function fails, or returns more than one number.
+    """
+    with user_code(f"{what} (one number)"):
+        return jnp.asarray(function(*inputs), jnp.float32).reshape(())
 
 
 class TrunkMotion(struct.PyTreeNode):

@@ -10,6 +10,7 @@ divided by the factors of its `Size`, which have no unit and are 1 for BP2. So m
 rad/s and W below are those of a robot of BP2's size.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -18,6 +19,8 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.env.observations import Unsensed, own_number
 from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
@@ -237,6 +240,8 @@ class RewardInputs(struct.PyTreeNode):
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
     qd_n: Float[Array, "... 12"]  # joint speed over the motor's no-load speed
+    # all else, for the rows of a task; in SI units
+    now: Unsensed | None = None
 
 
 class SharedTerms(NamedTuple):
@@ -291,6 +296,34 @@ ROWS: Mapping[str, RewardRow] = {
 }
 """Reward terms, Table S4's and three more, by their names, as in the metrics
 `reward/NAME`."""
+
+
+def rows_of(config: EnvConfig) -> Mapping[str, RewardRow]:
+    """Return the rows of the reward: `ROWS`, then the task's, times their coefficients.
+
+    Raises:
+        UserError: a row of the task has the name of one of `ROWS`, or fails.
+    """
+    for name, _ in config.task.rows:
+        if name in ROWS:
+            raise UserError(f"Task: there is a row {name} already: rename yours")
+    reads = {row.name: row.read for row in config.task.task.rows}
+    own = {
+        name: functools.partial(_own_row, name, reads[name], coefficient)
+        for name, coefficient in config.task.rows
+    }
+    return {**ROWS, **own}
+
+
+def _own_row(
+    name: str,
+    read: RewardRow,
+    coefficient: float,
+    x: RewardInputs,
+    config: RewardConfig,
+    at: SharedTerms,
+) -> Scalar:
+    return coefficient * own_number(f"row {name}", read, x, config, at)
 
 
 def reward_terms(

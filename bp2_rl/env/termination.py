@@ -1,14 +1,19 @@
 """The law of a fall: in training, in benchmarks, and for every robot that may be down."""
 
+import functools
+import operator
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from jaxtyping import Bool, Float
 
 from bp2_rl.base.arrays import Array
+from bp2_rl.env.observations import Unsensed, own_number
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.coordinates import compressions, joint_positions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, TerminationConfig
+from bp2_rl.settings.task import TaskTermination
 
 
 class Fall(NamedTuple):
@@ -20,12 +25,17 @@ class Fall(NamedTuple):
     tilted: Bool[Array, "..."]
     # a leg is in another or in the trunk; None where nobody asks
     self_collision: Bool[Array, "..."] | None = None
+    # the terminations of the task, by name
+    own: Mapping[str, Bool[Array, "..."]] | None = None
 
     @property
     def happened(self) -> Bool[Array, "..."]:
         """Return whether the robot is down for any reason."""
         down = self.exploded | self.too_low | self.tilted
-        return down if self.self_collision is None else down | self.self_collision
+        others = [] if self.self_collision is None else [self.self_collision]
+        return functools.reduce(
+            operator.or_, [*others, *(self.own or {}).values()], down
+        )
 
 
 def fall(
@@ -59,6 +69,20 @@ def fall_in_training(
     finite = xp.all(xp.isfinite(action), axis=-1) & xp.all(xp.isfinite(torque), axis=-1)
     collision = self_collision(qpos, config.termination, config.hardware)
     return Fall(state.exploded | ~finite, state.too_low, state.tilted, collision)
+
+
+def own_falls(
+    terminations: Iterable[TaskTermination], now: Unsensed
+) -> dict[str, Bool[Array, ""]]:
+    """Return whether each termination of a task ends a robot's episode, by name.
+
+    Raises:
+        UserError: a termination fails, or returns more than one number.
+    """
+    return {
+        one.name: own_number(f"termination {one.name}", one.read, now) > 0
+        for one in terminations
+    }
 
 
 def self_collision(

@@ -24,6 +24,7 @@ from bp2_rl.learning.policy import PolicyCard, blank_policy, load_policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.task import TaskConfig
 from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
@@ -225,7 +226,7 @@ def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses
         # does.
         for _ in range(count):
             pool.submit(_warm_up, card)
-        yield JudgeProcesses(pool, count)
+        yield JudgeProcesses(pool, count, card.env.task)
 
 
 class JudgeProcesses:
@@ -235,8 +236,9 @@ class JudgeProcesses:
     one.
     """
 
-    def __init__(self, pool: ProcessPoolExecutor, count: int):
+    def __init__(self, pool: ProcessPoolExecutor, count: int, task: TaskConfig):
         self._pool = pool
+        self._task = task
         self.places = count
 
     def submit(
@@ -244,7 +246,7 @@ class JudgeProcesses:
     ) -> Future[JudgeResult]:
         """Queue the policy folder for its launches; save the first launch's last
         `length` seconds in `kept`."""
-        return self._pool.submit(_judge, policy, kept, length)
+        return self._pool.submit(_judge, policy, kept, length, self._task)
 
 
 # --- In the workers -------------------------------------------------------------------
@@ -271,6 +273,8 @@ def _warm_up(card: PolicyCard) -> None:
         measure_launches(blank_policy(card), card.env, brief)
 
 
-def _judge(policy: Path, kept: Path | None, length: float) -> JudgeResult:
-    loaded = load_policy(policy, layout_of=layout_of)
+def _judge(
+    policy: Path, kept: Path | None, length: float, task: TaskConfig
+) -> JudgeResult:
+    loaded = load_policy(policy, layout_of=layout_of, task=task.code)
     return judge_policy(loaded, loaded.card.env, kept, length)

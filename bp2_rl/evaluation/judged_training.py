@@ -18,7 +18,7 @@ from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, loop, run
 from bp2_rl.learning.exports import Judge
 from bp2_rl.settings.tracking import Tracker
-from bp2_rl.settings.training import TrainConfig, load_run_config
+from bp2_rl.settings.training import TrainConfig
 
 
 def train(
@@ -79,7 +79,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     programs = keep_compiled()
-    with _judge(load_run_config(run_dir)) as judge:
+    with _judge(run.load_own(run_dir)) as judge:
         return run.resume(
             Path(run_dir), judge=judge, tracker=tracker, programs=programs
         )

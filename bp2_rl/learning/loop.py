@@ -306,7 +306,7 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
     before = config.parent.control_steps if config.parent else 0
     return PolicyCard(
         stage=config.stage,
-        observation_layout=layout_of(config.env.control),
+        observation_layout=layout_of(config.env),
         action_size=conventions.NUM_MOTORS,
         activation=config.ppo.activation,
         hidden_layer_sizes=config.ppo.policy_layers,

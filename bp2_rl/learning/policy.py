@@ -35,8 +35,9 @@ from bp2_rl.base.files import (
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.learning.judged import own_policy, results_of_judge
-from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import Activation
+from bp2_rl.settings.task import Task, TaskSources, read_task
 from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
@@ -232,7 +233,8 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
 def load_policy(
     path: Path | str,
     *,
-    layout_of: Callable[[ControlConfig], Sequence[tuple[str, int]]] | None = None,
+    layout_of: Callable[[EnvConfig], Sequence[tuple[str, int]]] | None = None,
+    task: Path | str | TaskSources | Task | None = None,
 ) -> Policy:
     """Load an exported policy, or a run's.
 
@@ -240,8 +242,11 @@ def load_policy(
         path: a policy directory (it holds card.json), a run directory (`own_policy`
             says which of its policies is meant), or the name of a policy that ships,
             such as `built`.
-        layout_of: the observation's (name, size) pairs that the caller will feed under
-            a controller; None takes any.
+        layout_of: the observation's (name, size) pairs that the caller will feed in an
+            environment; None takes any.
+        task: the task that the policy was trained with, as `preset` takes it, whose
+            code computes entries of the observation. Without it no code of a policy's
+            task is run.
 
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we
@@ -257,7 +262,9 @@ def load_policy(
             f"{card.env.library.path or 'the one that ships'} is {card.env.library.sha256[:12]}"
         )
     if layout_of is not None:
-        _check_layout(card, layout_of(card.env.control), directory)
+        _check_layout(card, layout_of(card.env), directory)
+    if task is not None:
+        card = dataclasses.replace(card, env=_with_code(card.env, task))
     arrays = _read_weights(directory / WEIGHTS, card)
     policy = _from_arrays(card, arrays)
     _check_numbers(policy, f"{directory / WEIGHTS}")
@@ -304,6 +311,12 @@ def find_policy(path: Path | str) -> Path:
     raise PolicyError(
         f"no policy in {path}: expected {CARD} and {WEIGHTS} there, or a run's policies"
     )
+
+
+def _with_code(env: EnvConfig, task: Path | str | TaskSources | Task) -> EnvConfig:
+    """Return a policy's environment with the code of its task."""
+    code = read_task(task) if isinstance(task, str | Path) else task
+    return dataclasses.replace(env, task=env.task.with_code(code))
 
 
 def _read_card(directory: Path) -> PolicyCard:

@@ -43,6 +43,7 @@ from bp2_rl.learning.programs import use_kept
 from bp2_rl.learning.writers import Writer, open_tracker
 from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
+from bp2_rl.settings.task import FOLDER, TaskSources, read_task
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
@@ -77,6 +78,11 @@ def start(
     """
     run_dir = Path(run_dir)
     inherited = None
+    task = config.env.task
+    if task.source and not isinstance(task.code, TaskSources):
+        raise UserError(
+            'a training takes a task from a file, to keep it: preset(..., task="my_task.py")'
+        )
     with cluster.together():
         learner = make_learner(config, programs)
         if parent is not None:
@@ -96,6 +102,8 @@ def start(
                 removal = Finalize(None, shutil.rmtree, (run_dir, True), exitpriority=0)
                 held.callback(removal)
                 writers = open_tracker(tracker, run_dir, config)
+                if isinstance(task.code, TaskSources):
+                    task.code.write(run_dir / FOLDER)
                 save_config(run_dir / CONFIG, config)
         with learner.compiling():
             state = learner.init(config.run.seed)
@@ -128,7 +136,7 @@ def resume(
     run_dir = Path(run_dir)
     with contextlib.ExitStack() as held:
         with cluster.together():
-            config = load_run_config(run_dir)
+            config = load_own(run_dir)
             if cluster.is_first():
                 held.enter_context(_lock(run_dir))
             step = latest_step(run_dir)
@@ -160,7 +168,7 @@ def replay(run_dir: Path) -> str:
     Raises:
         UserError: there is no run, or it did not stop so.
     """
-    config = load_run_config(run_dir)
+    config = load_own(run_dir)
     step = latest_step(run_dir, FAILED)
     if step is None:
         raise UserError(
@@ -170,6 +178,20 @@ def replay(run_dir: Path) -> str:
     learner = make_learner(config)
     _, state = restore_checkpoint(run_dir, learner.shape, step, folder=FAILED)
     return f"train step {step + 1}: {guards.explain(learner, state)}"
+
+
+def load_own(run_dir: Path | str) -> TrainConfig:
+    """Return the settings of a run that goes on, with the code of its task, which the
+    run's folder holds.
+
+    Raises:
+        UserError: there is no run, or the code is missing or is not as it was.
+    """
+    config = load_run_config(run_dir)
+    task = config.env.task
+    if task.source:
+        task = task.with_code(read_task(Path(run_dir) / FOLDER / task.source))
+    return dataclasses.replace(config, env=dataclasses.replace(config.env, task=task))
 
 
 def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
@@ -218,7 +240,7 @@ def _inherit(
     The second value names the parent.
     """
     old = load_run_config(parent)
-    names = [f"ppo.{name}" for name in NETWORK]
+    names = ["env.task.entries", *(f"ppo.{name}" for name in NETWORK)]
     names += [
         f"env.control.{field.name}"
         for field in dataclasses.fields(ControlConfig)

@@ -13,13 +13,13 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import CommandLaw
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
+from bp2_rl.settings.task import Coefficient, TaskConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
 """`Amount` may be zero, `Extent` may not. A thousand metres, seconds or radians are
 more than any setting needs."""
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
-Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
 Schedule = Literal["text", "literal", "off"]
 """Readings of Table S4's speed-dependent weights: `env.rewards.speed_schedule`."""
@@ -243,6 +243,8 @@ class EnvConfig:
     randomization: RandomizationConfig = RandomizationConfig()
     termination: TerminationConfig = TerminationConfig()
     reward: RewardConfig = RewardConfig()
+    task: Annotated[TaskConfig, tyro.conf.Fixed, tyro.conf.Suppress] = TaskConfig()
+    """a user's rows, terminations and entries: `--task`"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

@@ -23,6 +23,8 @@ RobotChoice = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
 """A robot by its name or by the path of its robot file: `robot.named`."""
 RobotWish = Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")]
 """A `RobotChoice`, or None for a command's own default."""
+TaskWish = Annotated[str | None, tyro.conf.arg(metavar="FILE[:NAME]")]
+"""A task by its file, FILE.py or FILE.py:NAME, or by package.module:NAME."""
 Steps = Annotated[int, Within(1, 10**15)]
 CONFIG = "config.json"
 """Name of the file in a run's folder that holds its settings."""

@@ -197,7 +197,7 @@ def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> Env
         return config
     config = config or policy.card.env
     wanted = policy.card.observation_layout
-    given = layout_of(config.control)
+    given = layout_of(config)
     if wanted != given:
         entry, other = next(
             pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1]

@@ -14,7 +14,7 @@ from bp2_rl.deploy.network import to_onnx
 from bp2_rl.env.observations import LAYOUT, mirrors_under, size_of
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of
 from bp2_rl.learning.policy import make_policy
-from bp2_rl.settings.env import ControlConfig
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 SIZE = size_of(LAYOUT)
@@ -23,7 +23,7 @@ SIZE = size_of(LAYOUT)
 class Shapes(Aim):
     """Environment that has only the sizes that networks are built from."""
 
-    mirrors = mirrors_under(ControlConfig())
+    mirrors = mirrors_under(EnvConfig())
 
     @property
     def observation_size(self):

@@ -76,7 +76,8 @@ def test_the_clock_can_be_hidden_from_a_policy_where_nothing_steps(reference):
 
 
 def test_history_is_what_changed_since_then_and_nothing_at_first():
-    controller = Controller(EnvConfig(control=ControlConfig(history=(1, 3))))
+    config = EnvConfig(control=ControlConfig(history=(1, 3)))
+    controller = Controller(config)
     state, frames, seen = controller.init(0.2), [], []
     for k in range(5):
         measured = Measurement(
@@ -89,7 +90,7 @@ def test_history_is_what_changed_since_then_and_nothing_at_first():
         state, observation = controller.observe(state, COMMAND, measured)
         seen.append(np.asarray(observation))
         state, _, _ = controller.act(state, COMMAND, jnp.full(12, 0.1 * k))
-    assert size_of(layout_of(ControlConfig(history=(1, 3)))) == len(seen[0]) == 3 * 47
+    assert size_of(layout_of(config)) == len(seen[0]) == 3 * 47
     for k, observation in enumerate(seen):
         now, one, three = np.split(observation, 3)
         np.testing.assert_array_equal(now, frames[k])

@@ -371,7 +371,11 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
     ends = np.cumsum([size for _, size in observations.CRITIC_LAYOUT])
     parts = np.split(np.asarray(after.obs["privileged_state"]), ends[:-1], axis=1)
     seen = dict(
-        zip((name for name, _ in observations.CRITIC_LAYOUT), parts, strict=True)
+        zip(
+            (name for name, _ in observations.CRITIC_LAYOUT),
+            parts,
+            strict=True,
+        )
     )
     episode = after.pipeline_state
     for name, expected in {

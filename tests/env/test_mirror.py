@@ -20,7 +20,7 @@ from bp2_rl.robot.model import (
 from bp2_rl.robot.observation import JOINTS, LEG, Mirror
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
-MIRRORS = observations.mirrors_under(ControlConfig())
+MIRRORS = observations.mirrors_under(EnvConfig())
 CRITIC = MIRRORS["privileged_state"]
 
 # what a mirror on the x-z plane does to a vector; to a rotation the opposite
@@ -176,7 +176,9 @@ def test_parities_are_what_a_reflection_keeps_and_turns():
 
 
 def test_a_reflection_twice_is_nothing():
-    remembered = observations.mirrors_under(ControlConfig(history=(2, 5)))
+    remembered = observations.mirrors_under(
+        EnvConfig(control=ControlConfig(history=(2, 5)))
+    )
     assert len(remembered["state"].order) == 3 * len(MIRRORS["state"].order)
     for mirror in remembered.values():
         x = jax.random.normal(jax.random.PRNGKey(0), (len(mirror.order),))

@@ -1,6 +1,7 @@
 """Every row of Table S4 against numbers worked by hand from the printed formulas."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -192,7 +193,7 @@ def test_the_schedule_only_moves_weight_between_imitation_and_tracking(
 
 def inputs(**changes) -> rewards.RewardInputs:
     up = jnp.array([0.0, 0.0, 1.0])
-    perfect = {
+    perfect: Any = {
         "command": jnp.array([10.0, 0.0, 0.0]),
         "z": jnp.array(0.5),
         "z_ref": jnp.array(0.5),

@@ -12,11 +12,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import mirrors_under
 from bp2_rl.learning import networks as networks_module
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of, reflect
-from bp2_rl.settings.env import ControlConfig
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 CONFIG = PPOConfig(policy_layers=(32, 16), value_layers=(16, 8), symmetric=True)
-MIRRORS = mirrors_under(ControlConfig())
+MIRRORS = mirrors_under(EnvConfig())
 
 SIZES = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
 

@@ -54,6 +54,15 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
     assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
 
 
+def test_a_task_is_a_variant_whose_later_stage_inherits_it():
+    [[first, then]] = Plan(("a/my_task.py:OTHER",), (0,), "smoke", (2, 1)).chains
+    assert first.name == "my_task-OTHER-0-imitation"
+    assert "a/my_task.py:OTHER" in PLAN.command(first, Path())
+    assert "--task" not in PLAN.command(then, Path())
+    with pytest.raises(UserError, match=r"each once"):
+        Plan(("a/my_task.py", "b/my_task.py"), (0,), "smoke", (2, 1))
+
+
 SETS = {
     "ours": {},
     "paper": {},
@@ -133,7 +142,7 @@ def trained(tmp_path, monkeypatch, make_card):
     trainings that were run."""
     started: list[str] = []
 
-    async def run_train(self, arguments, run_dir, gpu):
+    async def run_train(self, arguments, run_dir, gpu, task):
         started.append(run_dir.name)
         if run_dir.name in failing:
             return False
@@ -380,7 +389,7 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
     folder, started, _ = trained
     train, stopped = running.Here.train, []
 
-    async def interrupt(self, arguments, run_dir, gpu):
+    async def interrupt(self, arguments, run_dir, gpu, task):
         if run_dir.name == "ours-1-relaxed":
             raise KeyboardInterrupt
         if run_dir.name == "ours-0-relaxed":
@@ -389,7 +398,7 @@ def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(
             except asyncio.CancelledError:
                 stopped.append(run_dir.name)
                 raise
-        return await train(self, arguments, run_dir, gpu)
+        return await train(self, arguments, run_dir, gpu, task)
 
     with monkeypatch.context() as patch:
         patch.setattr(running.Here, "train", interrupt)

@@ -26,6 +26,7 @@ from bp2_rl.robot.observation import ENTRIES, Moment
 from .contents import (
     NETWORK,
     REFERENCE,
+    BundleError,
     Convention,
     JointFrame,
     command_law,
@@ -33,6 +34,7 @@ from .contents import (
     read_bundle,
 )
 from .motion import load_motion, specs_of
+from .task import TASK_ENTRIES
 from .watchdog import SensorFault, SensorReading, Watchdog
 
 if TYPE_CHECKING:
@@ -116,8 +118,14 @@ class OnboardController:
     def _load_observation(self) -> None:
         """Find how each observation entry is computed; `NAME@K` is an entry's change
         over K ticks."""
-        known, places, end = {entry.name: entry for entry in ENTRIES}, {}, 0
+        known = {entry.name: entry for entry in (*ENTRIES, *TASK_ENTRIES)}
+        places, end = {}, 0
         names = [name.partition("@") for name, _ in self.settings["observation"]]
+        for name, _, _ in names:
+            if name not in known:
+                raise BundleError(
+                    f"the policy sees {name}, which the bundle's own code computes: run it in the bundle's folder"
+                )
         self._entries = [known[name] for name, at, _ in names if not at]
         for entry in self._entries:
             places[entry.name] = slice(end, end := end + entry.size)
@@ -230,7 +238,7 @@ class OnboardController:
             self._last_action,
             self._stand,
         )
-        read = [entry.read(now) for entry in self._entries]
+        read = [np.reshape(entry.read(now), -1) for entry in self._entries]
         frame: np.ndarray = np.concatenate(read, dtype=np.float32)
         changes = [
             frame[place] - self._past[-ticks][place]

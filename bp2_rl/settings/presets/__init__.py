@@ -22,6 +22,13 @@ from bp2_rl.settings.presets.robots import (
     settled,
     sized,
 )
+from bp2_rl.settings.task import (
+    Task,
+    TaskSources,
+    read_task,
+    task_config,
+    user_code,
+)
 from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights
 
 Differences = Mapping[str, Mapping[str, object]]
@@ -155,6 +162,7 @@ def preset(
     preset: Preset,
     weights: Weights | None = None,
     robot: str | Path | HardwareSpec = "built",
+    task: str | Path | Task | TaskSources | None = None,
 ) -> TrainConfig:
     """Return the training settings of a stage, for the size of machine that a preset is
     made for.
@@ -165,9 +173,12 @@ def preset(
         preset: `gpu`, `cpu`, `first` (to trot, in minutes) or `smoke` (for tests).
         weights: the rewards; by default `paper` with `smoke`, else `ours`.
         robot: a robot's name, its robot file's path, or its hardware.
+        task: your own rewards, terminations, observation entries and settings: FILE.py,
+            FILE.py:NAME or package.module:NAME (docs/howto/write_a_reward_row.md).
 
     Raises:
-        UserError: there is no such stage, preset, set of weights or robot.
+        UserError: there is no such stage, preset, set of weights, robot or task, or the
+            task's code fails.
     """
     require_one_of("stage", stage, get_args(Stage))
     require_one_of("preset", preset, PRESETS)
@@ -200,7 +211,25 @@ def preset(
     )
     config = _changed(config, differences)
     config = dataclasses.replace(config, env=sized(config.env))
-    return settled(config) if stage == "relaxed" and chosen == "ours" else config
+    config = settled(config) if stage == "relaxed" and chosen == "ours" else config
+    return config if task is None else with_task(config, task)
+
+
+def with_task(
+    config: TrainConfig, task: str | Path | Task | TaskSources
+) -> TrainConfig:
+    """Return a stage's settings with a task, and as the task changes them.
+
+    Raises:
+        UserError: there is no such task, or its code fails.
+    """
+    code = read_task(task) if isinstance(task, str | Path) else task
+    own = task_config(code, config.stage)
+    if (change := own.task.settings) is not None:
+        with user_code("settings"):
+            config = change(config)
+            require_kind("settings", config, TrainConfig, "the TrainConfig, changed")
+    return dataclasses.replace(config, env=dataclasses.replace(config.env, task=own))
 
 
 def _changed(config: TrainConfig, differences: tuple[Differences, ...]) -> TrainConfig:

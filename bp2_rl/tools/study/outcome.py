@@ -24,7 +24,8 @@ from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launches
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import bp2, conventions
-from bp2_rl.tools.study.plan import VARIANTS, Training
+from bp2_rl.settings.task import TaskSources
+from bp2_rl.tools.study.plan import VARIANTS, Training, variant_named
 
 MEASURED = "measured.json"
 # commands under which a policy is launched, shares of the training's fastest
@@ -64,14 +65,21 @@ class _Measured:
     policies: tuple[PolicyMeasurement, ...]
 
 
-def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
-    """Measure the top speeds of a run's saved policies, and write them to `MEASURED`;
-    reuse earlier results."""
+def measure_policies(
+    run_dir: Path, task: TaskSources | None = None
+) -> list[PolicyMeasurement]:
+    """Measure the top speeds of a run's saved policies, trained with this task, and
+    write them to `MEASURED`; reuse earlier results.
+
+    Raises:
+        UserError: the task is another.
+    """
     known = {one.weights_sha256: one for one in read_measurements(run_dir)}
     result: list[PolicyMeasurement] = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
     for name in sorted(names, key=int):
-        policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
+        folder = run_dir / POLICIES / name
+        policy = load_policy(folder, layout_of=layout_of, task=task)
         measurement = known.get(policy.card.weights_sha256)
         if measurement is None:
             measurement = _measure(policy)
@@ -154,7 +162,7 @@ def outcome_of(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | No
 def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, Stages]:
     """Return the measurements of a variant's imitation and relaxed runs, by seed, where
     both exist."""
-    origin = VARIANTS[variant].imitation or variant
+    origin = variant_named(variant).imitation or variant
     stages = {
         seed: (
             read_measurements(folder / Training(origin, seed, "imitation").name),
@@ -249,7 +257,7 @@ def draw_learning_curves(
     seeds, for each variant."""
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes = figure.subplots()
-    for variant in variants:
+    for place, variant in enumerate(variants):
         stages = both_stages(folder, variant, seeds).values()
         if not stages:
             continue
@@ -264,9 +272,11 @@ def draw_learning_curves(
             linestyle=(0, (2, 2)),
             zorder=1,
         )
-        if VARIANTS[variant].imitation:  # the variant they are borrowed from shows them
+        if variant_named(
+            variant
+        ).imitation:  # the variant they are borrowed from shows them
             steps, speeds = steps[len(first[0]) - 1 :], speeds[:, len(first[0]) - 1 :]
-        line, color = STYLES[variant]
+        line, color = STYLES.get(variant, ("-.", COLORS[place % len(COLORS)]))
         middle = interquartile_mean(speeds)
         axes.plot(
             steps / 1e6,
@@ -275,7 +285,7 @@ def draw_learning_curves(
             color=color,
             marker="o",
             ms=3,
-            label=VARIANTS[variant].meaning,
+            label=variant_named(variant).meaning,
         )
         low, high = speeds.min(axis=0), speeds.max(axis=0)
         axes.fill_between(steps / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
@@ -303,7 +313,7 @@ def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
         axes.plot(one.imitation_top_speeds, at, "o", mfc="none", color=QUIET, ms=6)
         axes.plot(one.top_speeds, at, "o", color=COLORS[0], ms=6)
     axes.axvline(GOAL, **GOAL_LINE)
-    axes.set_yticks(rows, [VARIANTS[one.variant].meaning for one in outcomes])
+    axes.set_yticks(rows, [variant_named(one.variant).meaning for one in outcomes])
     axes.set(
         xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed",
         xlim=(0, None),

@@ -2,6 +2,7 @@
 them."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 from bp2_rl.base.errors import UserError
@@ -21,6 +22,7 @@ class Variant:
     relaxed: tuple[str, ...] = ()  # further ones, in the relaxed stage
     # the variant whose imitation runs it goes on from; empty: its own
     imitation: str = ""
+    task: str = ""  # a user's, as `--task` takes it; empty: none
 
 
 def _both(meaning: str, *flags: str) -> Variant:
@@ -109,6 +111,20 @@ VARIANTS: dict[str, Variant] = {
 }
 
 
+def variant_named(name: str) -> Variant:
+    """Return the variant of this name, or the recipe with a user's task, by its
+    file."""
+    if name in VARIANTS:
+        return VARIANTS[name]
+    return Variant(f"the task {name}", ("--task", name), task=name)
+
+
+def label(variant: str) -> str:
+    """Return a variant's name for files: a task's is its file's, and its own where the
+    file has several."""
+    return Path(re.sub(r"\.py(?=$|:)", "", variant)).name.replace(":", "-")
+
+
 @dataclasses.dataclass(frozen=True)
 class Training:
     """One training run of a study: variant, seed and stage."""
@@ -120,7 +136,7 @@ class Training:
     @property
     def name(self) -> str:
         """The name of the run's folder."""
-        return f"{self.variant}-{self.seed}-{self.stage}"
+        return f"{label(self.variant)}-{self.seed}-{self.stage}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,9 +153,12 @@ class Plan:
         """Raise UserError for unknown variants, and for missing or repeated variants
         and seeds."""
         for name in self.variants:
-            if name not in VARIANTS:
-                raise UserError(f"no variant {name!r}; there are {', '.join(VARIANTS)}")
-        for name, values in (("variant", self.variants), ("seed", self.seeds)):
+            if name not in VARIANTS and not re.search(r"\.py$|:\w+$", name):
+                raise UserError(
+                    f"no variant {name!r}; there are {', '.join(VARIANTS)}, or a task's file, my_task.py"
+                )
+        labels = tuple(map(label, self.variants))
+        for name, values in (("variant", labels), ("seed", self.seeds)):
             if not values or len(set(values)) < len(values):
                 raise UserError(f"a study needs at least one {name}, and each once")
 
@@ -150,7 +169,7 @@ class Plan:
         chains: dict[tuple[str, int], list[Training]] = {}
         for seed in self.seeds:
             for name in self.variants:
-                origin = VARIANTS[name].imitation or name
+                origin = variant_named(name).imitation or name
                 chain = chains.setdefault(
                     (origin, seed), [Training(origin, seed, "imitation")]
                 )
@@ -160,7 +179,7 @@ class Plan:
     def command(self, training: Training, folder: Path) -> list[str]:
         """Return the arguments of train.py for a training run in the study's
         `folder`."""
-        variant = VARIANTS[training.variant]
+        variant = variant_named(training.variant)
         words = [
             "--stage",
             training.stage,

@@ -13,7 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,10 +27,11 @@ from bp2_rl.learning.judged import POLICIES
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import preset
+from bp2_rl.settings.task import TaskConfig, TaskSources, read_task
 from bp2_rl.settings.training import Preset
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.tools.study.outcome import measure_policies
-from bp2_rl.tools.study.plan import STAGES, Plan, Training
+from bp2_rl.tools.study.plan import STAGES, Plan, Training, label, variant_named
 
 if TYPE_CHECKING:
     from submitit.helpers import DelayedSubmission
@@ -129,7 +130,11 @@ class Here:
         self._lock = lock
 
     async def train(
-        self, arguments: Sequence[str], run_dir: Path, gpu: str | None
+        self,
+        arguments: Sequence[str],
+        run_dir: Path,
+        gpu: str | None,
+        task: TaskSources | None = None,
     ) -> bool:
         """Run a training to its end, from its checkpoint if it has one; return whether
         it finished.
@@ -139,6 +144,7 @@ class Here:
         Raises:
             UserError: as `begin` does.
         """
+        del task  # who measures the policies needs it
         process = begin(arguments, run_dir, gpu=gpu, keep=(self._lock,))
         try:
             return await _status(process) == 0
@@ -186,7 +192,11 @@ class Jobs:
         )
 
     async def train(
-        self, arguments: Sequence[str], run_dir: Path, slot: str | None = None
+        self,
+        arguments: Sequence[str],
+        run_dir: Path,
+        slot: str | None = None,
+        task: TaskSources | None = None,
     ) -> bool:
         """Run a training as a job, as `Here.train` does in a process; return whether it
         finished.
@@ -194,7 +204,7 @@ class Jobs:
         A training that is cancelled is told by Slurm to save.
         """
         del slot  # the scheduler finds a machine
-        job = self._executor.submit(Job(arguments, run_dir))
+        job = self._executor.submit(Job(arguments, run_dir, task))
         self._say(f"{run_dir.name}: job {job.job_id}")
         try:
             while not job.done():
@@ -211,8 +221,14 @@ class Jobs:
 class Job:
     """One training as a job on a cluster's machine; submitit pickles it."""
 
-    def __init__(self, arguments: Sequence[str], run_dir: Path):
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        run_dir: Path,
+        task: TaskSources | None = None,
+    ):
         self._arguments = tuple(arguments)
+        self._task = task
         self._run_dir = run_dir.resolve()
         self._train = TRAIN
         self._process: subprocess.Popen[bytes] | None = None
@@ -226,7 +242,7 @@ class Job:
             return False
         self._process = None
         compute_here()
-        measure_policies(self._run_dir)
+        measure_policies(self._run_dir, self._task)
         return True
 
     def checkpoint(self) -> "DelayedSubmission":
@@ -296,15 +312,36 @@ def run_study(
             _Recipe(plan.preset, plan.steps, settings, plan.robot),
             "a study",
         )
+        tasks = _read_tasks(plan, folder)
         place = (
             Here(resources.gpus, lock)
             if resources.jobs.executor == "here"
             else Jobs(resources.jobs, folder, resources.say)
         )
         try:
-            return asyncio.run(_run_chains(plan, folder, place, resources, measured))
+            return asyncio.run(
+                _run_chains(plan, folder, place, resources, measured, tasks)
+            )
         except BaseExceptionGroup as group:  # one that failed has stopped the others
             raise group.exceptions[0] from group
+
+
+def _read_tasks(plan: Plan, folder: Path) -> dict[str, TaskSources]:
+    """Return the tasks of a study by their variants' names; raise `UserError` for one
+    that has changed since the study began."""
+    tasks = {
+        name: read_task(task)
+        for name in plan.variants
+        if (task := variant_named(name).task)
+    }
+    for name, task in tasks.items():
+        claim_folder(
+            folder,
+            f"{label(name)}.task.json",
+            TaskConfig(task.main, task.sha256),
+            f"runs of {name}",
+        )
+    return tasks
 
 
 async def _run_chains(
@@ -313,6 +350,7 @@ async def _run_chains(
     place: Here | Jobs,
     resources: Resources,
     measured: Callable[[Training], object],
+    tasks: Mapping[str, TaskSources],
 ) -> list[Training]:
     """Run each chain of trainings in a slot of its own, and measure what ends."""
     failed: list[Training] = []
@@ -323,14 +361,20 @@ async def _run_chains(
 
         async def measure(training: Training) -> None:
             await asyncio.get_running_loop().run_in_executor(
-                measuring, measure_policies, folder / training.name
+                measuring,
+                measure_policies,
+                folder / training.name,
+                tasks.get(training.variant),
             )
             measured(training)
 
         async def run_chain(chain: Sequence[Training]) -> None:
             slot = await slots.get()
             for place_in_chain, training in enumerate(chain):
-                if await _train(plan, folder, place, slot, training, resources.say):
+                task = tasks.get(training.variant)
+                if await _train(
+                    plan, folder, place, slot, training, resources.say, task
+                ):
                     group.create_task(measure(training))
                 elif training.stage == "imitation":  # the others go on from it
                     failed.extend(chain[place_in_chain:])
@@ -354,13 +398,15 @@ async def _train(
     slot: str | None,
     training: Training,
     say: Callable[[str], None],
+    task: TaskSources | None = None,
 ) -> bool:
     """Run a training unless it is finished; return whether it has finished."""
     run_dir = folder / training.name
     ended = is_finished(run_dir)
     if not ended:
         try:
-            ended = await place.train(plan.command(training, folder), run_dir, slot)
+            command = plan.command(training, folder)
+            ended = await place.train(command, run_dir, slot, task)
         except UserError as busy:
             say(str(busy))
         except asyncio.CancelledError:
