@@ -7,6 +7,7 @@ Each line is the mean over the strides of the right legs, each stride from one l
 of the right fore leg to the next one; shaded: one standard deviation.
 """
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from matplotlib.figure import Figure
 from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, save_figure, styled
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.named import find_robot_file
+from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.rollout import rollout
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.tools.identify.log import read_log
@@ -31,9 +33,7 @@ def strides(signal: np.ndarray, free: np.ndarray, time: np.ndarray) -> np.ndarra
     """Return a signal (rows, n) by stride and phase, (strides, POINTS, n)."""
     begins = time[1:][np.diff(free.astype(int)) > 0]
     longest = 1.5 * np.median(np.diff(begins))
-    pairs = [
-        pair for pair in zip(begins, begins[1:], strict=False) if np.ptp(pair) < longest
-    ]
+    pairs = [pair for pair in itertools.pairwise(begins) if np.ptp(pair) < longest]
     at = np.array([start + PHASE * (end - start) for start, end in pairs])
     return np.stack([np.interp(at, time, column) for column in signal.T], axis=-1)
 
@@ -69,10 +69,10 @@ def gait_figure(gaits: dict[str, dict[str, np.ndarray]]) -> Figure:
                         alpha=0.1,
                         lw=0,
                     )
-            axes.set_ylabel(
-                f"{title if kind in ('angle', 'rate') else ''} {kind} [{unit}{'/s' if kind in ('rate', 'turning') else ''}]".strip()
-            )
+            per = "/s" if kind in ("rate", "turning") else ""
+            axes.set_ylabel(f"{kind} [{unit}{per}]")
             axes.grid(color=INK, alpha=0.1)
+        panels[0, column].set_title(title)
         panels[0, column].legend(fontsize="small")
         panels[1, column].set_xlabel("Share of the stride")
     return figure
@@ -87,7 +87,7 @@ def main(log_file: str, policy: str, picture: str) -> None:
     up = np.stack(
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], -1
     )
-    free = np.linalg.norm(held.foot_force[:, 0], axis=-1) == 0.0
+    free = ~contacts(held)[:, 0]
     sources = {
         "recorded": (
             log.time,
