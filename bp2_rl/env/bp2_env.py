@@ -31,6 +31,7 @@ from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
+from bp2_rl.robot.ground import over_ground
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
@@ -40,7 +41,7 @@ from bp2_rl.settings.env import EnvConfig, Impl
 
 class BP2Env(envs.Env):
     """Environment in which a quadruped, by default BP2, follows a velocity command
-    (v_x, v_y, omega_z) on flat ground.
+    (v_x, v_y, omega_z) on flat ground, or on the ground of `config.terrain`.
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD,
     envelope, motor) recomputed at each. Actions are 12 joint position targets (see
@@ -99,8 +100,9 @@ class BP2Env(envs.Env):
             before.controller, before.command.current, finite
         )
         physics, effort, foot_contact = self._simulate(before, targets, key_push)
+        pose = over_ground(physics.qpos, before.randomization.ground)
         fall = termination.fall_in_training(
-            physics.qpos, physics.qvel, physics.torque, action, self.config
+            pose, physics.qvel, physics.torque, action, self.config
         )
         physics, effort = self._replace_exploded(physics, effort, fall)
 
@@ -137,14 +139,14 @@ class BP2Env(envs.Env):
         """Sizes of the policy's and of the critic's observation."""
         return {
             "state": observations.size_of(observations.layout_of(self.config.control)),
-            "privileged_state": observations.size_of(observations.CRITIC_LAYOUT),
+            "privileged_state": len(self.mirrors["privileged_state"].sign),
         }
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
         """Mirrors of both observations and of the action, for a robot with left and
         right exchanged, half a cycle on."""
-        return observations.mirrors_under(self.config.control)
+        return observations.mirrors_under(self.config.control, self.config.terrain.kind)
 
     @property
     def action_size(self) -> int:
@@ -273,13 +275,16 @@ class BP2Env(envs.Env):
         velocity = outcome.motion.horizontal
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
-        height, rate = observations.soles(physics.qpos, physics.qvel, config.hardware)
+        ground = after.randomization.ground
+        height, rate = observations.soles(
+            physics.qpos, physics.qvel, config.hardware, ground
+        )
         no_load_speed = randomization.as_drawn(
             config.hardware.joint_no_load_speed, after.randomization.no_load_speed
         )
         return rewards.RewardInputs(
             command=before.command.current / moving,
-            z=physics.qpos[2] / size.length,
+            z=over_ground(physics.qpos, ground)[2] / size.length,
             z_ref=reference.height / size.length,
             e_z=outcome.motion.e_z,
             e_z_ref=reference.up,
@@ -308,7 +313,9 @@ class BP2Env(envs.Env):
         observations of policy and critic."""
         config, physics = self.config.randomization, state.physics
         command = state.command.current
-        measurement = observations.sense(physics.qpos, physics.qvel)
+        measurement = observations.sense(
+            physics.qpos, physics.qvel, state.randomization.gravity
+        )
         noiseless = self.controller.frame(state.controller, command, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
@@ -321,7 +328,8 @@ class BP2Env(envs.Env):
             foot_contact=foot_contact,
             trunk_mass=state.randomization.mass[self.trunk],
         )
-        privileged = observations.observe(observations.PRIVILEGED, unsensed)
+        ground = observations.GROUND[self.config.terrain.kind]
+        privileged = observations.observe((*observations.PRIVILEGED, *ground), unsensed)
         obs = {
             "state": noisy,
             "privileged_state": jnp.concatenate([noiseless, privileged]),
@@ -337,6 +345,10 @@ def _make_engine(
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)
+    if config.terrain.kind not in ("flat", "slope"):
+        raise UserError(
+            f"--impl {impl} has flat ground and slopes alone: for terrain.kind {config.terrain.kind} use --impl kernel"
+        )
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 

@@ -13,6 +13,7 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import CommandLaw
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
+from bp2_rl.settings.terrain import TerrainConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
@@ -242,6 +243,7 @@ class EnvConfig:
     reset: ResetConfig = ResetConfig()
     randomization: RandomizationConfig = RandomizationConfig()
     termination: TerminationConfig = TerminationConfig()
+    terrain: TerrainConfig = TerrainConfig()
     reward: RewardConfig = RewardConfig()
 
     def __post_init__(self) -> None:

@@ -1,7 +1,6 @@
 """The ground of a training and of a run."""
 
 import dataclasses
-import math
 from typing import Annotated, Literal
 
 from bp2_rl.base.bounds import Bounded, Range, Within
@@ -19,7 +18,7 @@ class Terrain(Bounded, path="terrain."):
     """The ground of one run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
-    # m: heights are within this of the floor's; of a slope rad, positive where the
+    # m: heights are within this of the start's; of a slope rad, positive where the
     # ground rises ahead
     size: float = 0.0
     # m, between the points of the grid
@@ -29,11 +28,18 @@ class Terrain(Bounded, path="terrain."):
     def __post_init__(self) -> None:
         """Raise `UserError` for values out of bounds."""
         super().__post_init__()
-        least, most = -KINDS["slope"] * (self.kind == "slope"), KINDS[self.kind]
+        most = KINDS[self.kind]
+        least = -most if self.kind == "slope" else 0.0
         if not least <= self.size <= most:
             raise UserError(
                 f"terrain.size must be from {least:g} to {most:g} for {self.kind}, got {self.size:g}"
             )
+
+    def __str__(self) -> str:
+        """Describe the ground in a few words."""
+        if self.kind == "slope":
+            return f"slope of {self.size:g} rad"
+        return f"{self.kind}, within {self.size:g} m of the start's height, points {self.cell:g} m apart, seed {self.seed}"
 
     @classmethod
     def of(cls, text: str) -> "Terrain":
@@ -43,16 +49,21 @@ class Terrain(Bounded, path="terrain."):
         Raises:
             UserError: the text names no ground.
         """
-        kind, *numbers = text.split(":")
+        kind, *words = text.split(":")
         try:
-            size, cell = (*map(float, numbers), 0.2)[:2]
+            numbers = [float(word) for word in words]
         except ValueError:
-            size, cell = math.nan, 0.2
-        if kind not in KINDS or not 1 <= len(numbers) <= 2 or math.isnan(size):
+            kind, numbers = "", []
+        if kind not in KINDS or len(numbers) > 2 or (kind == "flat") == bool(numbers):
             raise UserError(
-                f"--terrain takes KIND:SIZE or KIND:SIZE:CELL, such as rough:0.05, of {', '.join(KINDS)}; got {text}"
+                "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and slope, such as "
+                f"rough:0.05; got {text}"
             )
-        return cls(kind, size, cell)  # pyright: ignore[reportArgumentType]  # one of KINDS
+        return cls(kind, *numbers)  # pyright: ignore[reportArgumentType]  # one of KINDS
+
+    def another(self, number: int) -> "Terrain":
+        """Return ground of this kind that is drawn from another seed, `number` on."""
+        return dataclasses.replace(self, seed=self.seed + number)
 
 
 @dataclasses.dataclass(frozen=True)

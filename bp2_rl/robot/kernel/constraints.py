@@ -95,12 +95,7 @@ class Floor(NamedTuple):
             self.friction * (left - right),
             left + right + back + front,
         )
-        return force if self.axes is None else self._in_world(force)
-
-    def _in_world(self, v: Vector) -> Vector:
-        """Return a vector given along the ground's axes in the world's axes."""
-        x, y, z = self.axes or ()
-        return add(scaled(v[0], x), scaled(v[1], y), scaled(v[2], z))
+        return force if self.axes is None else _joined(self.axes, force)
 
     def stiffnesses(self, edges: tuple[Number, ...]) -> tuple[Number, ...]:
         """Return xx, xy, xz, yy, yz and zz of the contacts' stiffness in the world's
@@ -115,12 +110,13 @@ class Floor(NamedTuple):
             return xx, ZERO, xz, yy, yz, zz
         rows = zip(*self.axes, strict=True)
         x, y, z = (
-            self._in_world(
+            _joined(
+                self.axes,
                 (
                     xx * front + xz * up,
                     yy * left + yz * up,
                     xz * front + yz * left + zz * up,
-                )
+                ),
             )
             for front, left, up in rows
         )
@@ -401,9 +397,7 @@ def _floor_rows(
         for axis in ((ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0))
     )
 
-    def in_world(v: Vector) -> Vector:
-        return add(scaled(v[0], x_axis), scaled(v[1], y_axis), scaled(v[2], z_axis))
-
+    in_world = functools.partial(_joined, (x_axis, y_axis, z_axis))
     foot = add(anchor, in_world(legs.foot))
     centre = jnp.add(height, foot[2])
     axes = None if ground is None else contact_axes(ground)
@@ -432,6 +426,11 @@ def _floor_rows(
     return floor._replace(
         references=tuple(-damping * edge - spring for edge in edges)
     ), centre
+
+
+def _joined(axes: tuple[Vector, Vector, Vector], v: Vector) -> Vector:
+    """Return the vector with these parts along three axes, in the axes' own frame."""
+    return add(*(scaled(part, axis) for part, axis in zip(v, axes, strict=True)))
 
 
 def contact_axes(ground: Plane) -> tuple[Vector, Vector, Vector]:
