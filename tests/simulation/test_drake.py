@@ -5,7 +5,6 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from runs import no_action
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -15,11 +14,13 @@ from bp2_rl.robot.hardware import BUILT, ROBOTS
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup
 from bp2_rl.simulation.world import Push, World
+from runs import no_action
 
 pytest.importorskip("pydrake")
 from bp2_rl.simulation.drake import DrakeRobot, DrakeSimulator
@@ -218,9 +219,10 @@ def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
 
 
 def test_rough_ground_is_refused():
-    request = RunRequest(Ramp(0.0, hold=0.1), BUILT, world=World(roughness=0.02))
+    rough = World(terrain=Terrain("rough", 0.01))
+    request = RunRequest(Ramp(0.0, hold=0.1), BUILT, world=rough)
     with pytest.raises(
-        UserError, match="Drake has no rough ground; use --backend mujoco"
+        UserError, match="Drake has flat ground and slopes alone; use --backend mujoco"
     ):
         next(simulate(no_action, [request], STANDING, backend="drake"))
 

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from runs import kick, no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
@@ -29,11 +28,13 @@ from bp2_rl.settings.env import (
     RandomizationConfig,
     TerminationConfig,
 )
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.measuring import envelope_use, run_metrics
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, Draw, World
+from runs import kick, no_action, run_one
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()  # the action is added to the reference motion
@@ -80,7 +81,9 @@ def test_feet_of_a_standing_robot_carry_its_weight():
 
 
 @pytest.mark.parametrize(
-    "world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"]
+    "world",
+    [LEVEL, World(terrain=Terrain("rough", 0.01, seed=3))],
+    ids=["level", "rough"],
 )
 def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
     """Against the constraint forces: the ground is all that acts on the free trunk's
