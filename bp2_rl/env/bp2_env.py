@@ -31,7 +31,7 @@ from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
-from bp2_rl.robot.ground import over_ground
+from bp2_rl.robot.ground import Ground, over_ground
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
@@ -100,10 +100,7 @@ class BP2Env(envs.Env):
             before.controller, before.command.current, finite
         )
         physics, effort, foot_contact = self._simulate(before, targets, key_push)
-        pose = over_ground(physics.qpos, before.randomization.ground)
-        fall = termination.fall_in_training(
-            pose, physics.qvel, physics.torque, action, self.config
-        )
+        fall = self._fall(physics, before.randomization.ground, action)
         physics, effort = self._replace_exploded(physics, effort, fall)
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
@@ -236,6 +233,19 @@ class BP2Env(envs.Env):
             return self.engine(
                 state.physics.replace(qvel=pushed), targets, state.randomization
             )
+
+    def _fall(
+        self, physics: Physics, ground: Ground | None, action: Float[Array, "12"]
+    ) -> Fall:
+        """Return whether and why the episode ends; see `termination`."""
+        pose = over_ground(physics.qpos, ground)
+        fall = termination.fall_in_training(
+            pose, physics.qvel, physics.torque, action, self.config
+        )
+        if ground is None:
+            return fall
+        knee = observations.knee_in_ground(physics.qpos, ground, self.config.hardware)
+        return fall._replace(too_low=fall.too_low | knee)
 
     def _replace_exploded(
         self, physics: Physics, effort: Effort, fall: Fall

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.coordinates import (
@@ -245,23 +245,31 @@ def set_down(
     over the ground as it was over the flat floor."""
     if ground is None:
         return qpos
-    soles = qpos[2] + _feet(qpos, hardware) @ sense(qpos, qpos[1:]).up
-    lowest = jnp.min(soles - _ground_below_soles(qpos, ground, hardware))
-    return qpos.at[2].add(jnp.min(soles) - lowest)
+    soles, below = _on_legs(qpos, compressions(qpos), ground, hardware)
+    return qpos.at[2].add(jnp.min(soles) - jnp.min(soles - below))
 
 
-def _feet(qpos: Float[Array, " nq"], hardware: HardwareSpec) -> Float[Array, "4 3"]:
-    """Return the soles' places in the trunk's frame, m."""
-    joints = joint_positions(qpos).reshape(4, 3)
-    return foot_position(joints, compressions(qpos), hardware)
-
-
-def _ground_below_soles(
+def knee_in_ground(
     qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
-) -> Float[Array, "4"]:
-    """Return the ground's height below each sole, m."""
-    feet = jax.vmap(_rotate, (0, None))(_feet(qpos, hardware), qpos[3:7])
-    return ground.below(qpos[0] + feet[:, 0], qpos[1] + feet[:, 1]).height
+) -> Bool[Array, ""]:
+    """Return whether a knee is under the ground: in training feet alone meet it."""
+    lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
+    knees, below = _on_legs(qpos, lower, ground, hardware)
+    return jnp.any(knees < below)
+
+
+def _on_legs(
+    qpos: Float[Array, " nq"],
+    shortened: Float[Array, "4"],
+    ground: Ground,
+    hardware: HardwareSpec,
+) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+    """Return the heights of the ends of legs whose lower parts are shorter by
+    `shortened` (m), and the ground's heights below them, m."""
+    joints = joint_positions(qpos).reshape(4, 3)
+    ends = foot_position(joints, shortened, hardware)
+    x, y, z = (qpos[:3] + jax.vmap(_rotate, (0, None))(ends, qpos[3:7])).T
+    return z, ground.below(x, y).height
 
 
 def soles(
@@ -281,5 +289,5 @@ def soles(
     velocity = relative + jnp.cross(now.angular_velocity, feet)
     height = qpos[2] + feet @ now.up
     if ground is not None:
-        height = height - _ground_below_soles(qpos, ground, hardware)
+        height = height - _on_legs(qpos, compressions(qpos), ground, hardware)[1]
     return height, qvel[2] + velocity @ now.up

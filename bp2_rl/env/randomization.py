@@ -2,7 +2,7 @@
 motors, and pushes."""
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -80,12 +80,12 @@ def draw(
     def uniform(key: Array, shape: tuple[int, ...], bounds: Range) -> Array:
         return jax.random.uniform(key, shape, minval=bounds[0], maxval=bounds[1])
 
-    design: dict[str, Any] = {
+    design = {
         name: uniform(jax.random.fold_in(key, 9 + i), (), bounds)
         for i, name in enumerate(DESIGN)
         if (bounds := getattr(config, name)) is not None
     }
-    return Randomization(
+    drawn = Randomization(
         friction=hardware.friction * uniform(keys[0], (), config.friction),
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
@@ -99,8 +99,8 @@ def draw(
         braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
         if config.weak_braking[1]
         else None,
-        **design,
     )
+    return drawn.replace(**design)
 
 
 def with_terrain(

@@ -8,7 +8,7 @@ times. Robots share a grid; their grounds differ in amplitude, cell and shift.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -56,9 +56,9 @@ class Plane(NamedTuple):
     """The plane of the ground below points: its height there, m, and its slopes along x
     and y."""
 
-    height: Any
-    slope_x: Any
-    slope_y: Any
+    height: Array
+    slope_x: Array
+    slope_y: Array
 
 
 class Ground(struct.PyTreeNode):
@@ -81,7 +81,7 @@ class Ground(struct.PyTreeNode):
         column, row = column.astype(xp.int32), row.astype(xp.int32)
         rows, columns = heights.shape
 
-        def point(i: int, j: int) -> Any:
+        def point(i: int, j: int) -> Array:
             return heights[(row + i) % rows, (column + j) % columns]
 
         near, ahead, beside, far = point(0, 0), point(0, 1), point(1, 0), point(1, 1)
@@ -95,7 +95,8 @@ class Ground(struct.PyTreeNode):
 
     def lay(self, spec: mujoco.MjSpec) -> None:
         """Replace the floor of a MuJoCo scene by a height field, one period of the
-        grid; the ground's numbers are floats."""
+        grid, which solid thighs and shanks meet, too; the ground's numbers are
+        floats."""
         heights = self.amplitude * self.grid.heights
         lowest, highest = float(np.min(heights)), float(np.max(heights))
         rows, columns = heights.shape
@@ -107,6 +108,9 @@ class Ground(struct.PyTreeNode):
             size=(*half, highest - lowest, 1.0),
             userdata=heights.ravel().tolist(),
         )
+        for geom in spec.geoms:
+            if geom.contype and geom.name.endswith(("_solid_thigh", "_solid_shank")):
+                geom.conaffinity |= spec.geom("floor").contype
         floor = spec.geom("floor")
         floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
         floor.hfieldname = "ground"
@@ -121,7 +125,7 @@ class Ground(struct.PyTreeNode):
 
 def over_ground(
     qpos: Float[Array, "... nq"], ground: Ground | None
-) -> Float[Any, "... nq"]:
+) -> Float[Array, "... nq"]:
     """Return a robot's coordinates with the trunk's height taken from the ground below
     it; `None` is flat ground."""
     if ground is None:

@@ -9,7 +9,12 @@ from bp2_rl.base.errors import UserError
 TerrainKind = Literal["flat", "rough", "waves", "slope"]
 """rough: heights drawn evenly at the points of a grid, planes between them. waves:
 along x and y, each eight cells long. slope: a plane, over which gravity tilts."""
-KINDS = {"flat": 0.0, "rough": 0.2, "waves": 0.2, "slope": 0.5}
+KINDS: dict[TerrainKind, float] = {
+    "flat": 0.0,
+    "rough": 0.2,
+    "waves": 0.2,
+    "slope": 0.5,
+}
 """The kinds of ground with their largest sizes: an amplitude, m, or an angle, rad."""
 
 
@@ -49,17 +54,18 @@ class Terrain(Bounded, path="terrain."):
         Raises:
             UserError: the text names no ground.
         """
-        kind, *words = text.split(":")
+        name, *words = text.split(":")
+        kind = next((each for each in KINDS if each == name), None)
         try:
             numbers = [float(word) for word in words]
         except ValueError:
-            kind, numbers = "", []
-        if kind not in KINDS or len(numbers) > 2 or (kind == "flat") == bool(numbers):
+            kind, numbers = None, []
+        if kind is None or len(numbers) > 2 or (kind == "flat") == bool(numbers):
             raise UserError(
                 "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and slope, such as "
                 f"rough:0.05; got {text}"
             )
-        return cls(kind, *numbers)  # pyright: ignore[reportArgumentType]  # one of KINDS
+        return cls(kind, *numbers)
 
     def another(self, number: int) -> "Terrain":
         """Return ground of this kind that is drawn from another seed, `number` on."""

@@ -5,6 +5,7 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
+from runs import no_action
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -20,7 +21,6 @@ from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup
 from bp2_rl.simulation.world import Push, World
-from runs import no_action
 
 pytest.importorskip("pydrake")
 from bp2_rl.simulation.drake import DrakeRobot, DrakeSimulator

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from runs import kick, no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
@@ -34,7 +35,6 @@ from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, Draw, World
-from runs import kick, no_action, run_one
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()  # the action is added to the reference motion
