@@ -65,11 +65,15 @@ class Terrain(Bounded, path="terrain."):
                 "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and slope, such as "
                 f"rough:0.05; got {text}"
             )
-        return cls(kind, *numbers)
+        size, cell, *_ = [*numbers, cls.cell] if numbers else [0.0, cls.cell]
+        return cls(kind, size, cell)
 
     def another(self, number: int) -> "Terrain":
-        """Return ground of this kind that is drawn from another seed, `number` on."""
-        return dataclasses.replace(self, seed=self.seed + number)
+        """Return rough ground from another seed, `number` on, and other ground as it
+        is."""
+        if self.kind != "rough":
+            return self
+        return dataclasses.replace(self, seed=(self.seed + number) % 2**32)
 
 
 @dataclasses.dataclass(frozen=True)

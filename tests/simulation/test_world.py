@@ -142,6 +142,9 @@ def test_seeds_lay_other_ground():
     one, again, other = (draw_heights("rough", seed, 60, 120) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert np.mean(one != other) > 0.9
+    last = Terrain("rough", 0.01, seed=2**32 - 1)
+    assert last.another(3).seed == 2
+    assert Terrain("slope", 0.1).another(3) == Terrain("slope", 0.1)
 
 
 # --- Pushes ---------------------------------------------------------------------------
