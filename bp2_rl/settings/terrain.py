@@ -1,7 +1,7 @@
 """The ground of a training and of a run."""
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from bp2_rl.base.bounds import Bounded, Range, Within
 from bp2_rl.base.errors import UserError
@@ -55,7 +55,7 @@ class Terrain(Bounded, path="terrain."):
             UserError: the text names no ground.
         """
         name, *words = text.split(":")
-        kind = next((each for each in KINDS if each == name), None)
+        kind = next((each for each in get_args(TerrainKind) if each == name), None)
         try:
             numbers = [float(word) for word in words]
         except ValueError:
