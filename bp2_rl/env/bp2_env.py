@@ -32,6 +32,7 @@ from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
+from bp2_rl.robot.ground import Ground, over_ground
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import robot_names
@@ -44,7 +45,7 @@ from bp2_rl.settings.training import TrainConfig
 
 class BP2Env(envs.Env):
     """Environment in which a quadruped, by default BP2, follows a velocity command
-    (v_x, v_y, omega_z) on flat ground.
+    (v_x, v_y, omega_z) on flat ground, or on the ground of `config.terrain`.
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD,
     envelope, motor) recomputed at each. Actions are 12 joint position targets (see
@@ -108,9 +109,7 @@ class BP2Env(envs.Env):
             before.controller, before.command.current, finite
         )
         physics, effort, foot_contact = self._simulate(before, targets, key_push)
-        fall = termination.fall_in_training(
-            physics.qpos, physics.qvel, physics.torque, action, self.config
-        )
+        fall = self._fall(physics, before.randomization.ground, action)
         physics, effort = self._replace_exploded(physics, effort, fall)
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
@@ -250,6 +249,19 @@ class BP2Env(envs.Env):
                 state.physics.replace(qvel=pushed), targets, state.randomization
             )
 
+    def _fall(
+        self, physics: Physics, ground: Ground | None, action: Float[Array, "12"]
+    ) -> Fall:
+        """Return whether and why the episode ends; see `termination`."""
+        pose = over_ground(physics.qpos, ground)
+        fall = termination.fall_in_training(
+            pose, physics.qvel, physics.torque, action, self.config
+        )
+        if ground is None:
+            return fall
+        knee = observations.knee_in_ground(physics.qpos, ground, self.config.hardware)
+        return fall._replace(too_low=fall.too_low | knee)
+
     def _replace_exploded(
         self, physics: Physics, effort: Effort, fall: Fall
     ) -> tuple[Physics, Effort]:
@@ -288,13 +300,16 @@ class BP2Env(envs.Env):
         velocity = outcome.motion.horizontal
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
-        height, rate = observations.soles(physics.qpos, physics.qvel, config.hardware)
+        ground = after.randomization.ground
+        height, rate = observations.soles(
+            physics.qpos, physics.qvel, config.hardware, ground
+        )
         no_load_speed = randomization.as_drawn(
             config.hardware.joint_no_load_speed, after.randomization.no_load_speed
         )
         return rewards.RewardInputs(
             command=before.command.current / moving,
-            z=physics.qpos[2] / size.length,
+            z=over_ground(physics.qpos, ground)[2] / size.length,
             z_ref=reference.height / size.length,
             e_z=outcome.motion.e_z,
             e_z_ref=reference.up,
@@ -323,7 +338,9 @@ class BP2Env(envs.Env):
         observations of policy and critic."""
         config, physics = self.config.randomization, state.physics
         command = state.command.current
-        measurement = observations.sense(physics.qpos, physics.qvel)
+        measurement = observations.sense(
+            physics.qpos, physics.qvel, state.randomization.gravity
+        )
         noiseless = self.controller.frame(state.controller, command, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
@@ -360,6 +377,10 @@ def _make_engine(
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)
+    if config.terrain.kind not in ("flat", "slope"):
+        raise UserError(
+            f"--impl {impl} has flat ground and slopes alone: for terrain.kind {config.terrain.kind} use --impl kernel"
+        )
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env import commands, randomization, termination
+from bp2_rl.env import commands, observations, randomization, termination
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.physics.interface import Physics
@@ -90,6 +90,11 @@ class EpisodeStarts:
         robot = randomization.draw(
             key_robot, config.randomization, self._model.nbody, config.hardware
         )
+        # by a key of its own: flat training draws the robots that it drew before
+        robot = randomization.with_terrain(
+            jax.random.fold_in(key_robot, 0), robot, config.terrain, level
+        )
+        qpos = observations.set_down(qpos, robot.ground, config.hardware)
         episode = PipelineState(
             physics=_physics_at_rest(qpos, qvel, targets),
             controller=self._controller.init(phase),

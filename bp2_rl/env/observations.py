@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.coordinates import (
     compression_rates,
     compressions,
     joint_positions,
     joint_velocities,
 )
+from bp2_rl.robot.ground import Ground, over_ground
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.robot.observation import (
@@ -33,6 +35,7 @@ from bp2_rl.robot.observation import (
 )
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.task import user_code
+from bp2_rl.settings.terrain import TerrainKind
 
 if TYPE_CHECKING:
     from bp2_rl.env.episode import PipelineState
@@ -56,7 +59,11 @@ class Unsensed(NamedTuple):
 
 PRIVILEGED: tuple[Entry[Unsensed], ...] = (
     Entry("velocity", VECTOR, lambda now: now.velocity),
-    Entry("height", SCALAR, lambda now: now.episode.q[2]),
+    Entry(
+        "height",
+        SCALAR,
+        lambda now: over_ground(now.episode.q, now.episode.randomization.ground)[2],
+    ),
     Entry("spring_compression", LEG, lambda now: compressions(now.episode.q)),
     Entry("spring_velocity", LEG, lambda now: compression_rates(now.episode.qd)),
     Entry("foot_contact", LEG, lambda now: now.foot_contact),
@@ -74,6 +81,42 @@ where the command goes, the draw of the robot, and the errors that the reward lo
 at."""
 
 
+AHEAD, BESIDE = (-0.4, 0.0, 0.4, 0.8, 1.2), (-0.2, 0.0, 0.2)
+"""Places of the heights that the critic sees, from below the trunk, m: along the robot's
+heading, and to its left."""
+
+
+def _scan(now: Unsensed) -> Float[Array, "5 3"]:
+    """Return how much higher the ground is at these places than below the trunk, m."""
+    pose, ground = now.episode.q, now.episode.randomization.ground
+    yaw, ahead, beside = yaw_of(pose[3:7]), np.array(AHEAD)[:, None], np.array(BESIDE)
+    x = pose[0] + jnp.cos(yaw) * ahead - jnp.sin(yaw) * beside
+    y = pose[1] + jnp.sin(yaw) * ahead + jnp.cos(yaw) * beside
+    assert ground is not None
+    return ground.below(x, y).height - ground.below(pose[0], pose[1]).height
+
+
+def _vertical(now: Unsensed) -> Float[Array, "3"]:
+    """Return the true vertical in the heading frame of a robot on a slope."""
+    yaw, gravity = yaw_of(now.episode.q[3:7]), now.episode.randomization.gravity
+    half = jnp.stack([jnp.cos(0.5 * yaw), 0.0 * yaw, 0.0 * yaw, -jnp.sin(0.5 * yaw)])
+    assert gravity is not None
+    return _rotate(gravity / -GRAVITY, half)
+
+
+SCAN = Mirror(
+    tuple(3 * i + j for i in range(len(AHEAD)) for j in (2, 1, 0)),
+    (1,) * 3 * len(AHEAD),
+)
+GROUND: dict[TerrainKind, tuple[Entry[Unsensed], ...]] = {
+    "flat": (),
+    "rough": (Entry("ground", SCAN, _scan),),
+    "waves": (Entry("ground", SCAN, _scan),),
+    "slope": (Entry("vertical", VECTOR, _vertical),),
+}
+"""What the critic sees of each kind of ground, after all else."""
+
+
 def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
     """Return the entries of the policy's observation at one moment: `ENTRIES`, then
     the task's.
@@ -85,8 +128,9 @@ def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
 
 
 def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
-    """Return the entries that the critic alone sees: `PRIVILEGED`, then the task's."""
-    return (*PRIVILEGED, *config.task.task.privileged)
+    """Return the entries that the critic alone sees: `PRIVILEGED`, then
+    `GROUND`, then the task's."""
+    return (*PRIVILEGED, *GROUND[config.terrain.kind], *config.task.task.privileged)
 
 
 def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
@@ -132,13 +176,18 @@ class Measurement(struct.PyTreeNode):
     angular_velocity: Float[Array, "... 3"]  # rad/s, body frame
 
 
-def sense(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Measurement:
+def sense(
+    qpos: Float[Array, " nq"],
+    qvel: Float[Array, " nv"],
+    gravity: Float[Array, "3"] | None = None,
+) -> Measurement:
     """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint:
-    rates in the body frame)."""
+    rates in the body frame); `gravity`, m/s2, is straight down if it is None."""
+    up = jnp.asarray(UP) if gravity is None else gravity / -GRAVITY
     return Measurement(
         joint_position=joint_positions(qpos),
         joint_velocity=joint_velocities(qvel),
-        up=_rotate(jnp.asarray(UP), qpos[3:7] * jnp.array([1.0, -1.0, -1.0, -1.0])),
+        up=_rotate(up, qpos[3:7] * jnp.array([1.0, -1.0, -1.0, -1.0])),
         angular_velocity=qvel[3:6],
     )
 
@@ -227,10 +276,48 @@ def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array,
     )
 
 
-def soles(
-    qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec
+def set_down(
+    qpos: Float[Array, " nq"], ground: Ground | None, hardware: HardwareSpec
+) -> Float[Array, " nq"]:
+    """Return a robot raised or lowered onto its ground, until its lowest sole is as high
+    over the ground as it was over the flat floor."""
+    if ground is None:
+        return qpos
+    soles, below = _on_legs(qpos, compressions(qpos), ground, hardware)
+    return qpos.at[2].add(jnp.min(soles) - jnp.min(soles - below))
+
+
+def knee_in_ground(
+    qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
+) -> Bool[Array, ""]:
+    """Return whether a knee is under the ground: in training feet alone meet it."""
+    lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
+    knees, below = _on_legs(qpos, lower, ground, hardware)
+    return jnp.any(knees < below)
+
+
+def _on_legs(
+    qpos: Float[Array, " nq"],
+    shortened: Float[Array, "4"],
+    ground: Ground,
+    hardware: HardwareSpec,
 ) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
-    """Return each sole's height over flat ground, m, and the speed it rises at, m/s."""
+    """Return the heights of the ends of legs whose lower parts are shorter by
+    `shortened` (m), and the ground's heights below them, m."""
+    joints = joint_positions(qpos).reshape(4, 3)
+    ends = foot_position(joints, shortened, hardware)
+    x, y, z = (qpos[:3] + jax.vmap(_rotate, (0, None))(ends, qpos[3:7])).T
+    return z, ground.below(x, y).height
+
+
+def soles(
+    qpos: Float[Array, " nq"],
+    qvel: Float[Array, " nv"],
+    hardware: HardwareSpec,
+    ground: Ground | None = None,
+) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+    """Return each sole's height over the ground below it, m, and the speed it rises at,
+    m/s."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)
     rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)
@@ -238,4 +325,7 @@ def soles(
         lambda angles, springs: foot_position(angles, springs, hardware), joints, rates
     )
     velocity = relative + jnp.cross(now.angular_velocity, feet)
-    return qpos[2] + feet @ now.up, qvel[2] + velocity @ now.up
+    height = qpos[2] + feet @ now.up
+    if ground is not None:
+        height = height - _on_legs(qpos, compressions(qpos), ground, hardware)[1]
+    return height, qvel[2] + velocity @ now.up

@@ -14,9 +14,11 @@ from bp2_rl.base import arrays
 from bp2_rl.base.bounds import Range
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.ground import Ground, shared_grid
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.settings.env import RandomizationConfig
+from bp2_rl.settings.terrain import TerrainConfig
 
 T = TypeVar("T")
 LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
@@ -45,6 +47,9 @@ class Randomization(struct.PyTreeNode):
     armature: Float[Array, "..."] | None = None
     spring_stiffness: Float[Array, "..."] | None = None
     spring_damping: Float[Array, "..."] | None = None
+    ground: Ground | None = None  # None: the flat floor
+    # m/s2, world's axes, on a slope; None: straight down
+    gravity: Float[Array, "... 3"] | None = None
 
 
 def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
@@ -80,7 +85,7 @@ def draw(
         for i, name in enumerate(DESIGN)
         if (bounds := getattr(config, name)) is not None
     }
-    return Randomization(
+    drawn = Randomization(
         friction=hardware.friction * uniform(keys[0], (), config.friction),
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
@@ -94,8 +99,29 @@ def draw(
         braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
         if config.weak_braking[1]
         else None,
-        **design,
     )
+    return drawn.replace(**design)
+
+
+def with_terrain(
+    key: Array, robot: Randomization, config: TerrainConfig, level: Float[Array, ""]
+) -> Randomization:
+    """Return the robot on a ground that is drawn at a curriculum level; a slope rises
+    in any direction."""
+    if config.kind == "flat":
+        return robot
+    key_size, key_cell, key_place = jax.random.split(key, 3)
+    least, most = config.size
+    most = least + level * (most - least)
+    size = jax.random.uniform(key_size, minval=least, maxval=most)
+    if config.kind == "slope":
+        way = jax.random.uniform(key_place, maxval=2.0 * jnp.pi)
+        up = jnp.sin(size) * jnp.cos(way), jnp.sin(size) * jnp.sin(way), jnp.cos(size)
+        return robot.replace(gravity=-conventions.GRAVITY * jnp.stack(up))
+    grid, (low, high) = shared_grid(config.kind), config.cell
+    column, row = jax.random.uniform(key_place, (2,), maxval=len(grid.heights))
+    cell = jax.random.uniform(key_cell, minval=low, maxval=high)
+    return robot.replace(ground=Ground(grid, size, cell, column, row))
 
 
 def push(

@@ -31,6 +31,7 @@ from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory, best_window
+from bp2_rl.simulation.world import World
 
 AT_A_TIME = 8  # most policies that are judged side by side
 # the training gets three times the share; at 19 a training on all processors would
@@ -135,8 +136,14 @@ def measure_launches(
     Where `kept` names a file, the last `length` seconds of the first launch are saved
     there.
     """
+    world = World.on(env.terrain.hardest)
     requests = [
-        RunRequest(one.ramp(env), one.robot(env.hardware), noise_seed=one.noise_seed)
+        RunRequest(
+            one.ramp(env),
+            one.robot(env.hardware),
+            world=world,
+            noise_seed=one.noise_seed,
+        )
         for one in launches
     ]
     first, *_ = runs = list(simulate(policy, requests, env))

@@ -24,6 +24,7 @@ from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.measuring import time_at
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -127,7 +128,8 @@ def on_the_belt(values: Values) -> HardwareSpec:
 
 def road(values: Values) -> World:
     """Return the ground of the robot's run outdoors."""
-    return World(slope=values["slope"], roughness=values["roughness"])
+    rough = Terrain("rough", values["roughness"] / 2.0, cell=0.1)
+    return World(slope=values["slope"], terrain=rough)
 
 
 # --- What such robots run -------------------------------------------------------------

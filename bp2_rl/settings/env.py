@@ -14,6 +14,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import CommandLaw
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 from bp2_rl.settings.task import Coefficient, TaskConfig
+from bp2_rl.settings.terrain import TerrainConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
@@ -242,6 +243,7 @@ class EnvConfig:
     reset: ResetConfig = ResetConfig()
     randomization: RandomizationConfig = RandomizationConfig()
     termination: TerminationConfig = TerminationConfig()
+    terrain: TerrainConfig = TerrainConfig()
     reward: RewardConfig = RewardConfig()
     task: Annotated[TaskConfig, tyro.conf.Fixed, tyro.conf.Suppress] = TaskConfig()
     """a user's rows, terminations and entries: `--task`"""

@@ -84,8 +84,10 @@ class DrakeSimulator(Simulator):
             numerics = dataclasses.replace(numerics, steps=steps)
             finer.append(dataclasses.replace(robot, numerics=numerics))
         super().__init__(finer, models)
-        if any(robot.world.roughness > 0.0 for robot in robots):
-            raise UserError("Drake has no rough ground; use --backend mujoco")
+        if any(robot.world.ground for robot in robots):
+            raise UserError(
+                "Drake has flat ground and slopes alone; use --backend mujoco"
+            )
         self._plants = [
             DrakeRobot(model, robot.numerics.drake, robot.config.hardware.contact_time)
             for model, robot in zip(self.models, robots, strict=True)

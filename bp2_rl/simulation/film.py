@@ -27,6 +27,7 @@ from bp2_rl.robot.camera import Camera
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
+from bp2_rl.simulation.world import World
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name
@@ -115,10 +116,10 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     """Render some seconds of a run from the tracking camera, in real time, and a
     poster.
 
-    The scene repeats itself every metre, so the robot is shown by whole metres nearer
+    A flat scene repeats itself every metre, so the robot is shown by whole metres nearer
     to its middle than it ran.
     """
-    model = load_model(run.hardware)
+    model = load_model(run.hardware, scene=World(terrain=run.terrain).scene())
     if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
@@ -150,11 +151,11 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     try:
         with contextlib.closing(Camera(model, shot.height, shot.width)) as camera:
             # the endless floor is laid out around the camera's last place
-            camera.picture(_near_the_middle(run.qpos[samples[0]]))
+            camera.picture(_near_the_middle(run, samples[0]))
             for i, k in enumerate(samples):
                 recent = forward[max(0, k - ripple) : k + 1]
                 text = f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
-                picture = camera.picture(_near_the_middle(run.qpos[k]))
+                picture = camera.picture(_near_the_middle(run, k))
                 image = _captioned(picture, text)
                 writer.send(image.tobytes())
                 if i == len(samples) // 2:
@@ -164,10 +165,12 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     return poster.getvalue()
 
 
-def _near_the_middle(qpos: np.ndarray) -> np.ndarray:
-    """Return a robot's positions moved by whole metres to the midst of the scene."""
-    moved = qpos.copy()
-    moved[0] += SCENE - np.floor(qpos[0])
+def _near_the_middle(run: Trajectory, sample: int) -> np.ndarray:
+    """Return the robot's positions, on a flat floor moved by whole metres to the midst of
+    the scene."""
+    moved = run.qpos[sample].copy()
+    if not run.terrain.size:
+        moved[0] += SCENE - np.floor(moved[0])
     return moved
 
 

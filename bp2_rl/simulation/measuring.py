@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from bp2_rl.base.metric import metric
 from bp2_rl.robot import actuator, bp2, conventions
 from bp2_rl.robot.building import standing
+from bp2_rl.robot.ground import over_ground
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.gait import (
@@ -32,6 +33,7 @@ from bp2_rl.simulation.trajectory import (
     steady_window,
     window_means,
 )
+from bp2_rl.simulation.world import World
 
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
@@ -44,6 +46,7 @@ def run_metrics(run: Trajectory) -> RunMetrics:
     best = best_window(run, 1.0)
     steady = steady_window(run)
     speed = steady.ground_velocity[:, 0]
+    ground = World(terrain=run.terrain).ground
     envelope = envelope_use(run)
     mechanical, electrical = mean_powers(steady)
     travelled = float(np.sum(speed) * run.dt)
@@ -83,7 +86,7 @@ def run_metrics(run: Trajectory) -> RunMetrics:
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
         lateral_drift=float(np.max(np.abs(track_position(run)[1]))),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
-        trunk_height=float(np.mean(steady.qpos[:, 2])),
+        trunk_height=float(np.mean(over_ground(steady.qpos, ground)[:, 2])),
         mechanical_cost_of_transport=None if cost is None else mechanical * cost,
         electrical_cost_of_transport=None if cost is None else electrical * cost,
         mechanical_power=mechanical,

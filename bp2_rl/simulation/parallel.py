@@ -217,7 +217,11 @@ def run_fleet(
     hardware = request.hardware or policy.card.env.hardware
     draws = [Draw(ranges, seed, number) for number in range(robots)]
     worlds = [
-        dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration))
+        dataclasses.replace(
+            request.world,
+            terrain=request.world.terrain.another(draw.number),
+            pushes=draw.pushes(schedule.duration),
+        )
         for draw in draws
     ]
     requests = [

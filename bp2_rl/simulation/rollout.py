@@ -25,6 +25,7 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
+from bp2_rl.robot.ground import over_ground
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
@@ -273,7 +274,12 @@ class _SideBySide:
         self._recording = Recording.empty(
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
-        self._finish = np.array([request.finish for request in requests])
+        self._finish = np.array([min(one.finish, one.world.end) for one in requests])
+        self._grounds = [
+            (i, ground)
+            for i, one in enumerate(requests)
+            if (ground := one.world.ground)
+        ]
         self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
@@ -338,7 +344,11 @@ class _SideBySide:
         torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
-        down = fall(simulator.qpos, simulator.qvel, self._config.termination).happened
+        pose = simulator.qpos.copy() if self._grounds else simulator.qpos
+        for robot, ground in self._grounds:
+            if not self._ended[robot]:
+                pose[robot] = over_ground(pose[robot], ground)
+        down = fall(pose, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch
             if watch and not self._ended[robot]:
@@ -432,6 +442,7 @@ class Recording:
             fell_at=round(length * DT, 6) if fell else None,
             mass=mass,
             hardware=request.robot(config).config.hardware,
+            terrain=request.world.terrain,
             name=request.name,
             backend=TITLES[backend],
         )

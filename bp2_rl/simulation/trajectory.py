@@ -22,6 +22,7 @@ from bp2_rl.robot.coordinates import (
 )
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.metrics import RunMetrics
 
 FORMAT = "bp2_rl.trajectory/1"
@@ -59,6 +60,7 @@ class RunFacts:
     hardware: HardwareSpec
     name: str  # what ran, for titles
     backend: str  # the simulator, for titles
+    terrain: Terrain = Terrain()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

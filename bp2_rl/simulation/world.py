@@ -3,6 +3,7 @@ random properties."""
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import Annotated
 
@@ -16,14 +17,16 @@ from bp2_rl.env import randomization
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.ground import Grid, Ground, draw_heights
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.settings.env import RandomizationConfig
+from bp2_rl.settings.terrain import Terrain
 
-# m, of the rough ground: from 5 m behind the start, to both sides of it
-LENGTH, BREADTH = 130.0, 12.0
+# m, of ground that is not flat: from 5 m behind the start, to both sides of it
+LENGTH, BREADTH = 240.0, 12.0
 BEHIND = 5.0  # m
 EVEN = 1.0  # m, around the start: there it is even
 
@@ -43,28 +46,38 @@ class Push(Bounded, path="push."):
 class World(Bounded, path="world."):
     """Ground and pushes of a run; by default a level, even floor without pushes.
 
-    `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the
-    lowest point to the highest.
-
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and
     speeds are those over the slope, and sensors are told where the true vertical is.
-    Rough ground is a field of heights drawn evenly, at points `cell` apart, and
-    straight between them.
+    Rough ground and waves are fields of heights, 240 m long and 12 m wide; a run on
+    them ends before the field does.
     """
 
     # rad, by which the ground rises along x
     slope: Annotated[float, Within(-0.5, 0.5)] = 0.0
-    # m, from the lowest point to the highest
-    roughness: Annotated[float, Within(0.0, 0.2)] = 0.0
-    # m, between the points of rough ground whose heights are drawn
-    cell: Annotated[float, Within(0.05, 1.0)] = 0.1
-    seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of the rough ground
+    terrain: Terrain = Terrain()  # rough, waves, or flat
     pushes: tuple[Push, ...] = ()
 
+    @classmethod
+    def on(cls, terrain: Terrain) -> "World":
+        """Return the world with this ground."""
+        if terrain.kind == "slope":
+            return cls(slope=terrain.size)
+        return cls(terrain=terrain)
+
+    @property
+    def ground(self) -> Ground | None:
+        """The ground that is not flat, if the world has one."""
+        return _laid_out(self.terrain) if self.terrain.size else None
+
+    @property
+    def end(self) -> float:
+        """Distance ahead at which a run ends, m: a metre before the ground does."""
+        return LENGTH - BEHIND - 1.0 if self.terrain.size else math.inf
+
     def scene(self) -> Callable[[mujoco.MjSpec], None] | None:
-        """Return the function that adds rough ground to a MuJoCo scene; None for an
-        even floor."""
-        return self._lay_rough_ground if self.roughness > 0.0 else None
+        """Return the function that lays the ground in a MuJoCo scene; None for a flat
+        floor."""
+        return self.ground.lay if self.ground else None
 
     def tilt(self, model: mujoco.MjModel) -> None:
         """Tilt the model's gravity, which stands for the slope."""
@@ -79,35 +92,22 @@ class World(Bounded, path="world."):
             if round(push.time / conventions.PHYSICS_STEP) == step:
                 shove(data, push.forward, push.left, push.turn)
 
-    def heights(self) -> Float[np.ndarray, "rows columns"]:
-        """Heights of the rough ground, m: rows along y from the right, columns along x
-        from behind."""
-        rows, columns = (round(size / self.cell) + 1 for size in (BREADTH, LENGTH))
-        drawn = np.random.default_rng(self.seed).uniform(size=(rows, columns))
-        share = (drawn - drawn.min()) / (drawn.max() - drawn.min()) - 0.5
-        y = np.linspace(-BREADTH / 2, BREADTH / 2, rows)
-        x = np.linspace(-BEHIND, LENGTH - BEHIND, columns)
-        share[(np.abs(y)[:, None] <= EVEN) & (np.abs(x) <= EVEN)] = 0.0
-        return self.roughness * share
-
-    def _lay_rough_ground(self, spec: mujoco.MjSpec) -> None:
-        """Replace the floor by a height field."""
-        heights = self.heights()
-        floor = spec.geom("floor")
-        lowest = -self.roughness / 2
-        spec.add_hfield(
-            name="rough",
-            nrow=heights.shape[0],
-            ncol=heights.shape[1],
-            size=(LENGTH / 2, BREADTH / 2, self.roughness, 1.0),
-            userdata=((heights - lowest) / self.roughness).ravel().tolist(),
-        )
-        floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
-        floor.hfieldname = "rough"
-        floor.pos = np.array([LENGTH / 2 - BEHIND, 0.0, lowest])
-
 
 LEVEL = World()
+
+
+@functools.lru_cache(maxsize=16)
+def _laid_out(terrain: Terrain) -> Ground:
+    """Return the ground of a run, even around the start."""
+    cell = terrain.cell
+    behind, right = round(BEHIND / cell), round(BREADTH / 2 / cell)
+    columns, rows = round(LENGTH / cell) + 1, 2 * right + 1
+    heights = draw_heights(terrain.kind, terrain.seed, rows, columns)
+    y, x = (
+        cell * np.abs(np.arange(n) - at) for n, at in ((rows, right), (columns, behind))
+    )
+    heights[(y[:, None] <= EVEN) & (x <= EVEN)] = 0.0
+    return Ground(Grid(heights), terrain.size, cell, float(behind), float(right))
 
 
 def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:

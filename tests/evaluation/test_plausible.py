@@ -19,6 +19,7 @@ from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, REAL
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.measuring import time_at
 from bp2_rl.simulation.rollout import RunRequest, rollout
 from bp2_rl.simulation.schedule import Ramp
@@ -42,7 +43,7 @@ ASSUMED = {
 
 def test_the_built_robots_values_give_the_built_robot():
     assert plausible_robot(ASSUMED) == BUILT
-    assert road(ASSUMED) == World(slope=0.01, roughness=0.02)
+    assert road(ASSUMED) == World(slope=0.01, terrain=Terrain("rough", 0.01, cell=0.1))
     outside = {
         name
         for name, value in ASSUMED.items()

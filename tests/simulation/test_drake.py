@@ -15,6 +15,7 @@ from bp2_rl.robot.hardware import BUILT, ROBOTS
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -218,9 +219,10 @@ def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
 
 
 def test_rough_ground_is_refused():
-    request = RunRequest(Ramp(0.0, hold=0.1), BUILT, world=World(roughness=0.02))
+    rough = World(terrain=Terrain("rough", 0.01))
+    request = RunRequest(Ramp(0.0, hold=0.1), BUILT, world=rough)
     with pytest.raises(
-        UserError, match="Drake has no rough ground; use --backend mujoco"
+        UserError, match="Drake has flat ground and slopes alone; use --backend mujoco"
     ):
         next(simulate(no_action, [request], STANDING, backend="drake"))
 

@@ -29,6 +29,7 @@ from bp2_rl.settings.env import (
     RandomizationConfig,
     TerminationConfig,
 )
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.measuring import envelope_use, run_metrics
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -80,7 +81,9 @@ def test_feet_of_a_standing_robot_carry_its_weight():
 
 
 @pytest.mark.parametrize(
-    "world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"]
+    "world",
+    [LEVEL, World(terrain=Terrain("rough", 0.01, seed=3))],
+    ids=["level", "rough"],
 )
 def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
     """Against the constraint forces: the ground is all that acts on the free trunk's

@@ -12,6 +12,7 @@ from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.mjx import MjxSimulator
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
@@ -56,7 +57,9 @@ REQUESTS = (
     RunRequest(
         RAMP,
         BUILT,
-        world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)),
+        world=World(
+            terrain=Terrain("rough", 0.01, seed=1), pushes=(Push(0.05, 0.5, 0.3),)
+        ),
         name="rough, pushed",
     ),
     RunRequest(

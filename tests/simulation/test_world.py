@@ -13,14 +13,16 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import sense
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.ground import draw_heights
 from bp2_rl.robot.hardware import IDEAL, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
-from bp2_rl.simulation.world import BEHIND, LEVEL, Push, World, sensed_pose
+from bp2_rl.simulation.world import LEVEL, Push, World, sensed_pose
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()
@@ -78,39 +80,28 @@ def test_sensors_on_a_slope_know_the_true_vertical():
 
 @pytest.mark.parametrize("cell", [0.1, 0.4])
 def test_rough_ground_has_the_heights_that_it_says(cell):
-    """Found from above, with MuJoCo's rays, at points of the grid and half-way between
-    them."""
-    world = World(roughness=0.03, cell=cell, seed=1)
-    heights = world.heights()
-    assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
+    """Found from above, with MuJoCo's rays: on points of the grid, edges and planes."""
+    world = World(terrain=Terrain("rough", 0.015, cell, seed=1))
+    ground = world.ground
+    assert ground is not None
+    heights = ground.grid.heights
+    assert (heights.min(), heights.max()) == (-1.0, 1.0)
     simulator = Simulator([RobotSetup(STANDING, world)])
     model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
-    row = heights.shape[0] // 2 + round(2.0 / cell)  # 2 m to the left
-    for place in (0.0, 4.0, 76.0, 124.0):
-        column = round(place / cell)
-        for between in (0.0, 0.5):
-            start = np.array([(column + between) * cell - BEHIND, 2.0, 1.0])
-            hit = mujoco.mj_ray(
-                model,
-                data,
-                start,
-                np.array([0.0, 0.0, -1.0]),
-                None,
-                True,
-                -1,
-                np.zeros(1, np.int32),
-            )
-            expected = (1.0 - between) * heights[row, column] + between * heights[
-                row, column + 1
-            ]
+    for place in (-5.0, 0.3, 76.0, 234.0):
+        for x, y in cell * np.array([[0, 5], [0.5, 5], [0.5, 5.5], [0.3, 5.9]]):
+            start = np.array([round(place / cell) * cell + x, y, 1.0])
+            down, geom = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+            hit = mujoco.mj_ray(model, data, start, down, None, True, -1, geom)
+            expected = ground.below(*start[:2]).height
             # MuJoCo keeps heights in float32
             assert 1.0 - hit == pytest.approx(expected, abs=1e-6)
 
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
-    world = World(roughness=0.03)
+    world = World(terrain=Terrain("rough", 0.015, cell=0.1))
     simulator = settled([RobotSetup(STANDING, world), RobotSetup(STANDING, LEVEL)])
     rough, level = simulator.data
     # A sphere on a field of heights may touch two triangles: twice the friction holds
@@ -121,12 +112,39 @@ def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
     assert force[2] == pytest.approx(np.sum(load_model().body_mass) * GRAVITY, rel=0.02)
 
 
+def test_a_run_ends_before_its_ground_does():
+    assert World.on(Terrain("waves", 0.02)).end == 234.0
+    assert World.on(Terrain("slope", 0.1)).end == LEVEL.end == math.inf
+
+
+@pytest.mark.parametrize(
+    ("text", "world"),
+    [
+        ("flat", LEVEL),
+        ("rough:0.05", World(terrain=Terrain("rough", 0.05))),
+        ("waves:0.03:0.4", World(terrain=Terrain("waves", 0.03, cell=0.4))),
+        ("slope:-0.1", World(slope=-0.1)),
+    ],
+)
+def test_a_ground_is_named_by_its_kind_and_size(text, world):
+    assert World.on(Terrain.of(text)) == world
+
+
+@pytest.mark.parametrize(
+    "text", ["", "rough", "hill:1", "rough:x", "flat:0", "rough:0.1:0.2:3", ":0.1"]
+)
+def test_what_names_no_ground_is_refused_in_a_line(text):
+    with pytest.raises(UserError, match="--terrain takes flat, or KIND:SIZE"):
+        Terrain.of(text)
+
+
 def test_seeds_lay_other_ground():
-    one, again, other = (
-        World(roughness=0.02, seed=seed).heights() for seed in (1, 1, 2)
-    )
+    one, again, other = (draw_heights("rough", seed, 60, 120) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert np.mean(one != other) > 0.9
+    last = Terrain("rough", 0.01, seed=2**32 - 1)
+    assert last.another(3).seed == 2
+    assert Terrain("slope", 0.1).another(3) == Terrain("slope", 0.1)
 
 
 # --- Pushes ---------------------------------------------------------------------------
@@ -191,10 +209,12 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
     ("named", "impossible"),
     [
         ("world.slope", lambda: World(slope=1.0)),
-        ("world.roughness", lambda: World(roughness=-0.01)),
-        ("world.roughness", lambda: World(roughness=math.nan)),
-        ("world.cell", lambda: World(cell=0.01)),
-        ("world.seed", lambda: World(seed=-1)),
+        ("terrain.size", lambda: Terrain("rough", -0.01)),
+        ("terrain.size", lambda: Terrain("rough", math.nan)),
+        ("terrain.size", lambda: Terrain("slope", -0.6)),
+        ("terrain.size", lambda: Terrain("flat", 0.1)),
+        ("terrain.cell", lambda: Terrain("rough", 0.01, cell=0.01)),
+        ("terrain.seed", lambda: Terrain("rough", 0.01, seed=-1)),
         ("push.forward", lambda: Push(1.0, 1e3, 0.0)),
     ],
 )

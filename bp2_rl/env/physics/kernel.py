@@ -106,7 +106,7 @@ class KernelPhysics:
             )
             if resisting is not None:
                 applied += resisting
-            moving, heights = step(robots, moving, applied.T)
+            moving, heights = step(robots, moving, applied.T, robot.ground)
             return (moving, torque), (torque, power, heights)
 
         before = MuJoCoState(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
@@ -126,8 +126,11 @@ class KernelPhysics:
 
 
 def randomize_design(design: Design, robot: Randomization) -> Design:
-    """Return the design with springs and rotors that differ from robot to robot, where
-    they were drawn."""
+    """Return the design with springs, rotors and slopes that differ from robot to robot,
+    where they were drawn."""
+    if robot.gravity is not None:
+        x, y, z = robot.gravity.T
+        design = dataclasses.replace(design, gravity=(x, y, z))
     return dataclasses.replace(
         design,
         stiffness=as_drawn(design.stiffness, robot.spring_stiffness),

@@ -107,8 +107,11 @@ def randomize_model(
     model: mjx.Model, randomization: Randomization, trunk: int
 ) -> mjx.Model:
     """Return the model with this robot's masses, inertias, trunk centre of mass,
-    friction, springs and rotors (`trunk`: body index)."""
+    friction, springs, rotors and slope (`trunk`: body index)."""
+    gravity = randomization.gravity
+    option = model.opt if gravity is None else model.opt.replace(gravity=gravity)
     return model.replace(
+        opt=option,
         body_mass=model.body_mass * randomization.mass,
         body_inertia=model.body_inertia * randomization.mass[:, None],
         body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),

@@ -121,6 +121,7 @@ def conditions(
     robot = robot_of(policy, setup)
     return {
         "robot": describe_robot(robot),
+        **({} if setup.terrain == "flat" else {"ground": str(setup.ground)}),
         "schedule": schedule,
         "policy": describe(policy),
         "trained on": describe_robot(policy.card.env.hardware),

@@ -43,6 +43,7 @@ from bp2_rl.simulation.parallel import FleetRun, run_fleet
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics
+from bp2_rl.simulation.world import World
 
 NUM_ROBOTS = 200
 ROBUSTNESS_HOLD = 15.0  # s
@@ -151,9 +152,8 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
-    request = RunRequest(
-        ramp, robot, setup.operator, numerics=Numerics(drake=setup.drake)
-    )
+    world, numerics = World.on(setup.ground), Numerics(drake=setup.drake)
+    request = RunRequest(ramp, robot, setup.operator, world, numerics=numerics)
     run = run_fleet(policy, request, drawn, count, seed, setup.backend)
     metrics = fleet_metrics(run)
     speed = metrics.mean_speed

@@ -11,6 +11,7 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
 from bp2_rl.simulation.backend import Backend, DrakeContact
 
@@ -54,6 +55,10 @@ class Setup(Bounded, path="--"):
     ] = None
     """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn
     from; by default 0."""
+    terrain: Annotated[str, tyro.conf.arg(metavar="KIND:SIZE")] = "flat"
+    """The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height,
+    slope:0.1 rises 0.1 rad; a third number is the cell, m. Of topspeed, sprint,
+    robustness."""
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD
@@ -67,11 +72,17 @@ class Setup(Bounded, path="--"):
             raise UserError(
                 f"--drake.* is of --backend drake; got --backend {self.backend}"
             )
+        Terrain.of(self.terrain)
 
     @property
     def noise_seed(self) -> int | None:
         """The seed of the sensors' noise; None: sensors without noise."""
         return (self.seed or 0) if self.sensor_noise else None
+
+    @property
+    def ground(self) -> Terrain:
+        """The ground that is drawn from the seed."""
+        return Terrain.of(self.terrain).another(self.seed or 0)
 
     @property
     def chosen(self) -> tuple[str, ...]:

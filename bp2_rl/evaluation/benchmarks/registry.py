@@ -41,7 +41,10 @@ class Benchmark(Generic[Flags]):
 
 
 # the flags of a single run, of a fleet, of many tries, and of variants
-RUN = "backend", "robot", "speed", "acceleration", "seed", "operator", "drake"
+RUN = (
+    *("backend", "robot", "terrain", "speed", "acceleration"),
+    *("seed", "operator", "drake"),
+)
 TRIES = "robot", "speed", "seed", "operator"
 VARIANTS = "robot", "speed", "acceleration", "hold", "operator"
 

@@ -42,6 +42,7 @@ from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.simulator import Numerics
 from bp2_rl.simulation.trajectory import Trajectory, steady_window
+from bp2_rl.simulation.world import World
 
 
 def run_once(
@@ -53,6 +54,7 @@ def run_once(
         ramp,
         robot_of(policy, setup),
         setup.operator,
+        World.on(setup.ground),
         finish=finish,
         noise_seed=setup.noise_seed,
         numerics=Numerics(drake=setup.drake),

@@ -11,8 +11,9 @@ one in a thousand needs more than four, and robots deep in their joint stops nee
 six. No step is searched along its line: what that would guard against has not been met
 (`tests/robot/kernel`).
 
-A foot has four rows, the edges of its friction pyramid: normal +- mu x tangent, along
-the world's axes.
+A foot has four rows, the edges of its friction pyramid: normal +- mu x tangent. On flat
+ground they lie along the world's axes, elsewhere along the ground's normal and the
+tangents that MuJoCo chooses for it.
 """
 
 import functools
@@ -22,6 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from bp2_rl.robot.ground import Plane
 from bp2_rl.robot.kernel.arrowhead import (
     ArrowheadMatrix,
     Block,
@@ -63,11 +65,13 @@ class Floor(NamedTuple):
     stiffness: Number  # D, 0 without contact
     # aref of the edges to the left, right, back and front
     references: tuple[Number, ...]
+    # front, left and normal of the ground under each foot; None: the world's axes
+    axes: tuple[Vector, Vector, Vector] | None = None
 
     def edges(self, point: Vector) -> tuple[Number, ...]:
         """Return a velocity or acceleration of the contact points along the edges of
         the friction pyramid."""
-        x, y, z = point
+        x, y, z = point if self.axes is None else (dot(a, point) for a in self.axes)
         x, y = self.friction * x, self.friction * y
         return z + y, z - y, z - x, z + x
 
@@ -86,11 +90,37 @@ class Floor(NamedTuple):
         """Return the contact forces in the world's axes, from forces along the edges of
         the friction pyramid."""
         left, right, back, front = edges
-        return (
+        force = (
             self.friction * (front - back),
             self.friction * (left - right),
             left + right + back + front,
         )
+        return force if self.axes is None else _joined(self.axes, force)
+
+    def stiffnesses(self, edges: tuple[Number, ...]) -> tuple[Number, ...]:
+        """Return xx, xy, xz, yy, yz and zz of the contacts' stiffness in the world's
+        axes, a symmetric matrix, from the stiffness of the edges."""
+        left, right, back, front = edges
+        mu = self.friction
+        xx = mu * mu * (back + front)
+        yy = mu * mu * (left + right)
+        zz = left + right + back + front
+        xz, yz = mu * (front - back), mu * (left - right)
+        if self.axes is None:
+            return xx, ZERO, xz, yy, yz, zz
+        rows = zip(*self.axes, strict=True)
+        x, y, z = (
+            _joined(
+                self.axes,
+                (
+                    xx * front + xz * up,
+                    yy * left + yz * up,
+                    xz * front + yz * left + zz * up,
+                ),
+            )
+            for front, left, up in rows
+        )
+        return *x, y[1], y[2], z[2]
 
 
 class Stops(NamedTuple):
@@ -149,17 +179,11 @@ class Constraints(NamedTuple):
     def curvature(self, rows: RowValues) -> ArrowheadMatrix:
         """Return J' diag(D) J for the rows' stiffness D, before the trunk's block is
         summed over the legs."""
-        left, right, back, front = rows.edges
-        mu = self.floor.friction
-        # The stiffness of a contact, a symmetric matrix without xy.
-        xx = mu * mu * (back + front)
-        yy = mu * mu * (left + right)
-        zz = left + right + back + front
-        xz, yz = mu * (front - back), mu * (left - right)
+        xx, xy, xz, yy, yz, zz = self.floor.stiffnesses(rows.edges)
         rx, ry, rz = self.floor.lever
         # Moments of the forces that a unit of motion along x, y and z meets ...
-        along_x = ry * xz, rz * xx - rx * xz, -ry * xx
-        along_y = ry * yz - rz * yy, -rx * yz, rx * yy
+        along_x = ry * xz - rz * xy, rz * xx - rx * xz, -ry * xx + rx * xy
+        along_y = ry * yz - rz * yy, -rx * yz + rz * xy, rx * yy - ry * xy
         along_z = ry * zz - rz * yz, rz * xz - rx * zz, rx * yz - ry * xz
         # ... and a unit of turning: the motion that it makes is (its axis) x lever.
         about_x = [ry * along_z[i] - rz * along_y[i] for i in range(3)]
@@ -170,12 +194,12 @@ class Constraints(NamedTuple):
             [about_x[1], about_y[0]],
             [about_x[2], about_y[1], about_z],
         ]
-        trunk: Block = [[xx], [ZERO, yy], [xz, yz, zz]]
+        trunk: Block = [[xx], [xy, yy], [xz, yz, zz]]
         trunk += [[along_x[i], along_y[i], along_z[i], *turn[i]] for i in range(3)]
         met = [
             (
-                xx * v[0] + xz * v[2],
-                yy * v[1] + yz * v[2],
+                xx * v[0] + xy * v[1] + xz * v[2],
+                yy * v[1] + xy * v[0] + yz * v[2],
                 xz * v[0] + yz * v[1] + zz * v[2],
             )
             for v in self.floor.joints
@@ -338,14 +362,17 @@ def find_constraints(
     height: Number,
     coordinates: list[Number],
     velocity: GeneralizedVector,
+    ground: Plane | None = None,
 ) -> tuple[Constraints, Array]:
-    """Return all constraint rows in a state, and the heights of the feet's centres, m.
+    """Return all constraint rows in a state, and the distances of the feet's centres
+    from the ground, m.
 
     The state is the pose, the height of the trunk's origin, the legs' coordinates, and
-    velocities in MuJoCo's coordinates.
+    velocities in MuJoCo's coordinates; `ground` is the plane below each foot, None for
+    the flat floor.
     """
     floor, heights = _floor_rows(
-        design, pose, height, friction, velocity.in_world(pose.rotation)
+        design, pose, height, friction, velocity.in_world(pose.rotation), ground
     )
     return Constraints(
         floor, _stop_rows(design, coordinates[:3], velocity.legs[:3])
@@ -358,9 +385,10 @@ def _floor_rows(
     height: Number,
     friction: Number,
     velocities: GeneralizedVector,
+    ground: Plane | None,
 ) -> tuple[Floor, Array]:
-    """Return the feet's constraint rows and the heights of their centres, m; `height`
-    is the trunk origin's, m."""
+    """Return the feet's constraint rows and the distances of their centres from the
+    ground, m; `height` is the trunk origin's, m."""
     rotation, legs = pose
     anchor = rotation.to_world(design.anchor)
     x_axis = rotation.x[0], rotation.y[0], rotation.z[0]
@@ -369,13 +397,16 @@ def _floor_rows(
         for axis in ((ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0))
     )
 
-    def in_world(v: Vector) -> Vector:
-        return add(scaled(v[0], x_axis), scaled(v[1], y_axis), scaled(v[2], z_axis))
-
+    in_world = functools.partial(_joined, (x_axis, y_axis, z_axis))
     foot = add(anchor, in_world(legs.foot))
     centre = jnp.add(height, foot[2])
+    axes = None if ground is None else contact_axes(ground)
+    if ground is not None and axes is not None:
+        centre = (centre - ground.height) * axes[2][2]
     depth = centre - design.foot_radius
-    lever = foot[0], foot[1], foot[2] - (design.foot_radius + 0.5 * depth)
+    sunk = design.foot_radius + 0.5 * depth
+    x, y, z = (ZERO, ZERO, sunk) if axes is None else scaled(sunk, axes[2])
+    lever = foot[0] - x, foot[1] - y, foot[2] - z
     reach = add(lever, scaled(-1.0, anchor))
     turned = cross(y_axis, reach)
     pitches = (
@@ -390,11 +421,32 @@ def _floor_rows(
     spring, damping, stiffness = _reference_and_stiffness(
         design.floor_softness, depth, weight
     )
-    floor = Floor(lever, joints, friction, stiffness, ())
+    floor = Floor(lever, joints, friction, stiffness, (), axes)
     edges = floor.edges(floor.point(velocities))
     return floor._replace(
         references=tuple(-damping * edge - spring for edge in edges)
     ), centre
+
+
+def _joined(axes: tuple[Vector, Vector, Vector], v: Vector) -> Vector:
+    """Return the vector with these parts along three axes, in the axes' own frame."""
+    return add(*(scaled(part, axis) for part, axis in zip(v, axes, strict=True)))
+
+
+def contact_axes(ground: Plane) -> tuple[Vector, Vector, Vector]:
+    """Return front, left and normal of a contact with the ground, unit vectors in the
+    world's axes.
+
+    The tangents are those of MuJoCo (`mju_makeFrame`): left is as near to y as it can
+    be, or to z where the normal is nearer to y than 60 deg.
+    """
+    size = 1.0 / jnp.sqrt(1.0 + ground.slope_x**2 + ground.slope_y**2)
+    normal = -size * ground.slope_x, -size * ground.slope_y, size
+    steep = jnp.abs(normal[1]) >= 0.5
+    start = ZERO, jnp.where(steep, 0.0, 1.0), jnp.where(steep, 1.0, 0.0)
+    across = add(start, scaled(-dot(start, normal), normal))
+    left = scaled(1.0 / jnp.sqrt(dot(across, across)), across)
+    return cross(left, normal), left, normal
 
 
 def _stop_rows(design: Design, angles: list[Number], rates: list[Number]) -> Stops:

@@ -48,7 +48,7 @@ class Design:
     """
 
     timestep: Number  # s
-    gravity: Number  # m/s2
+    gravity: Vector  # m/s2, world's axes
     trunk: Body
     links: tuple[Body, ...]  # abad, thigh, shank and, with a spring, toe
     anchor: Vector  # of the abduction joint in the trunk
@@ -87,7 +87,7 @@ class Design:
         joint = max(int(np.argmax(model.jnt_limited)), 1)
         return cls(
             timestep=float(model.opt.timestep),
-            gravity=-float(model.opt.gravity[2]),
+            gravity=_vector(model.opt.gravity[None]),
             trunk=_body(model, np.array([1])),
             links=tuple(_body(model, part) for part in bodies.T),
             anchor=anchor,

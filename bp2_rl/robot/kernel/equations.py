@@ -145,7 +145,7 @@ def _bias(
     world's axes), and on each leg's coordinates."""
     rotation, legs = pose
     # gravity is as if all were accelerated upwards
-    upward = scaled(design.gravity, rotation.z)
+    upward = rotation.to_trunk(scaled(-1.0, design.gravity))
     trunk = _wrench(masses.trunk, _AngularMotion(spin, NOWHERE), upward)
 
     abad, hip, knee, *slide = rates

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from bp2_rl.robot.ground import Ground, Plane
 from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, GeneralizedVector, solve
 from bp2_rl.robot.kernel.constraints import (
     Constraints,
@@ -18,7 +19,7 @@ from bp2_rl.robot.kernel.design import TRUNK, Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
-from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector
+from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, dot
 
 Quaternion = tuple[Number, Number, Number, Number]
 
@@ -32,18 +33,23 @@ class MuJoCoState(NamedTuple):
 
 
 def step(
-    robots: Robots, state: MuJoCoState, applied: Float[Array, "nv N"]
+    robots: Robots,
+    state: MuJoCoState,
+    applied: Float[Array, "nv N"],
+    ground: Ground | None = None,
 ) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
-    """Advance the robots by one physics step; return the state, and the heights of the
-    feet's centres before the step, m.
+    """Advance the robots by one physics step; return the state, and the distances of the
+    feet's centres from the ground before the step, m.
 
     Args:
         robots: those that move.
         state: before the step.
         applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among
             them, N and Nm.
+        ground: that the robots run on, each of its numbers an array over them; None:
+            the flat floor. A foot meets the plane below its centre.
     """
-    after, heights = _step(robots, _RobotState.of(state), _split(applied))
+    after, heights = _step(robots, _RobotState.of(state), _split(applied), ground)
     return after.in_mujoco(), heights
 
 
@@ -78,12 +84,19 @@ class _RobotState(NamedTuple):
 
 
 def _step(
-    robots: Robots, state: _RobotState, applied: GeneralizedVector
+    robots: Robots,
+    state: _RobotState,
+    applied: GeneralizedVector,
+    ground: Ground | None,
 ) -> tuple[_RobotState, Array]:
     barriers = FusionBarriers.of(robots.friction)
-    pose, inertia = in_one_kernel(partial(_pose_and_inertia, barriers), robots, state)
+    pose, inertia, feet = in_one_kernel(
+        partial(_pose_and_inertia, barriers, ground is not None), robots, state
+    )
+    # between the kernels, which take no table
+    planes = None if ground is None or feet is None else ground.below(*feet)
     force, constraints, guess, heights = in_one_kernel(
-        partial(_forces_and_constraints, barriers), robots, pose, state, applied
+        partial(_forces_and_constraints, barriers), robots, pose, state, applied, planes
     )
     acceleration = in_one_kernel(
         partial(solve_constraints, barriers), inertia, force, constraints, guess
@@ -100,13 +113,19 @@ def _step(
 
 
 def _pose_and_inertia(
-    barriers: FusionBarriers, robots: Robots, state: _RobotState
-) -> tuple[RobotPose, ArrowheadMatrix]:
-    """Return the robots' pose and mass matrix."""
+    barriers: FusionBarriers, on_ground: bool, robots: Robots, state: _RobotState
+) -> tuple[RobotPose, ArrowheadMatrix, tuple[Number, Number] | None]:
+    """Return the robots' pose and mass matrix, and the x and y of their feet's centres
+    where the ground asks for them."""
     pose = barriers(
         partial(_pose, robots.design), robots.masses, state.quaternion, state.legs
     )
-    return pose, inertia_matrix(barriers, robots, pose)
+    feet = None
+    if on_ground:
+        (x, y, _), legs = state.place, pose.legs
+        foot = add(robots.design.anchor, legs.to_trunk(legs.foot))
+        feet = x + dot(pose.rotation.x, foot), y + dot(pose.rotation.y, foot)
+    return pose, inertia_matrix(barriers, robots, pose), feet
 
 
 def _forces_and_constraints(
@@ -115,9 +134,10 @@ def _forces_and_constraints(
     pose: RobotPose,
     state: _RobotState,
     applied: GeneralizedVector,
+    ground: Plane | None,
 ) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
     """Return the forces, the constraints, a first guess of the accelerations, and the
-    heights of the feet, m."""
+    distances of the feet's centres from the ground, m."""
     design, masses, friction = robots
     velocity = state.velocity
     height = state.place[2]
@@ -125,7 +145,8 @@ def _forces_and_constraints(
         partial(smooth_force, design), masses, pose, state.legs, velocity, applied
     )
     constraints, heights = barriers(
-        partial(find_constraints, design), pose, friction, height, state.legs, velocity
+        partial(find_constraints, design),
+        *(pose, friction, height, state.legs, velocity, ground),
     )
     return force, constraints, state.warmstart.in_world(pose.rotation), heights
 

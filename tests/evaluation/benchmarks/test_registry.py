@@ -83,6 +83,7 @@ def test_all_gives_each_benchmark_the_flags_that_it_knows():
         hold=2.0,
         robots=7,
         seed=1,
+        terrain="slope:0.1",
         sensor_noise=True,
         operator=HeadingHold(1.0),
         drake=DrakeContact("hydroelastic"),

@@ -38,6 +38,7 @@ from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Fi
 from bp2_rl.evaluation.benchmarks.tries.tasks import (
     AFTER_PUSH,
     ARROWS,
+    CELL,
     CROSSING,
     PHASES,
     SEEDS,
@@ -64,7 +65,7 @@ from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.trajectory import Trajectory, best_window
-from bp2_rl.simulation.world import EVEN, World
+from bp2_rl.simulation.world import EVEN
 
 FELL = "fell"
 LAUNCH_GROUP = "Launch, friction 0.8"
@@ -157,7 +158,7 @@ def share_passed(group: Sequence[TryOutcome]) -> str:
 
 GROUND = (
     "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
-    f"ground: heights drawn evenly at points {World.cell:g} m apart, straight between them, the figure from lowest to "
+    f"ground: heights drawn evenly at points {CELL:g} m apart, straight between them, the figure from lowest to "
     f"highest, even for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
 )
 MEASURES = (

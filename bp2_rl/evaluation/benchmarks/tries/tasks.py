@@ -14,6 +14,7 @@ from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.measuring import LANE_WIDTH
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp
@@ -43,6 +44,7 @@ PHASES = 8  # of a stride at which disturbances come
 SHOVE, TURN = 1.5, 0.5  # m/s and rad/s of BP2
 ROUGHNESS = 0.05  # m of BP2
 CELLS = 0.1, 0.2, 0.4  # m of BP2
+CELL = 0.1  # m, of the manoeuvres' rough ground
 SEEDS = 5  # grounds of each cell
 CROSSING = 6.0  # s, over rough ground at the speed
 
@@ -170,7 +172,7 @@ def all_manoeuvres(
             running(
                 group="Rough ground",
                 asked=f"{100 * height:.2g} cm",
-                world=World(roughness=height, seed=seed),
+                world=_rough(height, CELL, seed),
             )
             for height in sizes.roughness
         ),
@@ -244,7 +246,7 @@ def all_disturbances(
                 asked=f"ground {drawn}",
                 rule=UPRIGHT,
                 assess=rules.assess_push,
-                world=World(roughness=height, cell=cell, seed=drawn),
+                world=_rough(height, cell, drawn),
             )
             for cell in cells
             for drawn in range(seed, seed + SEEDS)
@@ -265,6 +267,11 @@ def run_up(speed: float) -> Course:
     """Return a command course from a stand to a forward speed (m/s), held for `STEADY`
     seconds."""
     return Course().to((speed, 0.0, 0.0), speed / COMMAND_ACCELERATION).hold(STEADY)
+
+
+def _rough(height: float, cell: float, seed: int) -> World:
+    """Return rough ground that is `height` (m) from the lowest point to the highest."""
+    return World(terrain=Terrain("rough", height / 2.0, cell, seed))
 
 
 def _braking(of: Make, speed: float, group: str) -> Iterator[Try]:

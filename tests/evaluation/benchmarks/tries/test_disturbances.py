@@ -15,6 +15,7 @@ from bp2_rl.evaluation.benchmarks.tries.tasks import all_disturbances
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD
+from bp2_rl.settings.terrain import Terrain
 
 STRIDE = 0.32  # s
 
@@ -39,9 +40,11 @@ def test_pushes_come_at_eight_phases_from_eight_sides_with_a_turn_to_each_side(a
 
 
 def test_rough_ground_has_five_seeds_of_each_of_three_cells(asked):
-    grounds = [one.world for one in asked if one.world.roughness]
-    assert [(world.roughness, world.cell, world.seed) for world in grounds] == [
-        (0.05, cell, seed) for cell in (0.1, 0.2, 0.4) for seed in range(7, 12)
+    grounds = [one.world.terrain for one in asked if one.world.ground]
+    assert grounds == [
+        Terrain("rough", 0.025, cell, seed)
+        for cell in (0.1, 0.2, 0.4)
+        for seed in range(7, 12)
     ]
 
 
@@ -51,7 +54,8 @@ def test_a_small_robot_has_small_disturbances():
     push = asked[0].world.pushes[0]
     assert push.forward == pytest.approx(1.5 * go1.size.speed)
     assert push.turn == pytest.approx(0.5 * go1.size.rate)
-    assert asked[-1].world.roughness == pytest.approx(0.05 * go1.size.length, rel=0.02)
+    height = 2.0 * asked[-1].world.terrain.size
+    assert height == pytest.approx(0.05 * go1.size.length, rel=0.02)
 
 
 def test_the_sheet_from_runs_that_are_known(

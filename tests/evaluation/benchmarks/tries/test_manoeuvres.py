@@ -136,12 +136,9 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
     assert [m.operator.limit for m in straight] == [0.5] * 6 + [0.0]
     biases = [0.0, 0.0, 0.05, -0.05, 0.5, -0.5, 0.0]
     np.testing.assert_allclose([math.degrees(m.gyro_bias) for m in straight], biases)
-    assert [m.world.roughness for m in group(asked, "Rough ground")] == [
-        0.01,
-        0.02,
-        0.03,
-    ]
-    assert {m.world.seed for m in group(asked, "Rough ground")} == {3}
+    rough = [m.world.terrain for m in group(asked, "Rough ground")]
+    assert [2.0 * terrain.size for terrain in rough] == [0.01, 0.02, 0.03]
+    assert {terrain.seed for terrain in rough} == {3}
     np.testing.assert_allclose(
         [math.degrees(m.world.slope) for m in group(asked, "Slope")],
         (2.0, 4.0, -2.0, -4.0),
