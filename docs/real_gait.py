@@ -48,7 +48,7 @@ def attitude(up: np.ndarray) -> np.ndarray:
 @styled
 def gait_figure(gaits: dict[str, dict[str, np.ndarray]]) -> Figure:
     """Draw gaits, each with joint angles, rates and attitude by stride and phase."""
-    figure = Figure(figsize=(1.6 * WIDTH, 4.6), layout="constrained")
+    figure = Figure(figsize=(1.5 * WIDTH, 5.4), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True)
     for column, (title, (chosen, unit)) in enumerate(SHOWN.items()):
         kinds = ("attitude", "turning") if title == "trunk" else ("angle", "rate")
@@ -73,7 +73,9 @@ def gait_figure(gaits: dict[str, dict[str, np.ndarray]]) -> Figure:
             axes.set_ylabel(f"{kind} [{unit}{per}]")
             axes.grid(color=INK, alpha=0.1)
         panels[0, column].set_title(title)
-        panels[0, column].legend(fontsize="small")
+        panels[0, column].legend(
+            loc="lower center", bbox_to_anchor=(0.5, 1.1), ncols=2, fontsize="small"
+        )
         panels[1, column].set_xlabel("Share of the stride")
     return figure
 

@@ -17,7 +17,7 @@ from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.hardware import BUILT, Losses
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.named import find_robot_file, shipped_files
-from bp2_rl.robot.robot_file import load_robot
+from bp2_rl.robot.robot_file import GainNumbers, load_robot
 from bp2_rl.tools.identify.excite import DURATION, excitation, excitation_text
 from bp2_rl.tools.identify.fit import (
     cut_windows,
@@ -26,7 +26,7 @@ from bp2_rl.tools.identify.fit import (
     predictor,
     rig_of,
 )
-from bp2_rl.tools.identify.log import describe_log, read_log
+from bp2_rl.tools.identify.log import RobotLog, describe_log, read_log
 from bp2_rl.tools.identify.outcome import HANGING, NAMES, identified_file, identify
 from bp2_rl.tools.identify.swing import Motors
 
@@ -180,6 +180,66 @@ def test_a_sprung_robots_free_legs_are_predicted(log_file):
         predictor(rig_of(BUILT, ROBOT.gains), 0.002), TRUTH, windows
     )
     assert np.all(np.isfinite(error))
+
+
+def test_legs_of_a_falling_robot_are_predicted_with_an_accelerometer():
+    """In the air the trunk's origin falls and is pushed by the legs; C MuJoCo says how.
+
+    The law's targets move, too: a rate's target is one farther on, by the gains' ratio.
+    """
+    stiffness, damping = 60.0, 2.0
+    bare = dataclasses.replace(ROBOT.hardware, losses=Losses())
+    model = load_model(bare, timestep=PHYSICS, visual=False, feet_only=True)
+    model.dof_armature[6:] = four(TRUTH.armature)
+    data = mujoco.MjData(model)
+    data.qpos[2] = 50.0
+    steps, rows = round(0.002 / PHYSICS), 400
+    q, targets, rates, up, omega, force = (
+        np.empty((rows, n)) for n in (12, 12, 12, 3, 3, 3)
+    )
+    for row in range(rows):
+        phase = 20.0 * data.time + np.arange(12)
+        targets[row] = np.array(ROBOT.anatomy.stand) + 0.2 * np.sin(phase)
+        rates[row] = 4.0 * np.cos(phase)
+        q[row], omega[row] = data.qpos[7:], data.qvel[3:6]
+        trunk = data.body("trunk").xmat.reshape(3, 3).copy() if row else np.eye(3)
+        up[row], before = trunk[2], data.qvel[:3].copy()
+        for _ in range(steps):
+            slow = stiffness * (targets[row] - data.qpos[7:])
+            data.qfrc_applied[6:] = slow + damping * (rates[row] - data.qvel[6:])
+            mujoco.mj_step(model, data)
+        gained = (data.qvel[:3] - before) / 0.002
+        force[row] = trunk.T @ (gained - model.opt.gravity)
+    log = RobotLog(
+        time=0.002 * np.arange(rows),
+        q=q,
+        q_target=targets + damping / stiffness * rates,
+        qd_target=rates,
+        qd=None,
+        up=up,
+        omega=omega,
+        acceleration=force,
+        airborne=np.ones((rows, 4), bool),
+        hanging=False,
+    )
+    gains = GainNumbers(stiffness, damping)
+    strong = dataclasses.replace(bare, peak_torque=1e3)
+    free = TRUTH._replace(
+        torque_scale=np.ones(3),
+        no_load_speed=np.full(3, 1e4),
+        friction=np.zeros(3),
+        viscosity=np.zeros(3),
+        delay=np.array([1e-9]),
+    )
+    run = predictor(rig_of(strong, gains), 0.002)
+    weighed = dataclasses.replace(log, acceleration=9.81 * up)
+    with_it, without = (
+        np.sqrt(
+            np.mean(predicted_error(run, free, cut_windows(x, 0.05, 0.01))[-1] ** 2)
+        )
+        for x in (log, weighed)
+    )
+    assert with_it < 0.0002 < 0.004 < without
 
 
 def test_windows_keep_away_from_lost_rows(log_file):

@@ -161,7 +161,7 @@ def cut_windows(
         step=np.array(log.step),
         q=of_legs(log.q, 0, rows + 1),
         q_target=of_legs(log.q_target, -before, rows),
-        up=of_trunk(_smooth(log.up, log.step)[0]),
+        acceleration=of_trunk(_smooth(log.acceleration, log.step)[0]),
         spin=of_trunk(spin),
         turning=of_trunk(turning),
         start=start,

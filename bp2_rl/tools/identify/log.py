@@ -5,13 +5,16 @@ A log is a .csv or an .npz file, angles in rad, times in s. Columns of a .csv fi
     time               of each row
     q.JOINT            measured angle of each joint, by the joints' names
     q_target.JOINT     target of the joint's position loop, as it was applied
+    qd_target.JOINT    optional: target of its rate; without it 0
     qd.JOINT           optional: measured rate
     up.x, .y, .z       optional: the world's upward direction in the trunk's axes
     omega.x, .y, .z    optional: the trunk's angular velocity in its own axes, rad/s
+    acceleration.x ... optional: specific force at the trunk's origin in its axes, m/s2,
+                       as an accelerometer gives it: (0, 0, 9.81) of a level trunk at rest
     contact.LEG        optional: 0 while the foot of FR, FL, RR or RL swings freely
 
-An .npz file has the arrays `time`, `q`, `q_target`, `qd` (rows, 12) with the twelve names
-in `joint_names`, `up`, `omega` (rows, 3) and `contact` (rows, 4). The joints' names are
+An .npz file has the arrays `time`, `q`, `q_target`, `qd_target`, `qd` (rows, 12) with the twelve names
+in `joint_names`, `up`, `omega`, `acceleration` (rows, 3) and `contact` (rows, 4). The joints' names are
 the robot file's, whose signs and offsets then apply, or else bp2_rl's own (FR_abad).
 Without `contact` the robot hangs, and every leg is free.
 """
@@ -30,7 +33,7 @@ from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import read_bytes
 from bp2_rl.base.metric import metric
 from bp2_rl.robot.anatomy import Anatomy
-from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES
 
 LARGEST = 2**30  # bytes
 LARGEST_ANGLE = 4.0 * np.pi
@@ -43,9 +46,11 @@ DELAYS = np.arange(0.0, 0.0201, 2.5e-4)  # s, of qd behind q, that are tried
 ENDS: dict[str, Sequence[str]] = {
     "q": MOTOR_NAMES,
     "q_target": MOTOR_NAMES,
+    "qd_target": MOTOR_NAMES,
     "qd": MOTOR_NAMES,
     "up": "xyz",
     "omega": "xyz",
+    "acceleration": "xyz",
     "contact": LEGS,
 }
 """Columns that go together, and the ends of their names."""
@@ -59,9 +64,11 @@ class RobotLog:
     time: Float[np.ndarray, " rows"]  # s
     q: Float[np.ndarray, "rows 12"]  # rad
     q_target: Float[np.ndarray, "rows 12"]  # rad
+    qd_target: Float[np.ndarray, "rows 12"]  # rad/s
     qd: Float[np.ndarray, "rows 12"] | None  # rad/s
     up: Float[np.ndarray, "rows 3"]  # the world's z in the trunk's axes
     omega: Float[np.ndarray, "rows 3"]  # rad/s, of the trunk, in its axes
+    acceleration: Float[np.ndarray, "rows 3"]  # m/s2, specific force, in its axes
     airborne: Bool[np.ndarray, "rows 4"]  # whether a leg's foot is free
     hanging: bool
 
@@ -140,16 +147,20 @@ def _log(columns: Columns, anatomy: Anatomy) -> RobotLog:
     if names != own:
         signs, offsets = np.ones(12), np.zeros(12)
     angles = {what: _stacked(columns, what, names) for what in ("q", "q_target")}
-    qd = _stacked(columns, "qd", names) if _given(columns, "qd") else None
+    rates = {
+        what: signs * _stacked(columns, what, names)
+        for what in ("qd", "qd_target")
+        if _given(columns, what)
+    }
     for what in ("q", "q_target"):
         most = np.max(np.abs(angles[what]))
         if most > LARGEST_ANGLE:
             raise UserError(
                 f"{what} is up to {most:.0f} rad: give radians, not degrees"
             )
-    up, omega, contact = (
+    up, omega, acceleration, contact = (
         _stacked(columns, what, ENDS[what]) if _given(columns, what) else None
-        for what in ("up", "omega", "contact")
+        for what in ("up", "omega", "acceleration", "contact")
     )
     if contact is not None and (up is None or omega is None):
         raise UserError(
@@ -161,13 +172,22 @@ def _log(columns: Columns, anatomy: Anatomy) -> RobotLog:
         raise UserError(
             "`up` must be a vector of length 1 that points upwards: (0, 0, 1) of a level trunk"
         )
+    if acceleration is None:
+        acceleration = GRAVITY * up / length
+    mean = np.mean(acceleration, axis=0)
+    if not 0.5 * GRAVITY < mean[2] < 1.5 * GRAVITY:
+        raise UserError(
+            f"`acceleration` is {mean[2]:.1f} m/s2 along z in the mean: give the specific force, 9.81 of a level trunk at rest"
+        )
     return RobotLog(
         time=time - time[0],
         q=signs * angles["q"] + offsets,
         q_target=signs * angles["q_target"] + offsets,
-        qd=None if qd is None else signs * qd,
+        qd_target=rates.get("qd_target", np.zeros_like(angles["q"])),
+        qd=rates.get("qd"),
         up=up / length,
         omega=np.zeros((len(time), 3)) if omega is None else omega,
+        acceleration=acceleration,
         airborne=np.ones((len(time), 4), bool) if contact is None else contact < 0.5,
         hanging=contact is None,
     )

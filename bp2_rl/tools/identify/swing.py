@@ -3,10 +3,10 @@
 A leg whose foot touches nothing is a chain of three joints on a trunk whose motion was
 recorded. Its equations are the kernel's, with the trunk's turning given::
 
-    M_l qdd = torque - bias(q, qd, spin, up) - M_lt dspin/dt - friction
+    M_l qdd = torque - bias(q, qd, spin, f) - M_lt dspin/dt - friction
 
-Gravity acts along the recorded `up`; how the trunk's origin accelerates is not recorded
-and left out. A spring in the shank stays at rest.
+f is the specific force at the trunk's origin, which an accelerometer measures; where
+none was recorded, it is gravity's alone. A spring in the shank stays at rest.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
-from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector
+from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, scaled
 
 STEP = 1e-3
 """s, longest integration step, by the midpoint rule."""
@@ -32,6 +32,11 @@ LONGEST_DELAY = 0.02  # s, as of `Losses.latency`
 STOPPED = 0.7
 """Share of a joint's momentum that Coulomb friction takes in a step near rest: all of it
 could turn the motion round."""
+
+
+TRUNK_AXES = Rotation((1.0, ZERO, ZERO), (ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0))
+"""The equations are written in the trunk's axes: nothing depends on its attitude but the
+specific force."""
 
 
 class Motors(NamedTuple):
@@ -56,7 +61,7 @@ class Windows(NamedTuple):
     q_target: Float[
         arrays.Array, "before+rows 4 W 3"
     ]  # rad, from `before` rows earlier on
-    up: Float[arrays.Array, "rows 4 W 3"]
+    acceleration: Float[arrays.Array, "rows 4 W 3"]  # m/s2, specific force
     spin: Float[arrays.Array, "rows 4 W 3"]  # rad/s
     turning: Float[arrays.Array, "rows 4 W 3"]  # rad/s2, the spin's derivative
     start: Float[arrays.Array, "4 W 6"]  # rad and rad/s, estimated angles and rates
@@ -96,37 +101,36 @@ def predict(
     factors = jnp.concatenate([jnp.ones(2), jnp.ravel(links)])[:, None]
     masses = Masses.of(design, factors, jnp.zeros((3, 1)))
 
-    def acceleration(
-        q: Array, qd: Array, dt: Array, target: Array, trunk: list[Array]
-    ) -> Array:
+    def acceleration(q: Array, qd: Array, target: Array, trunk: list[Array]) -> Array:
         asked = pd_torque(drive, q, qd, target, jnp.zeros(()))
         torque = motors.torque_scale * jnp.clip(asked, *torque_limits(drive, qd))
         friction = motors.friction + rig.gear_loss * jnp.abs(torque)
         torque = torque - motors.viscosity * qd
-        up, spin, turning = trunk
+        force, spin, turning = trunk
         return _free_acceleration(
             Robots(design, masses, 1.0),
             _parts(q) + still,
             _parts(qd) + still,
             _parts(torque) + still,
             friction,
-            dt,
-            up,
+            longest,
+            force,
             spin,
             turning,
         )
 
-    rows, targets = len(windows.up), windows.q_target
+    longest = windows.step / substeps
+    rows, targets = len(windows.spin), windows.q_target
     late = len(targets) - rows - motors.delay[0] / windows.step
     first = jnp.clip(jnp.floor(late), 0, len(targets) - rows - 1)
-    spans = jnp.stack([1.0 - (late - first), late - first]) * windows.step / substeps
+    spans = jnp.stack([1.0 - (late - first), late - first]) * longest
 
     def advance(
         state: tuple[Array, Array], now: list[Array]
     ) -> tuple[tuple[Array, Array], Array]:
         (q, qd), (dt, target, *trunk) = state, now
-        middle = qd + 0.5 * dt * acceleration(q, qd, dt, target, trunk)
-        rate = acceleration(q + 0.5 * dt * qd, middle, dt, target, trunk)
+        middle = qd + 0.5 * dt * acceleration(q, qd, target, trunk)
+        rate = acceleration(q + 0.5 * dt * qd, middle, target, trunk)
         return (q + dt * middle, qd + dt * rate), q + dt * middle
 
     def each(x: Array) -> Array:
@@ -138,7 +142,7 @@ def predict(
     recorded = [
         jnp.tile(jnp.repeat(spans, substeps), rows),
         jnp.repeat(held, substeps, axis=0),
-        *(each(x) for x in (windows.up, windows.spin, windows.turning)),
+        *(each(x) for x in (windows.acceleration, windows.spin, windows.turning)),
     ]
     begun = start[..., :3], start[..., 3:]
     return jax.lax.scan(advance, begun, recorded)[1][2 * substeps - 1 :: 2 * substeps]
@@ -151,26 +155,27 @@ def _free_acceleration(
     torque: list[Number],
     friction: Array,
     dt: Array,
-    up: Array,
+    specific: Array,
     spin: Array,
     turning: Array,
 ) -> Array:
     """Return the accelerations of abad, hip and knee of legs that touch nothing; Coulomb
     friction does not turn a motion round within a step `dt`."""
-    design, masses, _ = robots
-    pose = RobotPose(_rotation(_vector(up)), Legs.of(design, masses, q))
+    gravity = scaled(-1.0, _vector(specific))
+    design, masses = dataclasses.replace(robots.design, gravity=gravity), robots.masses
+    pose = RobotPose(TRUNK_AXES, Legs.of(design, masses, q))
     inertia = inertia_matrix(FusionBarriers(None), robots, pose)
     velocity = GeneralizedVector([ZERO, ZERO, ZERO, *_vector(spin)], qd)
     applied = GeneralizedVector([ZERO] * 6, torque)
     force = smooth_force(design, masses, pose, q, velocity, applied).legs
-    turned = pose.rotation.to_world(_vector(turning))
     free: list[Number] = []
     for i, row in enumerate(inertia.coupling[:3]):
         stopping = STOPPED * inertia.legs[i][i] * qd[i] / dt
         most = friction[..., i]
         held = most * jnp.tanh(stopping / (most + 1e-6))
         trunk = sum(
-            coupled * turn for coupled, turn in zip(row[3:], turned, strict=True)
+            coupled * turn
+            for coupled, turn in zip(row[3:], _vector(turning), strict=True)
         )
         free.append(force[i] - held - trunk)
     # Cholesky's solution written out: LAPACK's, called from many threads, may wait for ever
@@ -184,14 +189,6 @@ def _free_acceleration(
     hip = y / second - turn * knee
     abad = free[0] / m[0][0] - across[0] * hip - across[1] * knee
     return jnp.stack(jnp.broadcast_arrays(abad, hip, knee), -1)
-
-
-def _rotation(up: Vector) -> Rotation:
-    """Return a rotation from the trunk's axes to the world's; its heading is free."""
-    x, y, z = up
-    across = jax.lax.rsqrt(1.0 - x * x)
-    forward = 1.0 / across, -x * y * across, -x * z * across
-    return Rotation(forward, (ZERO, z * across, -y * across), up)
 
 
 def _parts(x: Array) -> list[Number]:
