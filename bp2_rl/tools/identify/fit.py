@@ -235,10 +235,15 @@ def fit_motors(
     """
     guess = {name: np.asarray(x) for name, x in rig.guess._asdict().items()}
     sizes = np.cumsum([guess[name].size for name in free])
+    # a leg's own inertias are known before, and move that leg alone
+    own = np.concatenate(
+        [np.full(guess[name].size, name == "inertia") for name in free]
+    )
     swings = len(np.unique(np.asarray(windows.swing)[np.asarray(windows.kept)]))
-    if swings < ENOUGH * sizes[-1]:
+    least = ENOUGH * np.sum(~own)
+    if swings < least:
         raise UserError(
-            f"{swings} swings are too few for {sizes[-1]} numbers: record {ENOUGH * sizes[-1]} or more"
+            f"{swings} swings are too few for {np.sum(~own)} numbers: record {least} or more"
         )
 
     def motors(u: jax.Array) -> Motors:
@@ -265,10 +270,6 @@ def fit_motors(
 
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)
-    # a leg's own inertias are unknowns that move that leg alone: one way for all legs
-    own = np.concatenate(
-        [np.full(guess[name].size, name == "inertia") for name in free]
-    )
     prior = np.where(own, INERTIA**-2.0, 0.0)
     legs, joints = np.divmod(np.cumsum(own) - 1, 3)
     of_leg = ~own | (legs == np.arange(4)[:, None])
