@@ -11,15 +11,18 @@ import itertools
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, save_figure, styled
+from bp2_rl.env.observations import sense
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.named import find_robot_file
 from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.rollout import rollout
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import steady_window
 from bp2_rl.tools.identify.log import read_log
 
 SPEED, HOLD = 5.0, 8.0  # m/s, s
@@ -84,11 +87,8 @@ def main(log_file: str, policy: str, picture: str) -> None:
     """Read a log, run a policy, and draw both."""
     log = read_log(Path(log_file), find_robot_file("black_panther").anatomy)
     run = rollout(load_policy(policy), Ramp(SPEED, hold=HOLD))
-    held = run.between(run.steady_from, run.time[-1])
-    w, x, y, z = held.qpos[:, 3:7].T
-    up = np.stack(
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], -1
-    )
+    held = steady_window(run)
+    measured = jax.vmap(sense)(held.qpos, held.qvel)
     free = ~contacts(held)[:, 0]
     sources = {
         "recorded": (
@@ -104,8 +104,8 @@ def main(log_file: str, policy: str, picture: str) -> None:
             free,
             held.joint_position,
             held.joint_velocity,
-            up,
-            held.qvel[:, 3:6],
+            np.asarray(measured.up),
+            np.asarray(measured.angular_velocity),
         ),
     }
     gaits = {}

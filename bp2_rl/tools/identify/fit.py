@@ -240,10 +240,10 @@ def fit_motors(
         [np.full(guess[name].size, name == "inertia") for name in free]
     )
     swings = len(np.unique(np.asarray(windows.swing)[np.asarray(windows.kept)]))
-    least = ENOUGH * np.sum(~own)
-    if swings < least:
+    needed = ENOUGH * np.sum(~own)
+    if swings < needed:
         raise UserError(
-            f"{swings} swings are too few for {np.sum(~own)} numbers: record {least} or more"
+            f"{swings} swings are too few for {np.sum(~own)} numbers: record {needed} or more"
         )
 
     def motors(u: jax.Array) -> Motors:
