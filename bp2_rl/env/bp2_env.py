@@ -377,7 +377,7 @@ def _make_engine(
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)
-    if config.terrain.kind not in ("flat", "slope"):
+    if config.terrain.kind != "flat":
         raise UserError(
             f"--impl {impl} has flat ground and slopes alone: for terrain.kind {config.terrain.kind} use --impl kernel"
         )

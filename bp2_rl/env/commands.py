@@ -149,14 +149,16 @@ def advance(
 
     Before a new target is drawn, the level rises if the robot was commanded near its
     limit for long enough and followed within tolerance. What it follows far from the
-    limit says nothing about the limit.
+    limit says nothing about the limit. Where the limit does not rise, the level is that
+    of the ground alone, and all commands count.
     """
     dt, curriculum = conventions.CONTROL_STEP, config.curriculum
     top = max_forward_at(level, config)
     rate = jnp.stack(
         [state.acceleration, *(jnp.asarray(config.commands.turn_acceleration),) * 2]
     )
-    near = state.current[0] >= curriculum.near * top
+    everywhere = curriculum.start_speed is None
+    near = state.current[0] >= (0.0 if everywhere else curriculum.near) * top
     reached = state.current[0] == state.target[0]
     asked = approach(state.current, state.target, rate * dt)
     current = config.control.tell(state.current, asked)

@@ -35,7 +35,7 @@ from bp2_rl.robot.observation import (
 )
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.task import user_code
-from bp2_rl.settings.terrain import TerrainKind
+from bp2_rl.settings.terrain import TerrainConfig
 
 if TYPE_CHECKING:
     from bp2_rl.env.episode import PipelineState
@@ -108,13 +108,16 @@ SCAN = Mirror(
     tuple(3 * i + j for i in range(len(AHEAD)) for j in (2, 1, 0)),
     (1,) * 3 * len(AHEAD),
 )
-GROUND: dict[TerrainKind, tuple[Entry[Unsensed], ...]] = {
-    "flat": (),
-    "rough": (Entry("ground", SCAN, _scan),),
-    "waves": (Entry("ground", SCAN, _scan),),
-    "slope": (Entry("vertical", VECTOR, _vertical),),
-}
-"""What the critic sees of each kind of ground, after all else."""
+
+
+def _entries_of_ground(config: TerrainConfig) -> list[Entry[Unsensed]]:
+    """Return what the critic sees of the ground."""
+    seen = []
+    if config.kind != "flat":
+        seen.append(Entry("ground", SCAN, _scan))
+    if config.slope[1]:
+        seen.append(Entry("vertical", VECTOR, _vertical))
+    return seen
 
 
 def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
@@ -128,9 +131,10 @@ def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
 
 
 def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
-    """Return the entries that the critic alone sees: `PRIVILEGED`, then
-    `GROUND`, then the task's."""
-    return (*PRIVILEGED, *GROUND[config.terrain.kind], *config.task.task.privileged)
+    """Return the entries that the critic alone sees: `PRIVILEGED`, then the ground's,
+    then the task's."""
+    ground = _entries_of_ground(config.terrain)
+    return (*PRIVILEGED, *ground, *config.task.task.privileged)
 
 
 def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:

@@ -108,20 +108,27 @@ def with_terrain(
 ) -> Randomization:
     """Return the robot on a ground that is drawn at a curriculum level; a slope rises
     in any direction."""
+    key_size, key_cell, key_place, key_slope, key_way = jax.random.split(key, 5)
+
+    def drawn(key: Array, bounds: Range) -> Array:
+        least, most = bounds
+        most = least + level * (most - least)
+        return jax.random.uniform(key, minval=least, maxval=most)
+
+    if config.slope[1]:
+        way = jax.random.uniform(key_way, maxval=2.0 * jnp.pi)
+        slope = drawn(key_slope, config.slope)
+        ahead, beside = jnp.sin(slope) * jnp.cos(way), jnp.sin(slope) * jnp.sin(way)
+        down = -conventions.GRAVITY * jnp.stack([ahead, beside, jnp.cos(slope)])
+        robot = robot.replace(gravity=down)
     if config.kind == "flat":
         return robot
-    key_size, key_cell, key_place = jax.random.split(key, 3)
-    least, most = config.size
-    most = least + level * (most - least)
-    size = jax.random.uniform(key_size, minval=least, maxval=most)
-    if config.kind == "slope":
-        way = jax.random.uniform(key_place, maxval=2.0 * jnp.pi)
-        up = jnp.sin(size) * jnp.cos(way), jnp.sin(size) * jnp.sin(way), jnp.cos(size)
-        return robot.replace(gravity=-conventions.GRAVITY * jnp.stack(up))
     grid, (low, high) = shared_grid(config.kind), config.cell
     column, row = jax.random.uniform(key_place, (2,), maxval=len(grid.heights))
     cell = jax.random.uniform(key_cell, minval=low, maxval=high)
-    return robot.replace(ground=Ground(grid, size, cell, column, row))
+    return robot.replace(
+        ground=Ground(grid, drawn(key_size, config.size), cell, column, row)
+    )
 
 
 def push(

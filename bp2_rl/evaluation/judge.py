@@ -136,7 +136,7 @@ def measure_launches(
     Where `kept` names a file, the last `length` seconds of the first launch are saved
     there.
     """
-    world = World.on(env.terrain.hardest)
+    world = World(env.terrain.hardest)
     requests = [
         RunRequest(
             one.ramp(env),

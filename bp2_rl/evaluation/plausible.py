@@ -128,8 +128,8 @@ def on_the_belt(values: Values) -> HardwareSpec:
 
 def road(values: Values) -> World:
     """Return the ground of the robot's run outdoors."""
-    rough = Terrain("rough", values["roughness"] / 2.0, cell=0.1)
-    return World(slope=values["slope"], terrain=rough)
+    roughness, slope = values["roughness"] / 2.0, values["slope"]
+    return World(Terrain("rough", roughness, cell=0.1, slope=slope))
 
 
 # --- What such robots run -------------------------------------------------------------

@@ -84,14 +84,15 @@ class CommandConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CurriculumConfig:
-    """Per-robot speed curriculum: commands tracked near a robot's limit raise that
-    limit, falls lower it."""
+    """Per-robot curriculum of speed and ground: commands tracked near a robot's limit
+    raise its level, falls lower it."""
 
     start_speed: Extent | None = None
     """m/s, fastest forward command at level 0 (level 1: commands.max_forward); None:
     all commands from the start on"""
-    # what counts is the time at commands above this share of the limit
     near: BelowOne = 0.9
+    """with a start speed, what counts is the time at commands above this share of the
+    limit"""
     evidence: Amount = 0.5  # s of such time at least, between two draws
     tolerance: Extent = 0.1  # of (1 m/s + limit), for the mean speed error in that time
     raise_by: BelowOne = 0.15

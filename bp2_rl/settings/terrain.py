@@ -6,16 +6,11 @@ from typing import Annotated, Literal, get_args
 from bp2_rl.base.bounds import Bounded, Range, Within
 from bp2_rl.base.errors import UserError
 
-TerrainKind = Literal["flat", "rough", "waves", "slope"]
+TerrainKind = Literal["flat", "rough", "waves"]
 """rough: heights drawn evenly at the points of a grid, planes between them. waves:
-along x and y, each eight cells long. slope: a plane, over which gravity tilts."""
-KINDS: dict[TerrainKind, float] = {
-    "flat": 0.0,
-    "rough": 0.2,
-    "waves": 0.2,
-    "slope": 0.5,
-}
-"""The kinds of ground with their largest sizes: an amplitude, m, or an angle, rad."""
+along x and y, each eight cells long."""
+LARGEST: dict[TerrainKind, float] = {"flat": 0.0, "rough": 0.2, "waves": 0.2}
+"""The kinds of ground with their largest sizes, m."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,28 +18,31 @@ class Terrain(Bounded, path="terrain."):
     """The ground of one run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
-    # m: heights are within this of the start's; of a slope rad, positive where the
-    # ground rises ahead
-    size: float = 0.0
+    size: float = 0.0  # m: heights are within this of the start's
     # m, between the points of the grid
     cell: Annotated[float, Within(0.05, 1.0)] = 0.2
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of rough ground
+    # rad, by which the ground rises along x, whatever its kind: gravity tilts
+    slope: Annotated[float, Within(-0.5, 0.5)] = 0.0
 
     def __post_init__(self) -> None:
         """Raise `UserError` for values out of bounds."""
         super().__post_init__()
-        most = KINDS[self.kind]
-        least = -most if self.kind == "slope" else 0.0
-        if not least <= self.size <= most:
+        most = LARGEST[self.kind]
+        if not 0.0 <= self.size <= most:
             raise UserError(
-                f"terrain.size must be from {least:g} to {most:g} for {self.kind}, got {self.size:g}"
+                f"terrain.size must be from 0 to {most:g} for {self.kind}, got {self.size:g}"
             )
 
     def __str__(self) -> str:
         """Describe the ground in a few words."""
-        if self.kind == "slope":
-            return f"slope of {self.size:g} rad"
-        return f"{self.kind}, within {self.size:g} m of the start's height, points {self.cell:g} m apart, seed {self.seed}"
+        rising = f", slope of {self.slope:g} rad" if self.slope else ""
+        if self.kind == "flat":
+            return f"flat{rising}"
+        return (
+            f"{self.kind}, within {self.size:g} m of the start's height, points {self.cell:g} m apart, seed "
+            f"{self.seed}{rising}"
+        )
 
     @classmethod
     def of(cls, text: str) -> "Terrain":
@@ -60,9 +58,11 @@ class Terrain(Bounded, path="terrain."):
             numbers = [float(word) for word in words]
         except ValueError:
             kind, numbers = None, []
+        if name == "slope" and len(numbers) == 1:
+            return cls(slope=numbers[0])
         if kind is None or len(numbers) > 2 or (kind == "flat") == bool(numbers):
             raise UserError(
-                "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and slope, such as "
+                "--terrain takes flat, slope:ANGLE, KIND:SIZE or KIND:SIZE:CELL, KIND rough or waves, such as "
                 f"rough:0.05; got {text}"
             )
         size, cell, *_ = [*numbers, cls.cell] if numbers else [0.0, cls.cell]
@@ -80,22 +80,22 @@ class Terrain(Bounded, path="terrain."):
 class TerrainConfig:
     """The ground of training: flat, or drawn for each robot at each reset.
 
-    A robot's size is drawn evenly between the least one and a most that rises with the
-    robot's curriculum level, from the least at level 0 to the greatest at level 1.
+    A robot's size and slope are drawn evenly between the least one and a most that rises
+    with the robot's curriculum level, from the least at level 0 to the greatest at level
+    1.
     """
 
     kind: TerrainKind = "flat"
-    size: Annotated[Range, Within(0.0, 0.5)] = (0.0, 0.04)
-    """least and greatest amplitude of rough ground and waves, m, or angle of a slope,
-    rad"""
+    # m, amplitude of ground that is not flat
+    size: Annotated[Range, Within(0.0, 0.2)] = (0.0, 0.04)
+    # m, between the points of the grid
     cell: Annotated[Range, Within(0.05, 1.0)] = (0.15, 0.4)
-    """m, between the points of the grid"""
+    slope: Annotated[Range, Within(0.0, 0.5)] = (0.0, 0.0)
+    """rad, by which the ground of any kind rises in a direction that is drawn"""
 
     @property
     def hardest(self) -> Terrain:
-        """The ground of the greatest size, with cells of the mean size."""
-        return Terrain(
-            self.kind,
-            self.size[1] if self.kind != "flat" else 0.0,
-            sum(self.cell) / 2.0,
-        )
+        """The ground of the greatest size and slope, uphill, with cells of the mean
+        size."""
+        size = 0.0 if self.kind == "flat" else self.size[1]
+        return Terrain(self.kind, size, sum(self.cell) / 2.0, slope=self.slope[1])

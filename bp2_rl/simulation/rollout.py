@@ -114,7 +114,7 @@ def rollout(
         UserError: as `simulate` does, for a schedule that does not last, and where there is no such robot.
 
     Examples:
-        >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(Terrain(slope=0.05)))
         >>> run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)

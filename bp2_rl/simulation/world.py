@@ -52,17 +52,8 @@ class World(Bounded, path="world."):
     them ends before the field does.
     """
 
-    # rad, by which the ground rises along x
-    slope: Annotated[float, Within(-0.5, 0.5)] = 0.0
-    terrain: Terrain = Terrain()  # rough, waves, or flat
+    terrain: Terrain = Terrain()
     pushes: tuple[Push, ...] = ()
-
-    @classmethod
-    def on(cls, terrain: Terrain) -> "World":
-        """Return the world with this ground."""
-        if terrain.kind == "slope":
-            return cls(slope=terrain.size)
-        return cls(terrain=terrain)
 
     @property
     def ground(self) -> Ground | None:
@@ -81,9 +72,9 @@ class World(Bounded, path="world."):
 
     def tilt(self, model: mujoco.MjModel) -> None:
         """Tilt the model's gravity, which stands for the slope."""
-        if self.slope != 0.0:
+        if slope := self.terrain.slope:
             model.opt.gravity[:] = conventions.GRAVITY * np.array(
-                [-np.sin(self.slope), 0.0, -np.cos(self.slope)]
+                [-np.sin(slope), 0.0, -np.cos(slope)]
             )
 
     def push(self, data: mujoco.MjData, step: int) -> None:
@@ -137,11 +128,11 @@ def sensed_pose(
             start.
         time: s, since then.
     """
-    if world.slope == 0.0 and gyro_bias == 0.0:
+    if world.terrain.slope == 0.0 and gyro_bias == 0.0:
         return qpos
     sensed = qpos.copy()
     for axis, angle in (
-        ((0.0, 1.0, 0.0), -world.slope),
+        ((0.0, 1.0, 0.0), -world.terrain.slope),
         ((0.0, 0.0, 1.0), gyro_bias * time),
     ):
         turn = np.zeros(4)

@@ -43,7 +43,7 @@ ASSUMED = {
 
 def test_the_built_robots_values_give_the_built_robot():
     assert plausible_robot(ASSUMED) == BUILT
-    assert road(ASSUMED) == World(slope=0.01, terrain=Terrain("rough", 0.01, cell=0.1))
+    assert road(ASSUMED) == World(Terrain("rough", 0.01, cell=0.1, slope=0.01))
     outside = {
         name
         for name, value in ASSUMED.items()

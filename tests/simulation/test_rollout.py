@@ -289,7 +289,11 @@ def test_both_simulators_run_the_same_trot(trot_in_both):
 
 
 @pytest.mark.parametrize(
-    "other", [{"world": World(slope=0.1)}, {"drawn": Draw(RandomizationConfig(), 0, 0)}]
+    "other",
+    [
+        {"world": World(Terrain(slope=0.1))},
+        {"drawn": Draw(RandomizationConfig(), 0, 0)},
+    ],
 )
 def test_mjx_refuses_what_it_does_not_run(other):
     with pytest.raises(UserError, match="MJX runs robots as designed on level ground"):

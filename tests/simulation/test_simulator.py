@@ -53,7 +53,7 @@ REQUESTS = (
         name="slippery, steered astray",
     ),
     RunRequest(RAMP, LATE, name="late"),
-    RunRequest(RAMP, BUILT, world=World(slope=0.05), name="uphill"),
+    RunRequest(RAMP, BUILT, world=World(Terrain(slope=0.05)), name="uphill"),
     RunRequest(
         RAMP,
         BUILT,

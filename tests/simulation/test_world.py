@@ -40,7 +40,7 @@ def stand(seconds=0.3, **given):
 def test_a_robot_in_flight_over_a_slope_falls_along_it():
     """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with
     its legs."""
-    simulator = settled([RobotSetup(STANDING, World(slope=SLOPE))])
+    simulator = settled([RobotSetup(STANDING, World(Terrain(slope=SLOPE)))])
     model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] += 1.0
     mujoco.mj_forward(model, data)
@@ -57,7 +57,7 @@ def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction)
     """a = -g (sin - mu cos) if it slides; with enough friction it stays, but for the
     sway of its legs."""
     slippery = dataclasses.replace(IDEAL, friction=friction)
-    run = stand(0.6, hardware=slippery, world=World(slope=SLOPE))
+    run = stand(0.6, hardware=slippery, world=World(Terrain(slope=SLOPE)))
     late = run.between(0.3, 0.6)
     acceleration = (late.qvel[-1, 0] - late.qvel[0, 0]) / (late.time[-1] - late.time[0])
     slides = min(-GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE)), 0.0)
@@ -70,7 +70,8 @@ def test_sensors_on_a_slope_know_the_true_vertical():
     level = np.zeros(23)
     level[3] = 1.0
     up = sense(
-        jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)
+        jnp.asarray(sensed_pose(level, World(Terrain(slope=SLOPE)), 0.0, 0.0)),
+        jnp.zeros(22),
     ).up
     np.testing.assert_allclose(up, (math.sin(SLOPE), 0.0, math.cos(SLOPE)), atol=1e-6)
 
@@ -113,8 +114,8 @@ def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
 
 
 def test_a_run_ends_before_its_ground_does():
-    assert World.on(Terrain("waves", 0.02)).end == 234.0
-    assert World.on(Terrain("slope", 0.1)).end == LEVEL.end == math.inf
+    assert World(Terrain("waves", 0.02)).end == 234.0
+    assert World(Terrain(slope=0.1)).end == LEVEL.end == math.inf
 
 
 @pytest.mark.parametrize(
@@ -123,18 +124,18 @@ def test_a_run_ends_before_its_ground_does():
         ("flat", LEVEL),
         ("rough:0.05", World(terrain=Terrain("rough", 0.05))),
         ("waves:0.03:0.4", World(terrain=Terrain("waves", 0.03, cell=0.4))),
-        ("slope:-0.1", World(slope=-0.1)),
+        ("slope:-0.1", World(Terrain(slope=-0.1))),
     ],
 )
 def test_a_ground_is_named_by_its_kind_and_size(text, world):
-    assert World.on(Terrain.of(text)) == world
+    assert World(Terrain.of(text)) == world
 
 
 @pytest.mark.parametrize(
     "text", ["", "rough", "hill:1", "rough:x", "flat:0", "rough:0.1:0.2:3", ":0.1"]
 )
 def test_what_names_no_ground_is_refused_in_a_line(text):
-    with pytest.raises(UserError, match="--terrain takes flat, or KIND:SIZE"):
+    with pytest.raises(UserError, match="--terrain takes flat, slope:ANGLE, KIND:SIZE"):
         Terrain.of(text)
 
 
@@ -144,7 +145,7 @@ def test_seeds_lay_other_ground():
     assert np.mean(one != other) > 0.9
     last = Terrain("rough", 0.01, seed=2**32 - 1)
     assert last.another(3).seed == 2
-    assert Terrain("slope", 0.1).another(3) == Terrain("slope", 0.1)
+    assert Terrain(slope=0.1).another(3) == Terrain(slope=0.1)
 
 
 # --- Pushes ---------------------------------------------------------------------------
@@ -208,10 +209,9 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
 @pytest.mark.parametrize(
     ("named", "impossible"),
     [
-        ("world.slope", lambda: World(slope=1.0)),
         ("terrain.size", lambda: Terrain("rough", -0.01)),
         ("terrain.size", lambda: Terrain("rough", math.nan)),
-        ("terrain.size", lambda: Terrain("slope", -0.6)),
+        ("terrain.slope", lambda: Terrain(slope=-0.6)),
         ("terrain.size", lambda: Terrain("flat", 0.1)),
         ("terrain.cell", lambda: Terrain("rough", 0.01, cell=0.01)),
         ("terrain.seed", lambda: Terrain("rough", 0.01, seed=-1)),

@@ -152,7 +152,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
-    world, numerics = World.on(setup.ground), Numerics(drake=setup.drake)
+    world, numerics = World(setup.ground), Numerics(drake=setup.drake)
     request = RunRequest(ramp, robot, setup.operator, world, numerics=numerics)
     run = run_fleet(policy, request, drawn, count, seed, setup.backend)
     metrics = fleet_metrics(run)

@@ -54,7 +54,7 @@ def run_once(
         ramp,
         robot_of(policy, setup),
         setup.operator,
-        World.on(setup.ground),
+        World(setup.ground),
         finish=finish,
         noise_seed=setup.noise_seed,
         numerics=Numerics(drake=setup.drake),

@@ -180,7 +180,7 @@ def all_manoeuvres(
             running(
                 group="Slope",
                 asked=f"{way} {slope:g}°",
-                world=World(slope=math.radians(sign * slope)),
+                world=World(Terrain(slope=math.radians(sign * slope))),
             )
             for way, sign in (("up", 1.0), ("down", -1.0))
             for slope in SLOPES

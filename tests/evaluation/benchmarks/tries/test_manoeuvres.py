@@ -140,7 +140,7 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
     assert [2.0 * terrain.size for terrain in rough] == [0.01, 0.02, 0.03]
     assert {terrain.seed for terrain in rough} == {3}
     np.testing.assert_allclose(
-        [math.degrees(m.world.slope) for m in group(asked, "Slope")],
+        [math.degrees(m.world.terrain.slope) for m in group(asked, "Slope")],
         (2.0, 4.0, -2.0, -4.0),
     )
 
