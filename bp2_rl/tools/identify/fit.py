@@ -44,6 +44,8 @@ NOISE = (3e-3, 6e-3, 6e-3)
 HUBER = 2.0
 VANISHED = 0.02
 """Share of its guess below which a number is 0."""
+HIGHEST = {"corner_share": 0.98}
+"""The highest numbers that a fit tries: the envelope must fall over some speeds."""
 INFORMATIVE = 1e-7
 """Share of the greatest information, below which the windows say nothing of a number."""
 MODEL, MODEL_DELAY = 0.004, 3e-5
@@ -252,8 +254,7 @@ def fit_motors(
             name: guess[name] * jnp.exp(part.reshape(guess[name].shape))
             for name, part in parts
         }
-        tried = Motors(**(guess | changed))
-        return tried._replace(corner_share=jnp.minimum(tried.corner_share, 0.98))
+        return Motors(**(guess | changed))
 
     def residual(u: jax.Array, start: jax.Array, windows: Windows) -> jax.Array:
         q = predict(rig, motors(u), start, windows, substeps)
@@ -270,6 +271,9 @@ def fit_motors(
 
     derivatives = jax.jit(partial(_derivatives, residual))
     u, start = np.zeros(sizes[-1]), np.array(windows.start)
+    highest = np.concatenate(
+        [np.log(HIGHEST.get(name, math.inf) / guess[name].ravel()) for name in free]
+    )
     prior = np.where(own, INERTIA**-2.0, 0.0)
     legs, joints = np.divmod(np.cumsum(own) - 1, 3)
     of_leg = ~own | (legs == np.arange(4)[:, None])
@@ -294,10 +298,11 @@ def fit_motors(
         gain = 0.0
         while damping < 1e6:
             du, dstart = normal.step(damping)
-            tried = cost(u + du, start + dstart)
+            moved = np.minimum(u + du, highest)
+            tried = cost(moved, start + dstart)
             if tried < least:
                 gain, least = least - tried, tried
-                u, start = u + du, start + dstart
+                u, start = moved, start + dstart
                 break
             damping *= 8.0
         calm = calm + 1 if gain < SETTLED * least else 0
