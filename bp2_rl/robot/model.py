@@ -34,6 +34,9 @@ SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
 
 
+DOWN = np.array((0.0, 0.0, -1.0))
+GROUND = np.array((1, 0, 0, 0, 0, 0), np.uint8)
+"""The groups of geoms that are ground: the first alone."""
 FAR = 1e3
 """Length beyond any spring's end, m."""
 
@@ -68,14 +71,7 @@ def load_model(
     Raises:
         ModelError: MuJoCo cannot compile a model with these parameters.
     """
-    spec = _on_the_ground(hardware, timestep, feet_only)
-    if not visual:
-        _drop_visuals(spec)
-    if feet_only:
-        for name in TRUNK_GEOMS:
-            spec.geom(name).conaffinity = 0
-    if weighed:
-        _weigh(spec)
+    spec = _scene(hardware, timestep, visual, feet_only, weighed).copy()
     if scene is not None:
         scene(spec)
     try:
@@ -92,6 +88,27 @@ def model_xml(hardware: HardwareSpec = IDEAL) -> str:
     spec = _on_the_ground(hardware, PHYSICS_STEP, feet_only=False)
     spec.compile()
     return spec.to_xml()
+
+
+@functools.lru_cache(maxsize=8)
+def _scene(
+    hardware: HardwareSpec,
+    timestep: float,
+    visual: bool,
+    feet_only: bool,
+    weighed: bool,
+) -> mujoco.MjSpec:
+    """Return the scene of `load_model` on flat ground, for many grounds to be laid in
+    copies of it."""
+    spec = _on_the_ground(hardware, timestep, feet_only)
+    if not visual:
+        _drop_visuals(spec)
+    if feet_only:
+        for name in TRUNK_GEOMS:
+            spec.geom(name).conaffinity = 0
+    if weighed:
+        _weigh(spec)
+    return spec
 
 
 def _on_the_ground(
@@ -165,6 +182,24 @@ def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3
     ]
 
 
+def ground_geoms(model: mujoco.MjModel) -> list[int]:
+    """Return the geoms of ground that is not flat."""
+    of_ground = (model.geom_bodyid == 0) & (model.geom_group == 0)
+    flat = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    return np.flatnonzero(of_ground & ~flat).tolist()
+
+
+def field_of(
+    model: mujoco.MjModel, field: int
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "rows columns"]]:
+    """Return the half lengths along x and y of a field of heights, and its heights over
+    its geoms' places, m; rows are along y."""
+    first, half = model.hfield_adr[field], model.hfield_size[field]
+    rows, columns = model.hfield_nrow[field], model.hfield_ncol[field]
+    shares = model.hfield_data[first : first + rows * columns]
+    return half[:2], half[2] * shares.reshape(rows, columns)
+
+
 def mesh_of(
     model: mujoco.MjModel, mesh: int
 ) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
@@ -184,6 +219,12 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     which the next step overwrites.
     """
     return data.sensordata.reshape(len(LEGS), 3)
+
+
+def height_over_ground(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the height of the trunk's centre over the ground below it, m; -1 where
+    there is no ground, or the trunk is in it."""
+    return mujoco.mj_ray(model, data, data.qpos[:3], DOWN, GROUND, True, -1, None)
 
 
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:

@@ -356,14 +356,11 @@ def settled(
     """Return a simulator whose robots stand at rest on their feet at the origin.
 
     Each kind of robot is settled once in a process, by C MuJoCo with the usual
-    numerics, as it was designed; `engine` then takes it over.
+    numerics, as it was designed; `engine` then takes it over. Grounds that differ in
+    their seeds alone are alike around the start.
     """
     kinds = [
-        (
-            RobotSetup(one.config, dataclasses.replace(one.world, pushes=())),
-            SETTLING_TIME,
-        )
-        for one in robots
+        (RobotSetup(one.config, one.world.unseeded), SETTLING_TIME) for one in robots
     ]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:
