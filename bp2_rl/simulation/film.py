@@ -119,7 +119,7 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     A flat scene repeats itself every metre, so the robot is shown by whole metres nearer
     to its middle than it ran.
     """
-    model = load_model(run.hardware, scene=World(terrain=run.terrain).scene())
+    model = load_model(run.hardware, scene=World(run.terrain).lay)
     if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024

@@ -94,9 +94,8 @@ class RobotSetup:
     def model(self) -> mujoco.MjModel:
         """Return the robot's MuJoCo model, which reports the forces on its feet."""
         model = load_model(
-            self.config.hardware, visual=False, weighed=True, scene=self.world.scene()
+            self.config.hardware, visual=False, weighed=True, scene=self.world.lay
         )
-        self.world.tilt(model)
         self.numerics.apply(model)
         if self.drawn:
             self.drawn.change_model(model, self.config.hardware)
