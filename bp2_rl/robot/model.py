@@ -82,10 +82,16 @@ def load_model(
         ) from error
 
 
-def model_xml(hardware: HardwareSpec = IDEAL) -> str:
+def model_xml(
+    hardware: HardwareSpec = IDEAL,
+    *,
+    scene: Callable[[mujoco.MjSpec], None] | None = None,
+) -> str:
     """Write the model that `load_model` compiles as one text of MJCF, with numbers to
     six digits."""
     spec = _on_the_ground(hardware, PHYSICS_STEP, feet_only=False)
+    if scene is not None:
+        scene(spec)
     spec.compile()
     return spec.to_xml()
 

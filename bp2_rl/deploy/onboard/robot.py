@@ -22,11 +22,14 @@ from .link import COMMAND, SENSORS, BadLink
 
 DT = 1e-3  # s
 TICK = 5  # ms between two measurements
+DOWN = np.array([0.0, 0.0, -1.0])
+GROUND = np.array([1, 0, 0, 0, 0, 0], np.uint8)  # of MuJoCo's groups of geoms
 FAULTS = ("", "nan", "silence", "operator")
 
 
 class SimulatedRobot:
-    """A robot simulated in C MuJoCo on flat ground, which starts standing at rest.
+    """A robot simulated in C MuJoCo on the bundle's ground, which starts standing at
+    rest.
 
     Args:
         folder: the bundle.
@@ -55,6 +58,8 @@ class SimulatedRobot:
             self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
             self.data = mujoco.MjData(self.model)
+            gravity = self.model.opt.gravity
+            self._up = -gravity / np.linalg.norm(gravity)  # tilted on a slope
             joints = [self.model.joint(joint) for joint in settings["joints"]]
             self._q = np.array([joint.qposadr[0] for joint in joints])
             self._qd = np.array([joint.dofadr[0] for joint in joints])
@@ -64,8 +69,12 @@ class SimulatedRobot:
 
     @property
     def fallen(self) -> bool:
-        """Return whether the robot has fallen, by its height and tilt."""
-        height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
+        """Return whether the robot has fallen, by its height over the ground and its
+        tilt."""
+        height = mujoco.mj_ray(
+            self.model, self.data, self.data.qpos[:3], DOWN, GROUND, True, -1, None
+        )
+        up = self.data.xmat[1].reshape(3, 3)[2, 2]
         return not (height >= self._fall["height"] and up >= self._fall["up"])
 
     @property
@@ -81,8 +90,9 @@ class SimulatedRobot:
         """Return the 30 numbers of encoders and IMU: joint positions and velocities,
         up, angular velocity."""
         qpos, qvel = self.data.qpos, self.data.qvel
-        w, x, y, z = qpos[3:7]
-        up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        to_trunk, up = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(to_trunk, qpos[3:7])
+        mujoco.mju_rotVecQuat(up, self._up, to_trunk)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
     def millisecond(self, targets: DriveTargets) -> None:
