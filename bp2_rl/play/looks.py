@@ -112,11 +112,12 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 
 def _field(
-    half: Float[np.ndarray, "2"], heights: Float[np.ndarray, "rows columns"]
+    x: Float[np.ndarray, " columns"],
+    y: Float[np.ndarray, " rows"],
+    heights: Float[np.ndarray, "rows columns"],
 ) -> trimesh.Trimesh:
     """Return a field of heights, whose cells are split as MuJoCo splits them."""
     rows, columns = heights.shape
-    x, y = (np.linspace(-a, a, n) for a, n in zip(half, (columns, rows), strict=True))
     points = np.stack([*np.meshgrid(x, y), heights], axis=-1).reshape(-1, 3)
     near = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].reshape(-1, 1)
     far = near + columns + 1

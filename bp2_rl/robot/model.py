@@ -197,13 +197,22 @@ def ground_geoms(model: mujoco.MjModel) -> list[int]:
 
 def field_of(
     model: mujoco.MjModel, field: int
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "rows columns"]]:
-    """Return the half lengths along x and y of a field of heights, and its heights over
-    its geoms' places, m; rows are along y."""
-    first, half = model.hfield_adr[field], model.hfield_size[field]
+) -> tuple[
+    Float[np.ndarray, " columns"],
+    Float[np.ndarray, " rows"],
+    Float[np.ndarray, "rows columns"],
+]:
+    """Return the points along x and along y of a field of heights, and its heights
+    there, m, in the frame of its geoms."""
+    length, breadth, most, _ = model.hfield_size[field]
     rows, columns = model.hfield_nrow[field], model.hfield_ncol[field]
+    first = model.hfield_adr[field]
     shares = model.hfield_data[first : first + rows * columns]
-    return half[:2], half[2] * shares.reshape(rows, columns)
+    return (
+        np.linspace(-length, length, columns),
+        np.linspace(-breadth, breadth, rows),
+        most * shares.reshape(rows, columns),
+    )
 
 
 def mesh_of(

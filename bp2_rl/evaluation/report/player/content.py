@@ -10,16 +10,26 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
+from bp2_rl.robot.ground import over_ground
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.model import SOLE_SITES, load_model, mesh_of, visible_geoms
+from bp2_rl.robot.model import (
+    SOLE_SITES,
+    field_of,
+    ground_geoms,
+    load_model,
+    mesh_of,
+    visible_geoms,
+)
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
+from bp2_rl.simulation.world import World
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
+MARGIN = 5.0  # m, of ground that is shown around the run
 LARGEST = 32767  # of a 16-bit number
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -27,6 +37,7 @@ SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+    mujoco.mjtGeom.mjGEOM_HFIELD: "field",
 }
 
 
@@ -46,7 +57,9 @@ def describe(run: Trajectory) -> dict[str, Any]:
     # q and -q are one turn, but not halfway between
     flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)
     turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
+    level = run.qpos - over_ground(run.qpos, World(run.terrain).ground)
     return robot(run.hardware) | {
+        "ground": ground(run),
         "motion": {
             "rate": 1.0 / (step * run.dt),
             "count": len(turn),
@@ -56,6 +69,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
         },
         "channels": {
             "place": _floats(run.qpos[shown, :3]),
+            "level": _floats(moving_mean(level[:, 2:3], round(RIPPLE / run.dt))[shown]),
             "turn": _integers(turn),
             "joints": _integers(run.qpos[shown, 7:]),
             "force": _integers(
@@ -92,13 +106,10 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
         if mesh >= 0:
             meshes.setdefault(mesh, len(meshes))
         geoms.append(
-            {
+            _shape(model, geom)
+            | {
                 "link": int(model.geom_bodyid[geom]) - 1,
-                "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
                 "mesh": meshes.get(mesh, -1),
-                "size": _rounded(model.geom_size[geom]),
-                "position": _rounded(model.geom_pos[geom]),
-                "quaternion": _rounded(model.geom_quat[geom]),
                 "color": _rounded(color),
             }
         )
@@ -115,6 +126,42 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
         "geoms": geoms,
         "meshes": [_mesh(model, mesh) for mesh in meshes],
         "feet": feet,
+    }
+
+
+def ground(run: Trajectory) -> list[dict[str, Any]]:
+    """Return the geoms of ground that is not flat; of a field of heights what is near
+    the run."""
+    model = load_model(run.hardware, scene=World(run.terrain).lay)
+    geoms = []
+    for geom in ground_geoms(model):
+        said = _shape(model, geom)
+        if said["shape"] == "field":
+            x, y, heights = field_of(model, int(model.geom_dataid[geom]))
+            columns, rows = (
+                _near(points, run.qpos[:, i] - model.geom_pos[geom, i])
+                for i, points in enumerate((x, y))
+            )
+            near = heights[np.ix_(rows, columns)]
+            said |= {"x": _rounded(x[columns]), "y": _rounded(y[rows])}
+            said |= {"heights": _integers(near.reshape(-1, 1))}
+        geoms.append(said)
+    return geoms
+
+
+def _near(
+    points: Float[np.ndarray, " n"], path: Float[np.ndarray, " N"]
+) -> Bool[np.ndarray, " n"]:
+    """Return which points along an axis are at most `MARGIN` from a path, m."""
+    return np.abs(points - np.clip(points, np.min(path), np.max(path))) <= MARGIN
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> dict[str, Any]:
+    return {
+        "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
+        "size": _rounded(model.geom_size[geom]),
+        "position": _rounded(model.geom_pos[geom]),
+        "quaternion": _rounded(model.geom_quat[geom]),
     }
 
 
