@@ -288,7 +288,7 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 
-def _describe_robots(env: EnvConfig, world: World) -> dict[str, Settings]:
+def _describe_robots(env: EnvConfig, world: World = LEVEL) -> dict[str, Settings]:
     """Return motors, bus, losses and settled stand for every robot of a bundle's
     rehearsal.
 

@@ -162,6 +162,33 @@ def test_it_runs_with_lost_and_late_datagrams(onboard, bundle, controller, rehea
     assert outcome["lost"] / outcome["sent"] == pytest.approx(0.05, abs=0.03)
 
 
+def test_it_runs_on_the_ground_of_its_bundle(onboard, uphill, rehearse):
+    """As long as that lasts: the judge's field of heights, gravity and stand; a fall is
+    told over the ground."""
+    world, folder = uphill
+    controller = onboard.controller.OnboardController(folder)
+    planned = controller.settings["rehearsal"]
+    launch = 10.74**2 / (2.0 * 2.4)  # m
+    assert launch + 10.74 * planned["hold"] == pytest.approx(world.end - 5.0)
+    plan = onboard.robot.RehearsalPlan(speed=3.0, acceleration=3.0, hold=2.0)
+    rehearsal = onboard.robot.RehearsalWorld(folder, "built", plan)
+    ours, judges = rehearsal.robot.model, load_model(BUILT, scene=world.lay)
+    for what in ("hfield_data", "hfield_size", "geom_conaffinity"):
+        found, expected = getattr(ours, what), getattr(judges, what)
+        assert found == pytest.approx(expected, abs=2e-6), what
+    assert ours.opt.gravity == pytest.approx(judges.opt.gravity, rel=1e-5)
+    # from its feet the robot sees how steep it is
+    assert rehearsal.robot.sensors()[24:27] == pytest.approx((0.05, 0.0, 1.0), abs=0.02)
+    rehearse(rehearsal, controller)
+    outcome = rehearsal.outcome()
+    assert controller.fault == ""
+    assert outcome["fell_at"] is None
+    assert outcome["mean_speed"] == pytest.approx(3.0, abs=0.5)
+    data = rehearsal.robot.data
+    data.qpos[:2], data.qpos[2] = (9.8, 0.8), 0.34  # on a crest of 50 mm
+    assert rehearsal.robot.fallen
+
+
 @pytest.mark.parametrize(
     ("robot", "fault", "speed", "height"),
     [
