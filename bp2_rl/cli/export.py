@@ -64,7 +64,6 @@ def export(config: ExportConfig) -> None:
         )
     if config.format != "onnx" and config.terrain != "flat":
         raise UserError("--terrain is of a bundle's rehearsal: give --format onnx, too")
-    ground = Terrain.of(config.terrain)
     find_policy(config.run)
     # Imported here so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
@@ -86,7 +85,7 @@ def export(config: ExportConfig) -> None:
         from bp2_rl.deploy.bundle import write_bundle
         from bp2_rl.simulation.world import World
 
-        write_bundle(config.to, policy, World(ground))
+        write_bundle(config.to, policy, World(Terrain.of(config.terrain)))
         print(f"exported {config.run} to {config.to}")
         if policy.card.stage == "imitation":
             print(

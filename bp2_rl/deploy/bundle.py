@@ -80,7 +80,6 @@ MOTORS = (
 OF_POLICY = ("stage", "created", "weights_sha256", "library_sha256", "config_hash")
 OF_CONTROL = ("action_scale", "action_limit", "feedforward", "clock_at_rest")
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
-EDGE = 5.0  # m, left at the ground's end after a rehearsal
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
 LAWS = [
     str(module.__file__)
@@ -156,8 +155,9 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
                 own = onboard_source(code, policy.card.env.task.task)
                 write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
             for name, hardware in _robots(policy.card.env).items():
-                xml = model_xml(hardware, scene=world.lay)
-                write_text(fresh / ROBOT_FOLDER / f"{name}.xml", xml)
+                write_text(
+                    fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
+                )
             seal(fresh)
     except OSError as error:
         raise UserError(
@@ -186,8 +186,8 @@ def describe(policy: Policy, world: World = LEVEL) -> Playback:
     control, commands = env.control, env.commands
     sideways = commands.max_lateral, commands.max_yaw_rate
     speed = cruising_speed(policy)
-    launch = speed**2 / (2.0 * COMMAND_ACCELERATION)  # m
-    room = (world.end - EDGE - launch) / speed  # s
+    # s, until 5 m before the ground ends
+    room = (world.end - 5.0) / speed - 0.5 * speed / COMMAND_ACCELERATION
     settings = {
         "format": FORMAT,
         "policy": {

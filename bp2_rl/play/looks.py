@@ -70,12 +70,12 @@ class Looks:
         return [_triangles(self.model, geom) for geom in ground_geoms(self.model)]
 
     def place(
-        self, qpos: Float[np.ndarray, " nq"]
+        self, qpos: Float[np.ndarray, " nq"], level: float = 0.0
     ) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
         """Return position (m) and quaternion (w-x-y-z) of every body but the world, the
-        trunk above the origin."""
+        trunk above the origin, which is at the height `level`, m."""
         self.data.qpos[:] = qpos
-        self.data.qpos[:2] = 0.0
+        self.data.qpos[:3] = 0.0, 0.0, qpos[2] - level
         mujoco.mj_kinematics(self.model, self.data)
         return self.data.xpos[1:].copy(), self.data.xquat[1:].copy()
 
@@ -98,7 +98,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
             )
             mesh.unmerge_vertices()  # an edge where faces meet
         case GEOM.mjGEOM_HFIELD:
-            mesh = _field(*field_of(model, int(model.geom_dataid[geom])))
+            mesh = _field(*field_of(model))
         case other:
             raise NotImplementedError(
                 f"no triangles for a geom of type {GEOM(other).name}"
@@ -117,14 +117,11 @@ def _field(
     heights: Float[np.ndarray, "rows columns"],
 ) -> trimesh.Trimesh:
     """Return a field of heights, whose cells are split as MuJoCo splits them."""
-    rows, columns = heights.shape
     points = np.stack([*np.meshgrid(x, y), heights], axis=-1).reshape(-1, 3)
-    near = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].reshape(-1, 1)
-    far = near + columns + 1
-    faces = np.concatenate(
-        [np.hstack([near, near + 1, far]), np.hstack([near, far, far - 1])]
-    )
-    return trimesh.Trimesh(points, faces, process=False)
+    near = np.arange(len(points)).reshape(heights.shape)[:-1, :-1].reshape(-1, 1)
+    side = len(x)
+    faces = near + np.array([0, 1, side + 1, 0, side + 1, side])
+    return trimesh.Trimesh(points, faces.reshape(-1, 3), process=False)
 
 
 class TorqueSpeed:

@@ -78,8 +78,7 @@ class Session:
     ):
         self.config = policy.card.env
         self.world = world
-        robot = RobotSetup.of(self.config, hardware)
-        robot = dataclasses.replace(robot, world=world)
+        robot = dataclasses.replace(RobotSetup.of(self.config, hardware), world=world)
         self.hardware = robot.config.hardware
         self._policy = policy
         self._simulator = settled([robot])
@@ -174,8 +173,11 @@ class Session:
         if self._began is None and self._asked.any():
             self._began = self.time
         simulator.read(0)  # hands may have changed it
-        sensed = sensed_pose(self.qpos, self.world, 0.0, self.time)
-        targets = self._runner.tick(sensed[None], simulator.qvel, self._steered()[None])
+        targets = self._runner.tick(
+            sensed_pose(self.qpos, self.world, 0.0, self.time)[None],
+            simulator.qvel,
+            self._steered()[None],
+        )
         for position, velocity in targets:
             self.worked[:-1] = self.worked[1:]
             self.worked[-1, 0] = joint_velocities(data.qvel)

@@ -299,13 +299,11 @@ class _Scene:
         self._level += LEVELLING * (session.ground - self._level)
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
         self._track.position = (-qpos[0], -qpos[1], -self._level)
-        for figure in (self._robot, self._ghost):
-            figure.root.position = (0.0, 0.0, -self._level)
-        self._robot.place(*self._looks.place(qpos))
+        self._robot.place(*self._looks.place(qpos, self._level))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))
         self._ghost.root.visible = ghost
         if ghost:
-            self._ghost.place(*self._looks.place(session.reference()))
+            self._ghost.place(*self._looks.place(session.reference(), self._level))
 
     def _show_forces(self, forces: Float[np.ndarray, "4 3"]) -> None:
         """Draw the foot forces as arrows from the soles, for the robot's current

@@ -82,16 +82,11 @@ def load_model(
         ) from error
 
 
-def model_xml(
-    hardware: HardwareSpec = IDEAL,
-    *,
-    scene: Callable[[mujoco.MjSpec], None] | None = None,
-) -> str:
+def model_xml(hardware: HardwareSpec, scene: Callable[[mujoco.MjSpec], None]) -> str:
     """Write the model that `load_model` compiles as one text of MJCF, with numbers to
     six digits."""
-    spec = _on_the_ground(hardware, PHYSICS_STEP, feet_only=False)
-    if scene is not None:
-        scene(spec)
+    spec = _scene(hardware).copy()
+    scene(spec)
     spec.compile()
     return spec.to_xml()
 
@@ -99,14 +94,17 @@ def model_xml(
 @functools.lru_cache(maxsize=8)
 def _scene(
     hardware: HardwareSpec,
-    timestep: float,
-    visual: bool,
-    feet_only: bool,
-    weighed: bool,
+    timestep: float = PHYSICS_STEP,
+    visual: bool = True,
+    feet_only: bool = False,
+    weighed: bool = False,
 ) -> mujoco.MjSpec:
-    """Return the scene of `load_model` on flat ground, for many grounds to be laid in
-    copies of it."""
-    spec = _on_the_ground(hardware, timestep, feet_only)
+    """Return the scene of `load_model` on flat ground, for grounds to be laid in copies
+    of it."""
+    spec = load_spec(hardware)
+    spec.option.timestep = timestep
+    if hardware.solid_legs and not feet_only:
+        _make_legs_solid(spec)
     if not visual:
         _drop_visuals(spec)
     if feet_only:
@@ -114,18 +112,6 @@ def _scene(
             spec.geom(name).conaffinity = 0
     if weighed:
         _weigh(spec)
-    return spec
-
-
-def _on_the_ground(
-    hardware: HardwareSpec, timestep: float, feet_only: bool
-) -> mujoco.MjSpec:
-    """Return the robot's scene with a time step (s) and, if the hardware has solid
-    legs, with their collisions."""
-    spec = load_spec(hardware)
-    spec.option.timestep = timestep
-    if hardware.solid_legs and not feet_only:
-        _make_legs_solid(spec)
     return spec
 
 
@@ -190,29 +176,26 @@ def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3
 
 def ground_geoms(model: mujoco.MjModel) -> list[int]:
     """Return the geoms of ground that is not flat."""
-    of_ground = (model.geom_bodyid == 0) & (model.geom_group == 0)
-    flat = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    return np.flatnonzero(of_ground & ~flat).tolist()
+    raised = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    return np.flatnonzero(
+        raised & (model.geom_bodyid == 0) & (model.geom_group == 0)
+    ).tolist()
 
 
 def field_of(
-    model: mujoco.MjModel, field: int
+    model: mujoco.MjModel,
 ) -> tuple[
     Float[np.ndarray, " columns"],
     Float[np.ndarray, " rows"],
     Float[np.ndarray, "rows columns"],
 ]:
-    """Return the points along x and along y of a field of heights, and its heights
-    there, m, in the frame of its geoms."""
-    length, breadth, most, _ = model.hfield_size[field]
-    rows, columns = model.hfield_nrow[field], model.hfield_ncol[field]
-    first = model.hfield_adr[field]
-    shares = model.hfield_data[first : first + rows * columns]
-    return (
-        np.linspace(-length, length, columns),
-        np.linspace(-breadth, breadth, rows),
-        most * shares.reshape(rows, columns),
-    )
+    """Return the points along x and along y of a scene's only field of heights, and the
+    heights there, m, in the frame of its geom."""
+    length, breadth, most, _ = model.hfield_size[0]
+    heights = most * model.hfield_data.reshape(model.hfield_nrow[0], -1)
+    rows, columns = heights.shape
+    x, y = np.linspace(-length, length, columns), np.linspace(-breadth, breadth, rows)
+    return x, y, heights
 
 
 def mesh_of(

@@ -37,8 +37,6 @@ TIME_LIMIT = 300.0  # s, for one library
 # m: where the film is made, in the midst of the scene's lane lines and metre marks
 SCENE = 90.0
 LAST = 19  # niceness
-TILE = 2  # m of a field of heights that the track's texture covers
-LINE, WHITE = 6, 210  # pixels of the texture; of 255
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,8 +120,9 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     to its middle than it ran.
     """
     model = load_model(run.hardware, scene=World(run.terrain).lay)
-    if ground_geoms(model):
-        _mark_metres(model)
+    if uneven := ground_geoms(model):  # which would half cover the lanes' lines
+        model.geom_matid[uneven] = model.mat("metres").id
+        model.mat_rgba[model.mat("line").id, 3] = 0.0
     if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
@@ -133,17 +132,6 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
         poster = _draw(run, model, temporary, shot)
         write_bytes(output, temporary.read_bytes())
     write_bytes(output.with_suffix(POSTER), poster)
-
-
-def _mark_metres(model: mujoco.MjModel) -> None:
-    """Draw a line at every metre of ground that is not flat, in the place of the lanes'
-    lines, which it would half cover."""
-    model.mat_rgba[model.mat("line").id, 3] = 0.0
-    track = model.tex("track")
-    size, start = int(track.width[0]), int(track.adr[0])
-    pixels = model.tex_data[start : start + 3 * size**2].reshape(size, size, 3)
-    line = np.arange(size) % (size // TILE) < LINE
-    pixels[line] = pixels[:, line] = WHITE
 
 
 def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> bytes:

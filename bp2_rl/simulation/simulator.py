@@ -359,7 +359,13 @@ def settled(
     their seeds alone are alike around the start.
     """
     kinds = [
-        (RobotSetup(one.config, one.world.unseeded), SETTLING_TIME) for one in robots
+        (
+            RobotSetup(
+                one.config, World(dataclasses.replace(one.world.terrain, seed=0))
+            ),
+            SETTLING_TIME,
+        )
+        for one in robots
     ]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:

@@ -55,13 +55,6 @@ class World(Bounded, path="world."):
     pushes: tuple[Push, ...] = ()
 
     @property
-    def unseeded(self) -> "World":
-        """The world without pushes, on the ground of the first seed."""
-        return dataclasses.replace(
-            self, terrain=dataclasses.replace(self.terrain, seed=0), pushes=()
-        )
-
-    @property
     def ground(self) -> Ground | None:
         """The ground that is not flat, if the world has one."""
         return _laid_out(self.terrain) if self.terrain.size else None

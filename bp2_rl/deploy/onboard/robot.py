@@ -13,6 +13,7 @@ import numpy as np
 
 from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque
+from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.losses import Resistance, generalized, loss
 from bp2_rl.robot.operator import COMMAND_ACCELERATION, HeadingHold
 
@@ -23,7 +24,7 @@ from .link import COMMAND, SENSORS, BadLink
 DT = 1e-3  # s
 TICK = 5  # ms between two measurements
 DOWN = np.array([0.0, 0.0, -1.0])
-GROUND = np.array([1, 0, 0, 0, 0, 0], np.uint8)  # of MuJoCo's groups of geoms
+OF_GROUND = np.array([1, 0, 0, 0, 0, 0], np.uint8)  # MuJoCo's groups of geoms
 FAULTS = ("", "nan", "silence", "operator")
 
 
@@ -58,8 +59,6 @@ class SimulatedRobot:
             self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
             self.data = mujoco.MjData(self.model)
-            gravity = self.model.opt.gravity
-            self._up = -gravity / np.linalg.norm(gravity)  # tilted on a slope
             joints = [self.model.joint(joint) for joint in settings["joints"]]
             self._q = np.array([joint.qposadr[0] for joint in joints])
             self._qd = np.array([joint.dofadr[0] for joint in joints])
@@ -72,10 +71,11 @@ class SimulatedRobot:
         """Return whether the robot has fallen, by its height over the ground and its
         tilt."""
         height = mujoco.mj_ray(
-            self.model, self.data, self.data.qpos[:3], DOWN, GROUND, True, -1, None
+            self.model, self.data, self.data.qpos[:3], DOWN, OF_GROUND, True, -1, None
         )
-        up = self.data.xmat[1].reshape(3, 3)[2, 2]
-        return not (height >= self._fall["height"] and up >= self._fall["up"])
+        return not (
+            height >= self._fall["height"] and self.data.xmat[1, 8] >= self._fall["up"]
+        )
 
     @property
     def place(self) -> tuple[float, float, float, float]:
@@ -92,7 +92,7 @@ class SimulatedRobot:
         qpos, qvel = self.data.qpos, self.data.qvel
         to_trunk, up = np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(to_trunk, qpos[3:7])
-        mujoco.mju_rotVecQuat(up, self._up, to_trunk)
+        mujoco.mju_rotVecQuat(up, self.model.opt.gravity / -GRAVITY, to_trunk)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
     def millisecond(self, targets: DriveTargets) -> None:

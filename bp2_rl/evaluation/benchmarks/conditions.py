@@ -149,8 +149,7 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
     """
     noisy = ", noisy sensors" if setup.sensor_noise else ""
     ground = "" if setup.terrain == "flat" else f", ground {setup.terrain}"
-    robot = title_of(robot_of(policy, setup))
-    return f"{policy.card.stage} policy, {robot}{ground}{noisy}"
+    return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{ground}{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:

@@ -10,12 +10,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
 from bp2_rl.robot.ground import over_ground
-from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import (
     SOLE_SITES,
     field_of,
@@ -29,6 +28,7 @@ from bp2_rl.simulation.trajectory import Trajectory, best_window
 from bp2_rl.simulation.world import World
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
+TRACK = np.array((0.57, 0.25, 0.2))  # of 1: its colour
 MARGIN = 5.0  # m, of ground that is shown around the run
 LARGEST = 32767  # of a 16-bit number
 SHAPES = {
@@ -58,8 +58,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
     flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)
     turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
     level = run.qpos - over_ground(run.qpos, World(run.terrain).ground)
-    return robot(run.hardware) | {
-        "ground": ground(run),
+    return robot(run) | {
         "motion": {
             "rate": 1.0 / (step * run.dt),
             "count": len(turn),
@@ -80,10 +79,13 @@ def describe(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def robot(hardware: HardwareSpec) -> dict[str, Any]:
-    """Return the robot's links and geoms for the player, parents before children;
-    lengths in m."""
-    model = load_model(hardware)
+def robot(run: Trajectory) -> dict[str, Any]:
+    """Return a run's robot for the player, its links, parents before children, and
+    geoms, and those of ground that is not flat, with the link -1; lengths in m.
+
+    Of a field of heights it is what is near the run.
+    """
+    model = load_model(run.hardware, scene=World(run.terrain).lay)
     links = []
     meshes = {}
     for body in range(1, model.nbody):
@@ -101,16 +103,22 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
             }
         )
     geoms = []
-    for geom, color in visible_geoms(model):
+    uneven = [(geom, TRACK) for geom in ground_geoms(model)]
+    for geom, color in (*visible_geoms(model), *uneven):
         mesh = int(model.geom_dataid[geom])
-        if mesh >= 0:
+        shape = SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))]
+        if shape == "mesh":
             meshes.setdefault(mesh, len(meshes))
         geoms.append(
-            _shape(model, geom)
-            | {
+            {
                 "link": int(model.geom_bodyid[geom]) - 1,
+                "shape": shape,
                 "mesh": meshes.get(mesh, -1),
+                "size": _rounded(model.geom_size[geom]),
+                "position": _rounded(model.geom_pos[geom]),
+                "quaternion": _rounded(model.geom_quat[geom]),
                 "color": _rounded(color),
+                "field": _field(run, model, geom) if shape == "field" else None,
             }
         )
     feet = [
@@ -129,40 +137,17 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
     }
 
 
-def ground(run: Trajectory) -> list[dict[str, Any]]:
-    """Return the geoms of ground that is not flat; of a field of heights what is near
-    the run."""
-    model = load_model(run.hardware, scene=World(run.terrain).lay)
-    geoms = []
-    for geom in ground_geoms(model):
-        said = _shape(model, geom)
-        if said["shape"] == "field":
-            x, y, heights = field_of(model, int(model.geom_dataid[geom]))
-            columns, rows = (
-                _near(points, run.qpos[:, i] - model.geom_pos[geom, i])
-                for i, points in enumerate((x, y))
-            )
-            near = heights[np.ix_(rows, columns)]
-            said |= {"x": _rounded(x[columns]), "y": _rounded(y[rows])}
-            said |= {"heights": _integers(near.reshape(-1, 1))}
-        geoms.append(said)
-    return geoms
-
-
-def _near(
-    points: Float[np.ndarray, " n"], path: Float[np.ndarray, " N"]
-) -> Bool[np.ndarray, " n"]:
-    """Return which points along an axis are at most `MARGIN` from a path, m."""
-    return np.abs(points - np.clip(points, np.min(path), np.max(path))) <= MARGIN
-
-
-def _shape(model: mujoco.MjModel, geom: int) -> dict[str, Any]:
-    return {
-        "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
-        "size": _rounded(model.geom_size[geom]),
-        "position": _rounded(model.geom_pos[geom]),
-        "quaternion": _rounded(model.geom_quat[geom]),
-    }
+def _field(run: Trajectory, model: mujoco.MjModel, geom: int) -> dict[str, object]:
+    """Return the points of the field of heights that are at most `MARGIN` from the
+    run's ranges of x and y."""
+    x, y, heights = field_of(model)
+    path = (run.qpos[:, :2] - model.geom_pos[geom, :2]).T
+    columns, rows = (
+        np.abs(points - np.clip(points, np.min(at), np.max(at))) <= MARGIN
+        for points, at in zip((x, y), path, strict=True)
+    )
+    near = _integers(heights[np.ix_(rows, columns)].reshape(-1, 1))
+    return {"x": _rounded(x[columns]), "y": _rounded(y[rows]), "heights": near}
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, object]:

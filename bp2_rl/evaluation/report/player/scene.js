@@ -66,7 +66,6 @@ void main() {
 
 const SUN = [-0.3, -0.45, 1];
 const NEWTONS_A_METRE = 1500, LEAST_FORCE = 20, HEAD = 0.07; // N/m of an arrow; N below which there is none; m
-const TRACK = [0.57, 0.25, 0.2];
 const FIELD = Math.tan((20 * Math.PI) / 180); // tangent of half the field of view
 
 class Scene {
@@ -120,17 +119,16 @@ class Scene {
         all.part.push(part);
       }
     };
-    const { geoms, meshes, links, feet, ground } = this.content;
-    for (const geom of geoms)
-      add(triangles(geom, meshes), pose(geom.position, geom.quaternion), geom.color, geom.link);
+    const { geoms, meshes, links, feet } = this.content;
+    const lay = (geom, part) => add(triangles(geom, meshes), pose(geom.position, geom.quaternion), geom.color, part);
+    for (const geom of geoms.filter(({ link }) => link >= 0)) lay(geom, geom.link);
     const robot = all.part.length, still = pose([0, 0, 0], [1, 0, 0, 0]);
     feet.forEach(({ color }, i) => {
       add(cylinder(0.012, 0, 1), still, color, links.length + 2 * i);
       add(cone(0.032, HEAD), still, color, links.length + 2 * i + 1);
     });
     const arrows = all.part.length;
-    for (const geom of ground)
-      add(triangles(geom, meshes), pose(geom.position, geom.quaternion), TRACK, this.parts - 1);
+    for (const geom of geoms.filter(({ link }) => link < 0)) lay(geom, this.parts - 1); // the ground
     return [all, robot, arrows];
   }
 

@@ -73,7 +73,7 @@ function field({ x, y, heights }) { // cells are split as MuJoCo splits them
 
 function triangles(geom, meshes) {
   switch (geom.shape) {
-    case "field": return field(geom);
+    case "field": return field(geom.field);
     case "mesh": return fromFaces(meshes[geom.mesh].vertices, meshes[geom.mesh].faces);
     case "cylinder": return cylinder(geom.size[0], -geom.size[1], geom.size[1]);
     case "capsule": return capsule(geom.size[0], geom.size[1]);
