@@ -18,6 +18,8 @@ from bp2_rl.settings.presets import preset
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.world import World
 
+UPHILL = World(Terrain("waves", 0.05, slope=0.05))
+
 
 @pytest.fixture(scope="session")
 def shipped():
@@ -34,10 +36,9 @@ def bundle(shipped, tmp_path_factory):
 @pytest.fixture(scope="session")
 def uphill(shipped, tmp_path_factory):
     """Return the world of waves that rise, and the bundle to be rehearsed there."""
-    world = World(Terrain("waves", 0.05, slope=0.05))
     folder = tmp_path_factory.mktemp("deploy") / "uphill"
-    write_bundle(folder, shipped, world)
-    return world, folder
+    write_bundle(folder, shipped, UPHILL)
+    return UPHILL, folder
 
 
 @pytest.fixture(scope="session")
