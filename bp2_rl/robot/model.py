@@ -99,8 +99,7 @@ def _scene(
     feet_only: bool = False,
     weighed: bool = False,
 ) -> mujoco.MjSpec:
-    """Return the scene of `load_model` on flat ground, for grounds to be laid in copies
-    of it."""
+    """Return the scene of `load_model` on flat ground; copies take other ground."""
     spec = load_spec(hardware)
     spec.option.timestep = timestep
     if hardware.solid_legs and not feet_only:

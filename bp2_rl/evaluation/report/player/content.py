@@ -80,10 +80,10 @@ def describe(run: Trajectory) -> dict[str, Any]:
 
 
 def robot(run: Trajectory) -> dict[str, Any]:
-    """Return a run's robot for the player, its links, parents before children, and
-    geoms, and those of ground that is not flat, with the link -1; lengths in m.
+    """Return a run's robot and uneven ground for the player; lengths in m.
 
-    Of a field of heights it is what is near the run.
+    Parents come before their children; the ground's geoms have the link -1. Of a field
+    of heights, what is near the run is told.
     """
     model = load_model(run.hardware, scene=World(run.terrain).lay)
     links = []
