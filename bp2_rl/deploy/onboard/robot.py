@@ -58,6 +58,7 @@ class SimulatedRobot:
             )
             self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+            self._up = self.model.opt.gravity / -GRAVITY  # tilted on a slope
             self.data = mujoco.MjData(self.model)
             joints = [self.model.joint(joint) for joint in settings["joints"]]
             self._q = np.array([joint.qposadr[0] for joint in joints])
@@ -92,7 +93,7 @@ class SimulatedRobot:
         qpos, qvel = self.data.qpos, self.data.qvel
         to_trunk, up = np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(to_trunk, qpos[3:7])
-        mujoco.mju_rotVecQuat(up, self.model.opt.gravity / -GRAVITY, to_trunk)
+        mujoco.mju_rotVecQuat(up, self._up, to_trunk)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
     def millisecond(self, targets: DriveTargets) -> None:
