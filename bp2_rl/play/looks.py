@@ -119,8 +119,7 @@ def _field(
     """Return a field of heights, whose cells are split as MuJoCo splits them."""
     points = np.stack([*np.meshgrid(x, y), heights], axis=-1).reshape(-1, 3)
     near = np.arange(len(points)).reshape(heights.shape)[:-1, :-1].reshape(-1, 1)
-    side = len(x)
-    faces = near + np.array([0, 1, side + 1, 0, side + 1, side])
+    faces = near + np.array([0, 1, len(x) + 1, 0, len(x) + 1, len(x)])
     return trimesh.Trimesh(points, faces.reshape(-1, 3), process=False)
 
 
