@@ -13,7 +13,8 @@ from bp2_rl.simulation.film import POSTER, Shot, make_video
 from bp2_rl.simulation.world import World
 
 COLORS = 256  # of the picture, so that it is small
-SHOT = Shot(length=0.1, width=896, height=400)
+SHOT = Shot(length=0.1, width=1088, height=496)
+VIEW = 200, 60, 936, 460  # pixels of it: left, top, right, bottom
 
 
 def picture(place: Path, policy: str, ground: str, speed: float) -> None:
@@ -25,7 +26,7 @@ def picture(place: Path, policy: str, ground: str, speed: float) -> None:
         run.save(trajectory)
         make_video(trajectory, film, shot=SHOT)
         with Image.open(film.with_suffix(POSTER)) as poster:
-            few = poster.quantize(COLORS, kmeans=5, dither=Image.Dither.NONE)
+            few = poster.crop(VIEW).quantize(COLORS, kmeans=5, dither=Image.Dither.NONE)
             few.save(place, optimize=True)
 
 

@@ -152,7 +152,7 @@ def test_a_radio_hears_its_peer_alone_and_whole_datagrams(onboard):
 
 
 def test_it_runs_on_the_ground_of_its_bundle_with_lost_and_late_datagrams(
-    onboard, uphill, rehearse
+    onboard, uphill, shipped, rehearse
 ):
     """On the judge's field of heights, under its gravity, and falls over the ground."""
     world, folder = uphill
@@ -166,6 +166,9 @@ def test_it_runs_on_the_ground_of_its_bundle_with_lost_and_late_datagrams(
     for what in ("hfield_data", "hfield_size", "geom_conaffinity"):
         found, expected = getattr(robot.model, what), getattr(judges, what)
         assert found == pytest.approx(expected, abs=2e-6), what
+    env = dataclasses.replace(shipped.card.env, hardware=BUILT)
+    stand = settled([RobotSetup(env, world)]).qpos[0]
+    assert robot.data.qpos == pytest.approx(stand, abs=1e-12)
     # gravity tilts by 0.05 rad, the trunk in its stand hardly
     assert robot.sensors()[24:27] == pytest.approx((0.05, 0.0, 1.0), abs=0.02)
     rehearse(rehearsal, controller)

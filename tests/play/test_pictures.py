@@ -67,6 +67,7 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
 
 def test_uneven_ground_is_drawn_with_the_planes_on_which_robots_run():
     world = World(Terrain("rough", 0.05, cell=0.5))
+    assert world.ground
     [mesh] = Looks(BUILT, world).ground()
     x, y, z = mesh.triangles_center.T
     # MuJoCo keeps heights in float32

@@ -50,6 +50,7 @@ def test_ground_that_is_not_flat_is_told_and_the_level_below_the_trunk(busy_run)
     """Against the planes from which the ground is made."""
     run = dataclasses.replace(busy_run, terrain=Terrain("rough", 0.05, cell=0.3))
     content, ground = describe(run), World(run.terrain).ground
+    assert ground
     [geom] = [geom for geom in content["geoms"] if geom["link"] < 0]
     x, y = np.meshgrid(geom["field"]["x"], geom["field"]["y"])
     (left, right, height), heights = geom["position"], geom["field"]["heights"]
