@@ -11,6 +11,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.operator import COMMAND_LIMITS
+from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import TaskWish
 
 
@@ -41,6 +42,7 @@ class ExportConfig:
     task: TaskWish = None
     """The task that the policy was trained with, where the task adds to what the policy
     sees: a bundle holds its entries' code"""
+    terrain: TerrainWish = "flat"
     braking: float | None = None
     """m/s2, at which the forward command that the policy is told falls at most: the
     copy's `control.braking`"""
@@ -60,6 +62,8 @@ def export(config: ExportConfig) -> None:
         raise UserError(
             "--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx"
         )
+    if config.format != "onnx" and config.terrain != "flat":
+        raise UserError("--terrain is of a bundle's rehearsal: give --format onnx, too")
     find_policy(config.run)
     # Imported here so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
@@ -79,8 +83,9 @@ def export(config: ExportConfig) -> None:
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
     if config.format == "onnx":
         from bp2_rl.deploy.bundle import write_bundle
+        from bp2_rl.simulation.world import World
 
-        write_bundle(config.to, policy)
+        write_bundle(config.to, policy, World(Terrain.of(config.terrain)))
         print(f"exported {config.run} to {config.to}")
         if policy.card.stage == "imitation":
             print(

@@ -16,6 +16,7 @@ from bp2_rl.base.processes import without_gl_library
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.learning.policy import find_policy
+from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import RobotWish, TaskWish
 
 WEB = ("viser", "trimesh")  # packages that a page needs
@@ -41,6 +42,7 @@ class PlayConfig(Bounded, path="--"):
     task: TaskWish = None
     """the task that the policy was trained with, where the task adds to what the policy
     sees; its code is run"""
+    terrain: TerrainWish = "flat"
     host: str = "127.0.0.1"
     """Address at which the page is served; 0.0.0.0: to all machines that can reach this
     one, under any name."""
@@ -59,6 +61,7 @@ def play(config: PlayConfig) -> None:
     before the simulation."""
     path = config.run or asset_path(DEFAULT_POLICY)
     find_policy(path)
+    ground = Terrain.of(config.terrain)
     for name in WEB:
         if importlib.util.find_spec(name) is None:
             raise not_installed("bp2 play", name, "play")
@@ -80,6 +83,7 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.play.session import Session, Wish, wish_limits
     from bp2_rl.play.web import Page
     from bp2_rl.simulation.parallel import compute_here
+    from bp2_rl.simulation.world import World
 
     compute_here()
     # s: else the page's thread may keep the robot waiting for a control step
@@ -93,7 +97,7 @@ def play(config: PlayConfig) -> None:
             f"--speed must be from {least.speed:g} to {most.speed:g}, what this policy was trained "
             f"for, got {config.speed:g}"
         )
-    session = Session(policy, robot)
+    session = Session(policy, robot, World(ground))
     session.wish = Wish(config.speed)
     page = Page(session, host=config.host, port=config.port)
     if config.host not in OWN_NAMES:
@@ -102,7 +106,7 @@ def play(config: PlayConfig) -> None:
         )
     with contextlib.closing(page):
         print(
-            f"{path} on the {title_of(robot)}: open {page.url}; Ctrl-C ends it",
+            f"{path} on the {title_of(robot)}, {ground}: open {page.url}; Ctrl-C ends it",
             flush=True,
         )
         pace = Pace()

@@ -37,6 +37,7 @@ from bp2_rl.deploy.onboard.contents import (
     WatchdogLimits,
     seal,
 )
+from bp2_rl.deploy.onboard.robot import RehearsalPlan
 from bp2_rl.deploy.reference import Playback, playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
@@ -58,10 +59,15 @@ from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.observation import ENTRIES
-from bp2_rl.robot.operator import COMMAND_LIMITS, HEADING_HOLD
+from bp2_rl.robot.operator import (
+    COMMAND_ACCELERATION,
+    COMMAND_LIMITS,
+    HEADING_HOLD,
+)
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
+from bp2_rl.simulation.world import LEVEL, World
 
 MOTORS = (
     "peak_torque",
@@ -102,9 +108,9 @@ FROM_PACKAGE = re.compile(
 """Start of the import lines that a bundle's copies replace with relative imports."""
 
 
-def write_bundle(directory: Path, policy: Policy) -> None:
+def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
     """Write the policy's bundle to `directory`, in the place of an older bundle; a
-    failed write leaves nothing partial.
+    failed write leaves nothing partial. Its rehearsal is on the ground of `world`.
 
     Raises:
         UserError: the controller cannot run this policy, a package is missing, or the
@@ -112,7 +118,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
     """
     require_name(directory)
     require_onnx()  # now, because the description takes seconds
-    settings, arrays = describe(policy)
+    settings, arrays = describe(policy, world)
     network = to_onnx(
         policy,
         {"observation": json.dumps(settings["observation"]), **settings["policy"]},
@@ -149,7 +155,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                 own = onboard_source(code, policy.card.env.task.task)
                 write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
             for name, hardware in _robots(policy.card.env).items():
-                write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
+                write_text(
+                    fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
+                )
             seal(fresh)
     except OSError as error:
         raise UserError(
@@ -157,9 +165,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
         ) from error
 
 
-def describe(policy: Policy) -> Playback:
+def describe(policy: Policy, world: World = LEVEL) -> Playback:
     """Return the content of a bundle's deploy.json and the arrays of its reference.npz
-    for a policy.
+    for a policy, to be rehearsed on the ground of `world`.
 
     Raises:
         UserError: the controller of a bundle cannot run this policy.
@@ -177,6 +185,9 @@ def describe(policy: Policy) -> Playback:
     reference, arrays = playback(env)
     control, commands = env.control, env.commands
     sideways = commands.max_lateral, commands.max_yaw_rate
+    speed = cruising_speed(policy)
+    # s, until 5 m before the ground ends
+    room = (world.end - 5.0) / speed - 0.5 * speed / COMMAND_ACCELERATION
     settings = {
         "format": FORMAT,
         "policy": {
@@ -213,11 +224,13 @@ def describe(policy: Policy) -> Playback:
             "most": [commands.max_forward, *sideways],
         },
         "watchdog": dataclasses.asdict(watchdog_limits(env)),
-        "rehearsal": {"speed": cruising_speed(policy)},  # m/s
+        # m/s, s
+        "rehearsal": {"speed": speed, "hold": min(RehearsalPlan.hold, room)},
+        "ground": str(world.terrain),
         "reference": reference,
         "operator": dataclasses.asdict(HEADING_HOLD),
         "fall": {"height": env.termination.min_height, "up": env.termination.min_up},
-        "robots": _describe_robots(env),
+        "robots": _describe_robots(env, world),
     }
     return settings, arrays
 
@@ -275,7 +288,7 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 
-def _describe_robots(env: EnvConfig) -> dict[str, Settings]:
+def _describe_robots(env: EnvConfig, world: World = LEVEL) -> dict[str, Settings]:
     """Return motors, bus, losses and settled stand for every robot of a bundle's
     rehearsal.
 
@@ -285,7 +298,7 @@ def _describe_robots(env: EnvConfig) -> dict[str, Settings]:
         name: dataclasses.replace(env, hardware=hardware)
         for name, hardware in _robots(env).items()
     }
-    stands = settled([RobotSetup(robot) for robot in robots.values()])
+    stands = settled([RobotSetup(robot, world) for robot in robots.values()])
     described: dict[str, Settings] = {}
     for i, (name, robot) in enumerate(robots.items()):
         motors, resistance = motors_of(robot), Resistance.from_hardware(robot.hardware)

@@ -13,7 +13,14 @@ from bp2_rl.base.assets import render
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.model import load_model, mesh_of, visible_geoms
+from bp2_rl.robot.model import (
+    field_of,
+    ground_geoms,
+    load_model,
+    mesh_of,
+    visible_geoms,
+)
+from bp2_rl.simulation.world import LEVEL, World
 
 SIDES = 20  # of a round thing
 # px, where the axes cross, and how far they reach right and up
@@ -33,10 +40,11 @@ class VisiblePart:
 
 
 class Looks:
-    """The robot's visible shapes and their poses, from its full MuJoCo model."""
+    """The visible shapes of a robot and of its ground, and their poses, from its full
+    MuJoCo model."""
 
-    def __init__(self, hardware: HardwareSpec):
-        self.model = load_model(hardware)
+    def __init__(self, hardware: HardwareSpec, world: World = LEVEL):
+        self.model = load_model(hardware, scene=world.lay)
         self.data = mujoco.MjData(self.model)
         self.bodies = [self.model.body(i).name for i in range(1, self.model.nbody)]
         """Name of each body but the world."""
@@ -56,13 +64,18 @@ class Looks:
             for (body, color), meshes in found.items()
         ]
 
+    def ground(self) -> list[trimesh.Trimesh]:
+        """Return the triangle meshes of ground that is not flat, in the world's
+        frame."""
+        return [_triangles(self.model, geom) for geom in ground_geoms(self.model)]
+
     def place(
-        self, qpos: Float[np.ndarray, " nq"]
+        self, qpos: Float[np.ndarray, " nq"], level: float = 0.0
     ) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
         """Return position (m) and quaternion (w-x-y-z) of every body but the world, the
-        trunk above the origin."""
+        trunk above the origin, which is at the height `level`, m."""
         self.data.qpos[:] = qpos
-        self.data.qpos[:2] = 0.0
+        self.data.qpos[:3] = 0.0, 0.0, qpos[2] - level
         mujoco.mj_kinematics(self.model, self.data)
         return self.data.xpos[1:].copy(), self.data.xquat[1:].copy()
 
@@ -84,6 +97,8 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
                 *mesh_of(model, int(model.geom_dataid[geom])), process=False
             )
             mesh.unmerge_vertices()  # an edge where faces meet
+        case GEOM.mjGEOM_HFIELD:
+            mesh = _field(*field_of(model))
         case other:
             raise NotImplementedError(
                 f"no triangles for a geom of type {GEOM(other).name}"
@@ -94,6 +109,18 @@ def _triangles(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     pose[:3, :3] = turn.reshape(3, 3)
     pose[:3, 3] = model.geom_pos[geom]
     return mesh.apply_transform(pose)
+
+
+def _field(
+    x: Float[np.ndarray, " columns"],
+    y: Float[np.ndarray, " rows"],
+    heights: Float[np.ndarray, "rows columns"],
+) -> trimesh.Trimesh:
+    """Return a field of heights, whose cells are split as MuJoCo splits them."""
+    points = np.stack([*np.meshgrid(x, y), heights], axis=-1).reshape(-1, 3)
+    near = np.arange(len(points)).reshape(heights.shape)[:-1, :-1].reshape(-1, 1)
+    faces = near + np.array([0, 1, len(x) + 1, 0, len(x) + 1, len(x)])
+    return trimesh.Trimesh(points, faces.reshape(-1, 3), process=False)
 
 
 class TorqueSpeed:

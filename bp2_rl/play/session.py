@@ -2,6 +2,7 @@
 clock or display."""
 
 import collections
+import dataclasses
 import math
 from typing import Annotated, NamedTuple
 
@@ -19,7 +20,7 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import foot_forces, foot_geom_ids
+from bp2_rl.robot.model import foot_forces, foot_geom_ids, height_over_ground
 from bp2_rl.robot.operator import (
     COMMAND_ACCELERATION,
     HEADING_HOLD,
@@ -30,7 +31,7 @@ from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.policy_runner import PolicyRunner
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
-from bp2_rl.simulation.world import shove
+from bp2_rl.simulation.world import LEVEL, World, sensed_pose, shove
 
 # m/s2, at which a slower speed is commanded where the controller does not ease stops
 # itself
@@ -66,11 +67,18 @@ class Session:
     Args:
         policy: steers the robot, and knows the environment that it was trained in.
         hardware: the robot, if it is not the one of that environment.
+        world: the ground; beyond its end the robot has fallen.
     """
 
-    def __init__(self, policy: Policy, hardware: HardwareSpec | None = None):
+    def __init__(
+        self,
+        policy: Policy,
+        hardware: HardwareSpec | None = None,
+        world: World = LEVEL,
+    ):
         self.config = policy.card.env
-        robot = RobotSetup.of(self.config, hardware)
+        self.world = world
+        robot = dataclasses.replace(RobotSetup.of(self.config, hardware), world=world)
         self.hardware = robot.config.hardware
         self._policy = policy
         self._simulator = settled([robot])
@@ -166,7 +174,9 @@ class Session:
             self._began = self.time
         simulator.read(0)  # hands may have changed it
         targets = self._runner.tick(
-            self.qpos[None], simulator.qvel, self._steered()[None]
+            sensed_pose(self.qpos, self.world, 0.0, self.time)[None],
+            simulator.qvel,
+            self._steered()[None],
         )
         for position, velocity in targets:
             self.worked[:-1] = self.worked[1:]
@@ -174,9 +184,11 @@ class Session:
             self.worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
         velocity = self._velocity_now()
+        pose = self.qpos.copy()
+        pose[2] -= self.ground
         if (
             not np.isfinite(velocity).all()
-            or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded
+            or (down := fall(pose, data.qvel, self.config.termination)).exploded
         ):
             self.falls += self.down_since is None
             self.reset()
@@ -214,6 +226,11 @@ class Session:
         """The robot's positions in MuJoCo's coordinates."""
         return self.data.qpos
 
+    @property
+    def ground(self) -> float:
+        """Height of the ground below the trunk, m."""
+        return float(self.qpos[2]) - height_over_ground(self._model, self.data)
+
     def foot_forces(self) -> Float[np.ndarray, "4 3"]:
         """The ground's force on each foot, N, world frame."""
         return foot_forces(self.data).copy()
@@ -231,7 +248,7 @@ class Session:
         lean = np.array([1.0 + up[2], -up[1], up[0], 0.0])
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_mulQuat(qpos[3:7], turn, lean / np.linalg.norm(lean))
-        qpos[2] = float(reference.height[0])
+        qpos[2] = self.ground + float(reference.height[0])
         return with_legs(
             qpos,
             np.asarray(reference.joint_position)[0],

@@ -38,6 +38,8 @@ SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
 WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
 # on a telephone, whose lower half the panel takes
 TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)
+GROUND = (150, 72, 56)
+LEVELLING = 0.1  # share by which each picture's height nears that of the ground
 LINES = {"start": 0.0, "finish": TRACK}  # m
 READINGS = 5.0  # a second: how often numbers and chart are renewed
 SLOWER = {"real time": 1.0, "1/2": 2.0, "1/5": 5.0, "1/10": 10.0}
@@ -219,24 +221,34 @@ class _Scene:
 
     def __init__(self, server: viser.ViserServer, session: Session):
         scene = server.scene
-        self._looks = Looks(session.hardware)
+        self._looks = Looks(session.hardware, session.world)
         server.initial_camera.position, server.initial_camera.look_at = WIDE_VIEW
         server.initial_camera.fov = np.deg2rad(45.0)
         scene.configure_environment_map("park", environment_intensity=0.6)
+        uneven = self._looks.ground()
         self._ground = scene.add_grid(
             "/ground",
+            visible=not uneven,
             infinite_grid=True,
             cell_size=1.0,
             section_size=SECTION,
             cell_color=(225, 205, 198),
             section_color=(255, 255, 255),
             section_thickness=3.0,
-            plane_color=(150, 72, 56),
+            plane_color=GROUND,
             plane_opacity=1.0,
             fade_distance=60.0,
             shadow_opacity=0.4,
         )
         self._track = scene.add_frame("/track", show_axes=False)
+        for i, mesh in enumerate(uneven):
+            scene.add_mesh_simple(
+                f"/track/ground/{i}",
+                mesh.vertices,
+                mesh.faces,
+                color=GROUND,
+                flat_shading=True,
+            )
         for name, x in LINES.items():
             scene.add_box(
                 f"/track/{name}",
@@ -261,6 +273,7 @@ class _Scene:
                 opacity=0.3,
                 cast_shadow=False,
             )
+        self._level = 0.0  # m, of the ground below the trunk, without its steps
         size = session.hardware.size
         self._least_force = size.mass * LEAST_FORCE
         self._stiffness = size.mass / size.length * NEWTONS_A_METRE
@@ -283,13 +296,14 @@ class _Scene:
     def show(self, session: Session, *, ghost: bool, forces: bool) -> None:
         """Update the scene to the session's current state."""
         qpos = session.qpos
+        self._level += LEVELLING * (session.ground - self._level)
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
-        self._track.position = (-qpos[0], -qpos[1], 0.0)
-        self._robot.place(*self._looks.place(qpos))
+        self._track.position = (-qpos[0], -qpos[1], -self._level)
+        self._robot.place(*self._looks.place(qpos, self._level))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))
         self._ghost.root.visible = ghost
         if ghost:
-            self._ghost.place(*self._looks.place(session.reference()))
+            self._ghost.place(*self._looks.place(session.reference(), self._level))
 
     def _show_forces(self, forces: Float[np.ndarray, "4 3"]) -> None:
         """Draw the foot forces as arrows from the soles, for the robot's current

@@ -34,6 +34,9 @@ SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
 
 
+DOWN = np.array((0.0, 0.0, -1.0))
+GROUND = np.array((1, 0, 0, 0, 0, 0), np.uint8)
+"""The groups of geoms that are ground: the first alone."""
 FAR = 1e3
 """Length beyond any spring's end, m."""
 
@@ -68,14 +71,7 @@ def load_model(
     Raises:
         ModelError: MuJoCo cannot compile a model with these parameters.
     """
-    spec = _on_the_ground(hardware, timestep, feet_only)
-    if not visual:
-        _drop_visuals(spec)
-    if feet_only:
-        for name in TRUNK_GEOMS:
-            spec.geom(name).conaffinity = 0
-    if weighed:
-        _weigh(spec)
+    spec = _scene(hardware, timestep, visual, feet_only, weighed).copy()
     if scene is not None:
         scene(spec)
     try:
@@ -86,23 +82,35 @@ def load_model(
         ) from error
 
 
-def model_xml(hardware: HardwareSpec = IDEAL) -> str:
+def model_xml(hardware: HardwareSpec, scene: Callable[[mujoco.MjSpec], None]) -> str:
     """Write the model that `load_model` compiles as one text of MJCF, with numbers to
     six digits."""
-    spec = _on_the_ground(hardware, PHYSICS_STEP, feet_only=False)
+    spec = _scene(hardware).copy()
+    scene(spec)
     spec.compile()
     return spec.to_xml()
 
 
-def _on_the_ground(
-    hardware: HardwareSpec, timestep: float, feet_only: bool
+@functools.lru_cache(maxsize=8)
+def _scene(
+    hardware: HardwareSpec,
+    timestep: float = PHYSICS_STEP,
+    visual: bool = True,
+    feet_only: bool = False,
+    weighed: bool = False,
 ) -> mujoco.MjSpec:
-    """Return the robot's scene with a time step (s) and, if the hardware has solid
-    legs, with their collisions."""
+    """Return the scene of `load_model` on flat ground; copies take other ground."""
     spec = load_spec(hardware)
     spec.option.timestep = timestep
     if hardware.solid_legs and not feet_only:
         _make_legs_solid(spec)
+    if not visual:
+        _drop_visuals(spec)
+    if feet_only:
+        for name in TRUNK_GEOMS:
+            spec.geom(name).conaffinity = 0
+    if weighed:
+        _weigh(spec)
     return spec
 
 
@@ -165,6 +173,30 @@ def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3
     ]
 
 
+def ground_geoms(model: mujoco.MjModel) -> list[int]:
+    """Return the geoms of ground that is not flat."""
+    raised = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    return np.flatnonzero(
+        raised & (model.geom_bodyid == 0) & (model.geom_group == 0)
+    ).tolist()
+
+
+def field_of(
+    model: mujoco.MjModel,
+) -> tuple[
+    Float[np.ndarray, " columns"],
+    Float[np.ndarray, " rows"],
+    Float[np.ndarray, "rows columns"],
+]:
+    """Return the points along x and along y of a scene's only field of heights, and the
+    heights there, m, in the frame of its geom."""
+    length, breadth, most, _ = model.hfield_size[0]
+    heights = most * model.hfield_data.reshape(model.hfield_nrow[0], -1)
+    rows, columns = heights.shape
+    x, y = np.linspace(-length, length, columns), np.linspace(-breadth, breadth, rows)
+    return x, y, heights
+
+
 def mesh_of(
     model: mujoco.MjModel, mesh: int
 ) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
@@ -184,6 +216,12 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     which the next step overwrites.
     """
     return data.sensordata.reshape(len(LEGS), 3)
+
+
+def height_over_ground(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the height of the trunk's centre over the ground below it, m; -1 where
+    there is no ground, or the trunk is in it."""
+    return mujoco.mj_ray(model, data, data.qpos[:3], DOWN, GROUND, True, -1, None)
 
 
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:

@@ -3,9 +3,20 @@
 import dataclasses
 from typing import Annotated, Literal, get_args
 
+import tyro
+
 from bp2_rl.base.bounds import Bounded, Range, Within
 from bp2_rl.base.errors import UserError
 
+TerrainWish = Annotated[
+    str,
+    tyro.conf.arg(
+        metavar="KIND:SIZE",
+        help="The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height, slope:0.1 rises 0.1 rad; "
+        "a third number is the cell, m.",
+    ),
+]
+"""A ground as `Terrain.of` takes it."""
 TerrainKind = Literal["flat", "rough", "waves"]
 """rough: heights drawn evenly at the points of a grid, planes between them. waves:
 along x and y, each eight cells long."""

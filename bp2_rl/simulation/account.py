@@ -1,7 +1,7 @@
 """Account for the energy and the ground contact of a run: every recorded sample is put
 through C MuJoCo again.
 
-For a run on flat ground in steps of 1 ms. Powers are means over a millisecond: a force
+For a run in steps of 1 ms. Powers are means over a millisecond: a force
 times the mean of the velocities at its ends, which for MuJoCo's Euler integrator is the
 exact change of the kinetic energy. What the battery gives is what is lost, by cause,
 plus what is stored:
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bp2_rl.robot import losses
 from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
@@ -36,6 +36,7 @@ from bp2_rl.simulation.metrics import (
 )
 from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory, window_means
+from bp2_rl.simulation.world import World
 
 CAUSES = (
     "copper",
@@ -71,9 +72,10 @@ class Ledger(NamedTuple):
 
 
 class SoleAccount(NamedTuple):
-    """Height and velocity of every foot's lowest point, at every sample."""
+    """Depth in the ground and velocity of every foot's lowest point, at every
+    sample."""
 
-    height: Float[np.ndarray, "N 4"]  # m, below 0 in the ground
+    depth: Float[np.ndarray, "N 4"]  # m, 0 in the air
     velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
 
 
@@ -93,7 +95,7 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     else:
         against = losses.loss(resistance, run.qpos, run.qvel, run.torque)
         applied = losses.generalized(against, run.qvel)
-    model = load_model(run.hardware, visual=False)
+    model = load_model(run.hardware, visual=False, scene=World(run.terrain).lay)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     force, energy, soles = _look_again(model, run, applied)
@@ -107,7 +109,6 @@ def _look_again(
     feet's lowest points."""
     data = mujoco.MjData(model)
     feet = foot_geom_ids(model)
-    floor = int(model.geom("floor").id)
     count = len(run) - 1
     change = np.diff(run.qvel, axis=0)
     names = "momentum", "bias", "spring", "damper", "ground", "legs", "stops"
@@ -127,9 +128,13 @@ def _look_again(
         # implicit, as the integrator has it
         force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]
         split_constraints(
-            model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k]
+            model, data, force["ground"][k], force["legs"][k], force["stops"][k]
         )
-        soles.height[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
+        depths = np.where(on_ground(model, data), -data.contact.dist, 0.0)
+        soles.depth[k] = [
+            np.max(depths, where=np.any(data.contact.geom == foot, axis=1), initial=0.0)
+            for foot in feet
+        ]
         soles.velocity[k] = [
             _sole_velocity(model, data, foot) for foot in feet.tolist()
         ]
@@ -185,7 +190,6 @@ def _balance(
 def split_constraints(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    floor: int,
     ground: Float[np.ndarray, " nv"],
     legs: Float[np.ndarray, " nv"],
     stops: Float[np.ndarray, " nv"],
@@ -197,7 +201,7 @@ def split_constraints(
     limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
     on_floor = np.zeros(data.nefc, bool)
     rows = np.flatnonzero(~limits)
-    on_floor[rows] = data.contact.geom1[data.efc_id[rows]] == floor
+    on_floor[rows] = on_ground(model, data)[data.efc_id[rows]]
     for chosen, out in (
         (on_floor, ground),
         (limits, stops),
@@ -207,6 +211,12 @@ def split_constraints(
             mujoco.mj_mulJacTVec(
                 model, data, out, np.where(chosen, data.efc_force, 0.0)
             )
+
+
+def on_ground(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray, " C"]:
+    """Return which contacts are with the ground: with geoms that are fixed to the
+    world."""
+    return np.any(model.geom_bodyid[data.contact.geom] == 0, axis=1)
 
 
 def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
@@ -274,7 +284,7 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     sliding = speed[standing & touching]
     plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
-        depth=max(-float(np.min(soles.height)), 0.0),
+        depth=float(np.max(soles.depth)),
         slip=float(np.median(sliding)) if len(sliding) else None,
         slip_95=float(np.quantile(sliding, 0.95)) if len(sliding) else None,
         slip_distance=float(np.sum(sliding) * run.dt / stances) if stances else None,

@@ -24,7 +24,7 @@ from PIL import Image, ImageDraw, ImageFont
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
 from bp2_rl.robot.camera import Camera
-from bp2_rl.robot.model import load_model
+from bp2_rl.robot.model import ground_geoms, load_model
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
 from bp2_rl.simulation.world import World
@@ -119,7 +119,10 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     A flat scene repeats itself every metre, so the robot is shown by whole metres nearer
     to its middle than it ran.
     """
-    model = load_model(run.hardware, scene=World(terrain=run.terrain).scene())
+    model = load_model(run.hardware, scene=World(run.terrain).lay)
+    if uneven := ground_geoms(model):  # which would half cover the lanes' lines
+        model.geom_matid[uneven] = model.mat("metres").id
+        model.mat_rgba[model.mat("line").id, 3] = 0.0
     if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024

@@ -25,8 +25,8 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
-from bp2_rl.robot.ground import over_ground
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.model import height_over_ground
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig
@@ -275,11 +275,7 @@ class _SideBySide:
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
         self._finish = np.array([min(one.finish, one.world.end) for one in requests])
-        self._grounds = [
-            (i, ground)
-            for i, one in enumerate(requests)
-            if (ground := one.world.ground)
-        ]
+        self._uneven = [i for i, one in enumerate(requests) if one.world.ground]
         self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
@@ -344,10 +340,11 @@ class _SideBySide:
         torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
-        pose = simulator.qpos.copy() if self._grounds else simulator.qpos
-        for robot, ground in self._grounds:
-            if not self._ended[robot]:
-                pose[robot] = over_ground(pose[robot], ground)
+        pose = simulator.qpos.copy() if self._uneven else simulator.qpos
+        for robot in self._uneven:
+            pose[robot, 2] = height_over_ground(
+                simulator.models[robot], simulator.data[robot]
+            )
         down = fall(pose, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch

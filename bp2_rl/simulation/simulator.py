@@ -94,9 +94,8 @@ class RobotSetup:
     def model(self) -> mujoco.MjModel:
         """Return the robot's MuJoCo model, which reports the forces on its feet."""
         model = load_model(
-            self.config.hardware, visual=False, weighed=True, scene=self.world.scene()
+            self.config.hardware, visual=False, weighed=True, scene=self.world.lay
         )
-        self.world.tilt(model)
         self.numerics.apply(model)
         if self.drawn:
             self.drawn.change_model(model, self.config.hardware)
@@ -356,11 +355,14 @@ def settled(
     """Return a simulator whose robots stand at rest on their feet at the origin.
 
     Each kind of robot is settled once in a process, by C MuJoCo with the usual
-    numerics, as it was designed; `engine` then takes it over.
+    numerics, as it was designed; `engine` then takes it over. Grounds that differ in
+    their seeds alone are alike around the start.
     """
     kinds = [
         (
-            RobotSetup(one.config, dataclasses.replace(one.world, pushes=())),
+            RobotSetup(
+                one.config, World(dataclasses.replace(one.world.terrain, seed=0))
+            ),
             SETTLING_TIME,
         )
         for one in robots

@@ -4,7 +4,6 @@ random properties."""
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 from typing import Annotated
 
 import jax
@@ -65,15 +64,13 @@ class World(Bounded, path="world."):
         """Distance ahead at which a run ends, m: a metre before the ground does."""
         return LENGTH - BEHIND - 1.0 if self.terrain.size else math.inf
 
-    def scene(self) -> Callable[[mujoco.MjSpec], None] | None:
-        """Return the function that lays the ground in a MuJoCo scene; None for a flat
-        floor."""
-        return self.ground.lay if self.ground else None
-
-    def tilt(self, model: mujoco.MjModel) -> None:
-        """Tilt the model's gravity, which stands for the slope."""
+    def lay(self, spec: mujoco.MjSpec) -> None:
+        """Lay the ground in a MuJoCo scene, and tilt its gravity, which stands for the
+        slope."""
+        if self.ground:
+            self.ground.lay(spec)
         if slope := self.terrain.slope:
-            model.opt.gravity[:] = conventions.GRAVITY * np.array(
+            spec.option.gravity = conventions.GRAVITY * np.array(
                 [-np.sin(slope), 0.0, -np.cos(slope)]
             )
 

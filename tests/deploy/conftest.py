@@ -15,6 +15,10 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.presets import preset
+from bp2_rl.settings.terrain import Terrain
+from bp2_rl.simulation.world import World
+
+UPHILL = World(Terrain("waves", 0.05, slope=0.05))
 
 
 @pytest.fixture(scope="session")
@@ -27,6 +31,14 @@ def bundle(shipped, tmp_path_factory):
     folder = tmp_path_factory.mktemp("deploy") / "bundle"
     write_bundle(folder, shipped)
     return folder
+
+
+@pytest.fixture(scope="session")
+def uphill(shipped, tmp_path_factory):
+    """Return the world of waves that rise, and the bundle to be rehearsed there."""
+    folder = tmp_path_factory.mktemp("deploy") / "uphill"
+    write_bundle(folder, shipped, UPHILL)
+    return UPHILL, folder
 
 
 @pytest.fixture(scope="session")

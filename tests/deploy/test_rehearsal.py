@@ -151,15 +151,33 @@ def test_a_radio_hears_its_peer_alone_and_whole_datagrams(onboard):
             radio.close()
 
 
-def test_it_runs_with_lost_and_late_datagrams(onboard, bundle, controller, rehearse):
+def test_it_runs_on_the_ground_of_its_bundle_with_lost_and_late_datagrams(
+    onboard, uphill, shipped, rehearse
+):
+    """On the judge's field of heights, under its gravity, and falls over the ground."""
+    world, folder = uphill
+    controller = onboard.controller.OnboardController(folder)
+    launch = 10.74**2 / (2.0 * 2.4)  # m, then it holds the speed to 5 m from the end
+    room = world.end - 5.0 - launch
+    assert controller.settings["rehearsal"]["hold"] == pytest.approx(room / 10.74)
     plan = onboard.robot.RehearsalPlan(speed=3.0, acceleration=3.0, hold=2.0)
-    world = onboard.robot.RehearsalWorld(bundle, "built", plan)
-    rehearse(world, controller)
-    outcome = world.outcome()
-    assert controller.fault == ""
-    assert outcome["fell_at"] is None
+    rehearsal = onboard.robot.RehearsalWorld(folder, "built", plan)
+    robot, judges = rehearsal.robot, load_model(BUILT, scene=world.lay)
+    for what in ("hfield_data", "hfield_size", "geom_conaffinity"):
+        found, expected = getattr(robot.model, what), getattr(judges, what)
+        assert found == pytest.approx(expected, abs=2e-6), what
+    env = dataclasses.replace(shipped.card.env, hardware=BUILT)
+    stand = settled([RobotSetup(env, world)]).qpos[0]
+    assert robot.data.qpos == pytest.approx(stand, abs=1e-12)
+    # gravity tilts by 0.05 rad, the trunk in its stand hardly
+    assert robot.sensors()[24:27] == pytest.approx((0.05, 0.0, 1.0), abs=0.02)
+    rehearse(rehearsal, controller)
+    outcome = rehearsal.outcome()
+    assert (controller.fault, outcome["fell_at"]) == ("", None)
     assert outcome["mean_speed"] == pytest.approx(3.0, abs=0.5)
     assert outcome["lost"] / outcome["sent"] == pytest.approx(0.05, abs=0.03)
+    robot.data.qpos[:3] = 9.8, 0.8, 0.34  # on a crest of 50 mm
+    assert robot.fallen
 
 
 @pytest.mark.parametrize(

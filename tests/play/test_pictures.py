@@ -12,6 +12,8 @@ from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import load_model
+from bp2_rl.settings.terrain import Terrain
+from bp2_rl.simulation.world import World
 
 pytest.importorskip(
     "trimesh",
@@ -61,6 +63,16 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
     assert 0.6 < high[2] < 0.75
     assert 0.84 < high[0] - low[0] < 1.1
     assert 0.3 < high[1] - low[1] < 0.6
+
+
+def test_uneven_ground_is_drawn_with_the_planes_on_which_robots_run():
+    world = World(Terrain("rough", 0.05, cell=0.5))
+    assert world.ground
+    [mesh] = Looks(BUILT, world).ground()
+    x, y, z = mesh.triangles_center.T
+    # MuJoCo keeps heights in float32
+    np.testing.assert_allclose(z, world.ground.below(x, y).height, atol=1e-6)
+    assert mesh.area > 240.0 * 12.0
 
 
 def test_the_chart_has_every_motor_inside_its_envelope():

@@ -14,9 +14,12 @@ from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish, readings
 from bp2_rl.robot.conventions import CONTROL_STEP
 from bp2_rl.settings.presets import preset
+from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
+from bp2_rl.simulation.world import World
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
+CREST = 9.8, 0.8  # m, a quarter of a wave of 1.6 m and whole ones from -5, -6
 
 
 def run(session, seconds):
@@ -28,14 +31,22 @@ def run(session, seconds):
     return np.array(commands)
 
 
-def test_it_runs_as_the_judge_has_it_run(session):
+@pytest.fixture
+def uphill(session, monkeypatch):
+    """The robot on waves that rise."""
+    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
+    world = World(Terrain("waves", 0.2, slope=0.05))
+    return Session(session._policy, session.hardware, world)
+
+
+@pytest.mark.parametrize("ground", ["session", "uphill"])
+def test_it_runs_as_the_judge_has_it_run(request, ground, monkeypatch):
     """A run of the same policy on the same robot under the same ramp, held."""
-    ramp = Ramp((0.6, 0.0, 0.0), COMMAND_ACCELERATION, hold=0.15)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
-        judged = run_one(
-            session._policy, ramp, session.config, hardware=session.hardware
-        )
+    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
+    session = request.getfixturevalue(ground)
+    policy, ramp = session._policy, Ramp((0.6, 0.0, 0.0), COMMAND_ACCELERATION, 0.15)
+    robot = {"hardware": session.hardware, "world": session.world}
+    judged = run_one(policy, ramp, session.config, **robot)
     session.wish = Wish(0.6)
     run(session, ramp.duration - CONTROL_STEP)
     # a sample is the state at the beginning of its millisecond
@@ -44,6 +55,22 @@ def test_it_runs_as_the_judge_has_it_run(session):
     # that each step.
     np.testing.assert_allclose(session.qpos, judged.qpos[k], atol=1e-4)
     np.testing.assert_allclose(session.worked[-1, 1], judged.torque[k - 1], atol=0.05)
+
+
+def test_fall_and_ghost_are_over_the_ground_and_beyond_it_there_is_none(uphill):
+    """On a crest of 0.2 m, at a height at which a robot on flat ground stands."""
+    uphill.tick()
+    uphill.data.qpos[:2] = CREST
+    assert uphill.ground == pytest.approx(0.2, abs=1e-6)
+    ghost = uphill.reference()[2]
+    uphill.data.qpos[:2] = 0.0, 0.0  # even, at the start
+    assert uphill.reference()[2] == pytest.approx(ghost - 0.2, abs=1e-6)
+    for place, height in ((CREST, 0.45), ((-6.0, 0.0), 0.6)):
+        uphill.reset()
+        before = uphill.falls
+        uphill.data.qpos[:3] = *place, height
+        uphill.tick()
+        assert uphill.falls == before + 1, place
 
 
 def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(

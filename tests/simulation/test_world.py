@@ -103,8 +103,13 @@ def test_rough_ground_has_the_heights_that_it_says(cell):
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
     world = World(terrain=Terrain("rough", 0.015, cell=0.1))
-    simulator = settled([RobotSetup(STANDING, world), RobotSetup(STANDING, LEVEL)])
-    rough, level = simulator.data
+    other = World(terrain=Terrain("rough", 0.015, cell=0.1, seed=7))
+    simulator = settled([RobotSetup(STANDING, one) for one in (world, LEVEL, other)])
+    rough, level, _ = simulator.data
+    alone = Simulator([RobotSetup(STANDING, other)])
+    alone.settle()
+    # seeds share a stand
+    np.testing.assert_allclose(simulator.qpos[2], alone.qpos[0], atol=1e-9)
     # A sphere on a field of heights may touch two triangles: twice the friction holds
     # the feet a few mrad otherwise.
     np.testing.assert_allclose(rough.qpos, level.qpos, atol=5e-3)

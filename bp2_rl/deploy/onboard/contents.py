@@ -50,6 +50,7 @@ NUMBERS = {
     "command.least": (-1000.0, 0.0, 3),
     "command.most": (0.0, 1000.0, 3),
     "rehearsal.speed": (0.001, 1000.0),
+    "rehearsal.hold": (0.001, 1000.0),
 }
 """Bounds (least, most) and shape of each number in `deploy.json` that affects joint
 targets and has no bounds elsewhere."""

@@ -227,9 +227,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         require_one_of("robot", robot, settings["robots"])
         names = [field.name for field in dataclasses.fields(RehearsalPlan)]
         given = {name: x for name in names if (x := getattr(args, name)) is not None}
-        plan = RehearsalPlan(**{"speed": settings["rehearsal"]["speed"], **given})
+        plan = RehearsalPlan(**{**settings["rehearsal"], **given})
         print(
-            f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s",
+            f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s; ground: {settings['ground']}",
             file=sys.stderr,
         )
         core = None if args.core == -1 else args.core

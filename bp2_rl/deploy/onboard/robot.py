@@ -13,6 +13,7 @@ import numpy as np
 
 from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque
+from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.losses import Resistance, generalized, loss
 from bp2_rl.robot.operator import COMMAND_ACCELERATION, HeadingHold
 
@@ -22,11 +23,14 @@ from .link import COMMAND, SENSORS, BadLink
 
 DT = 1e-3  # s
 TICK = 5  # ms between two measurements
+DOWN = np.array([0.0, 0.0, -1.0])
+OF_GROUND = np.array([1, 0, 0, 0, 0, 0], np.uint8)  # MuJoCo's groups of geoms
 FAULTS = ("", "nan", "silence", "operator")
 
 
 class SimulatedRobot:
-    """A robot simulated in C MuJoCo on flat ground, which starts standing at rest.
+    """A robot simulated in C MuJoCo on the bundle's ground, which starts standing at
+    rest.
 
     Args:
         folder: the bundle.
@@ -54,6 +58,7 @@ class SimulatedRobot:
             )
             self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+            self._up = self.model.opt.gravity / -GRAVITY  # tilted on a slope
             self.data = mujoco.MjData(self.model)
             joints = [self.model.joint(joint) for joint in settings["joints"]]
             self._q = np.array([joint.qposadr[0] for joint in joints])
@@ -64,9 +69,14 @@ class SimulatedRobot:
 
     @property
     def fallen(self) -> bool:
-        """Return whether the robot has fallen, by its height and tilt."""
-        height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
-        return not (height >= self._fall["height"] and up >= self._fall["up"])
+        """Return whether the robot has fallen, by its height over the ground and its
+        tilt."""
+        height = mujoco.mj_ray(
+            self.model, self.data, self.data.qpos[:3], DOWN, OF_GROUND, True, -1, None
+        )
+        return not (
+            height >= self._fall["height"] and self.data.xmat[1, 8] >= self._fall["up"]
+        )
 
     @property
     def place(self) -> tuple[float, float, float, float]:
@@ -81,8 +91,9 @@ class SimulatedRobot:
         """Return the 30 numbers of encoders and IMU: joint positions and velocities,
         up, angular velocity."""
         qpos, qvel = self.data.qpos, self.data.qvel
-        w, x, y, z = qpos[3:7]
-        up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        to_trunk, up = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(to_trunk, qpos[3:7])
+        mujoco.mju_rotVecQuat(up, self._up, to_trunk)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
     def millisecond(self, targets: DriveTargets) -> None:

@@ -143,12 +143,13 @@ def describe(policy: Policy) -> str:
 
 
 def describe_subject(policy: Policy, setup: Setup) -> str:
-    """Name the policy and the robot that run, for titles.
+    """Name the policy, the robot and the ground of a run, for titles.
 
     The commanded speed is left out: a reader would take it for the speed run.
     """
     noisy = ", noisy sensors" if setup.sensor_noise else ""
-    return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{noisy}"
+    ground = "" if setup.terrain == "flat" else f", ground {setup.terrain}"
+    return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{ground}{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:

@@ -11,7 +11,7 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.settings.terrain import Terrain
+from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
 from bp2_rl.simulation.backend import Backend, DrakeContact
 
@@ -55,10 +55,7 @@ class Setup(Bounded, path="--"):
     ] = None
     """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn
     from; by default 0."""
-    terrain: Annotated[str, tyro.conf.arg(metavar="KIND:SIZE")] = "flat"
-    """The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height,
-    slope:0.1 rises 0.1 rad; a third number is the cell, m. Of topspeed, sprint,
-    robustness."""
+    terrain: TerrainWish = "flat"
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD

@@ -68,10 +68,10 @@ def plausible_rows(
     policy: Policy, setup: Setup, name: str, unit: str
 ) -> tuple[Row, ...]:
     """Return a report's row with the results of robots that BP2 may be, as they are on
-    the policy's card; none for another robot than the built one."""
+    the policy's card; none for another robot than the built one, or other ground."""
     results = policy.card.results.get(POSTERIOR)
     found = isinstance(results, dict) and results.get(name)
-    if not found or robot_of(policy, setup) != BUILT:
+    if not found or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
         return ()
     return (
         Row(

@@ -2,6 +2,7 @@
 and a browser shows the run."""
 
 import base64
+import dataclasses
 
 import mujoco
 import numpy as np
@@ -14,13 +15,18 @@ from bp2_rl.evaluation.benchmarks.run import run_pictures, run_tables
 from bp2_rl.evaluation.report.page import page
 from bp2_rl.evaluation.report.player.content import LONGEST, describe
 from bp2_rl.robot.model import load_model
+from bp2_rl.settings.terrain import Terrain
+from bp2_rl.simulation.world import World
 
 BROWSER = find_browser()
 PLAYER = "document.querySelector('.player').player"
 
 
 def channel(content, name):
-    told = content["channels"][name]
+    return numbers(content["channels"][name])
+
+
+def numbers(told):
     values = np.frombuffer(base64.b64decode(told["data"]), "<" + told["type"]).reshape(
         -1, told["width"]
     )
@@ -38,6 +44,23 @@ def test_the_page_is_told_the_run_to_a_tenth_of_a_millimetre(busy_run):
         ("force", forces, 0.05),
     ):
         np.testing.assert_allclose(channel(content, name), values, atol=error)
+
+
+def test_ground_that_is_not_flat_is_told_and_the_level_below_the_trunk(busy_run):
+    """Against the planes from which the ground is made."""
+    run = dataclasses.replace(busy_run, terrain=Terrain("rough", 0.05, cell=0.3))
+    content, ground = describe(run), World(run.terrain).ground
+    assert ground
+    [geom] = [geom for geom in content["geoms"] if geom["link"] < 0]
+    x, y = np.meshgrid(geom["field"]["x"], geom["field"]["y"])
+    (left, right, height), heights = geom["position"], geom["field"]["heights"]
+    found = numbers(heights).reshape(x.shape) + height
+    # 16 bits of 10 cm, and x and y to a micrometre
+    np.testing.assert_allclose(
+        found, ground.below(x + left, y + right).height, atol=5e-6
+    )
+    assert np.ptp(x) == pytest.approx(np.ptp(run.qpos[:, 0]) + 10.0, abs=0.6)
+    assert np.ptp(channel(content, "level")) > 0.01
 
 
 def test_a_turn_is_told_without_jumps(make_run):

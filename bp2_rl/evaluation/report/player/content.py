@@ -14,12 +14,22 @@ from jaxtyping import Float
 
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
-from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.model import SOLE_SITES, load_model, mesh_of, visible_geoms
+from bp2_rl.robot.ground import over_ground
+from bp2_rl.robot.model import (
+    SOLE_SITES,
+    field_of,
+    ground_geoms,
+    load_model,
+    mesh_of,
+    visible_geoms,
+)
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
+from bp2_rl.simulation.world import World
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
+TRACK = np.array((0.57, 0.25, 0.2))  # of 1: its colour
+MARGIN = 5.0  # m, of ground that is shown around the run
 LARGEST = 32767  # of a 16-bit number
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -27,6 +37,7 @@ SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+    mujoco.mjtGeom.mjGEOM_HFIELD: "field",
 }
 
 
@@ -46,7 +57,8 @@ def describe(run: Trajectory) -> dict[str, Any]:
     # q and -q are one turn, but not halfway between
     flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)
     turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
-    return robot(run.hardware) | {
+    level = run.qpos - over_ground(run.qpos, World(run.terrain).ground)
+    return robot(run) | {
         "motion": {
             "rate": 1.0 / (step * run.dt),
             "count": len(turn),
@@ -56,6 +68,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
         },
         "channels": {
             "place": _floats(run.qpos[shown, :3]),
+            "level": _floats(moving_mean(level[:, 2:3], round(RIPPLE / run.dt))[shown]),
             "turn": _integers(turn),
             "joints": _integers(run.qpos[shown, 7:]),
             "force": _integers(
@@ -66,10 +79,13 @@ def describe(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def robot(hardware: HardwareSpec) -> dict[str, Any]:
-    """Return the robot's links and geoms for the player, parents before children;
-    lengths in m."""
-    model = load_model(hardware)
+def robot(run: Trajectory) -> dict[str, Any]:
+    """Return a run's robot and uneven ground for the player; lengths in m.
+
+    Parents come before their children; the ground's geoms have the link -1. Of a field
+    of heights, what is near the run is told.
+    """
+    model = load_model(run.hardware, scene=World(run.terrain).lay)
     links = []
     meshes = {}
     for body in range(1, model.nbody):
@@ -87,19 +103,22 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
             }
         )
     geoms = []
-    for geom, color in visible_geoms(model):
+    uneven = [(geom, TRACK) for geom in ground_geoms(model)]
+    for geom, color in (*visible_geoms(model), *uneven):
         mesh = int(model.geom_dataid[geom])
-        if mesh >= 0:
+        shape = SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))]
+        if shape == "mesh":
             meshes.setdefault(mesh, len(meshes))
         geoms.append(
             {
                 "link": int(model.geom_bodyid[geom]) - 1,
-                "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
+                "shape": shape,
                 "mesh": meshes.get(mesh, -1),
                 "size": _rounded(model.geom_size[geom]),
                 "position": _rounded(model.geom_pos[geom]),
                 "quaternion": _rounded(model.geom_quat[geom]),
                 "color": _rounded(color),
+                "field": _field(run, model, geom) if shape == "field" else None,
             }
         )
     feet = [
@@ -116,6 +135,19 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
         "meshes": [_mesh(model, mesh) for mesh in meshes],
         "feet": feet,
     }
+
+
+def _field(run: Trajectory, model: mujoco.MjModel, geom: int) -> dict[str, object]:
+    """Return the points of the field of heights that are at most `MARGIN` from the
+    run's ranges of x and y."""
+    x, y, heights = field_of(model)
+    path = (run.qpos[:, :2] - model.geom_pos[geom, :2]).T
+    columns, rows = (
+        np.abs(points - np.clip(points, np.min(at), np.max(at))) <= MARGIN
+        for points, at in zip((x, y), path, strict=True)
+    )
+    near = _integers(heights[np.ix_(rows, columns)].reshape(-1, 1))
+    return {"x": _rounded(x[columns]), "y": _rounded(y[rows]), "heights": near}
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, object]:

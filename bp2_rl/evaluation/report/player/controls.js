@@ -118,7 +118,8 @@ class Player {
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     const force = this.find("[data-does=forces]").checked ? motion.at("force", 12, seconds) : null;
     const place = motion.at("place", 3, seconds), [speed, told] = motion.at("speed", 2, seconds);
-    this.scene.draw(place, motion.poses(seconds, true), force, this.camera);
+    const [level] = motion.at("level", 1, seconds);
+    this.scene.draw(place, level, motion.poses(seconds, true), force, this.camera);
     this.find("[data-shows=speed]").textContent = speed.toFixed(1);
     const falls = motion.fell !== null && seconds >= motion.length ? ", falls" : "";
     this.find("[data-shows=told]").textContent = `told ${told.toFixed(1)} m/s, ${place[0].toFixed(0)} m${falls}`;

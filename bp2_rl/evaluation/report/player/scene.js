@@ -1,14 +1,15 @@
-// What is on the canvas: the track, the robot's shadow, the robot, and the forces under its feet. The world's origin
+// What is on the canvas: the track, ground that is not flat, the robot's shadow, the robot, and the forces under its feet. The world's origin
 // is on the ground under the trunk, and the track moves.
 
 const ROBOT_SHADER = `#version 300 es
 in vec3 position; in vec3 normal; in vec3 color; in float part;
 uniform mat4 camera; uniform mat4 projection; uniform mat4 parts[PARTS]; uniform vec3 sun; uniform bool flat_on_ground;
+uniform float level;
 out vec3 at; out vec3 facing; out vec3 paint;
 void main() {
   mat4 pose = parts[int(part)];
   vec4 place = pose * vec4(position, 1.0);
-  if (flat_on_ground) place.xyz -= sun * (max(place.z, 0.0) / sun.z);
+  if (flat_on_ground) place.xyz -= sun * (max(place.z - level, 0.0) / sun.z);
   at = place.xyz; facing = mat3(pose) * normal; paint = color;
   gl_Position = projection * camera * place;
 }`;
@@ -73,7 +74,7 @@ class Scene {
     if (!gl) throw new Error("no WebGL 2");
     this.canvas = canvas;
     this.content = content;
-    this.parts = content.links.length + 2 * content.feet.length;
+    this.parts = content.links.length + 2 * content.feet.length + 1;
     this.robot = this.program(ROBOT_SHADER.replace("PARTS", this.parts), ROBOT_PAINT);
     this.track = this.program(TRACK_SHADER, TRACK_PAINT);
     this.load(...this.build());
@@ -107,7 +108,7 @@ class Scene {
     return array;
   }
 
-  // All triangles: those of the robot, then those of the arrows.
+  // All triangles: those of the robot, then those of the arrows, then those of the ground.
   build() {
     const all = { position: [], normal: [], color: [], part: [] };
     const add = ({ position, normal }, at, color, part) => {
@@ -119,18 +120,20 @@ class Scene {
       }
     };
     const { geoms, meshes, links, feet } = this.content;
-    for (const geom of geoms)
-      add(triangles(geom, meshes), pose(geom.position, geom.quaternion), geom.color, geom.link);
+    const lay = (geom, part) => add(triangles(geom, meshes), pose(geom.position, geom.quaternion), geom.color, part);
+    for (const geom of geoms.filter(({ link }) => link >= 0)) lay(geom, geom.link);
     const robot = all.part.length, still = pose([0, 0, 0], [1, 0, 0, 0]);
     feet.forEach(({ color }, i) => {
       add(cylinder(0.012, 0, 1), still, color, links.length + 2 * i);
       add(cone(0.032, HEAD), still, color, links.length + 2 * i + 1);
     });
-    return [all, robot];
+    const arrows = all.part.length;
+    for (const geom of geoms.filter(({ link }) => link < 0)) lay(geom, this.parts - 1); // the ground
+    return [all, robot, arrows];
   }
 
-  load({ position, normal, color, part }, robot) {
-    this.counts = [robot, part.length - robot];
+  load({ position, normal, color, part }, robot, arrows) {
+    this.counts = { robot: [0, robot], arrows: [robot, arrows - robot], ground: [arrows, part.length - arrows] };
     const floats = (values) => new Float32Array(values);
     this.shapes = this.vertices(this.robot, {
       position: [3, floats(position)], normal: [3, floats(normal)], color: [3, floats(color)], part: [1, floats(part)],
@@ -148,15 +151,17 @@ class Scene {
     });
   }
 
-  // `place` of the trunk, `poses` centred under it, `force` of 4 x 3 N or null, `camera` {yaw, pitch, distance}.
-  draw(place, poses, force, { yaw, pitch, distance }) {
+  // `place` of the trunk, `level` of the ground below it, `poses` centred under it, `force` of 4 x 3 N or null,
+  // `camera` {yaw, pitch, distance}.
+  draw(place, level, poses, force, { yaw, pitch, distance }) {
     const gl = this.gl, { canvas } = this, wide = canvas.width / canvas.height;
     const tangent = wide > 1.4 ? [FIELD * wide, FIELD] : [FIELD * 1.4, (FIELD * 1.4) / wide];
     const ahead = [-Math.cos(pitch) * Math.cos(yaw), -Math.cos(pitch) * Math.sin(yaw), -Math.sin(pitch)];
     const eye = [0, 0, 0.36].map((value, i) => value - distance * ahead[i]);
-    eye[2] = Math.max(eye[2], 0.05);
+    eye[2] = level + Math.max(eye[2], 0.05);
     const camera = view(eye, ahead);
-    const matrices = [...poses, ...this.arrows(poses, force ?? new Array(12).fill(0))].flat();
+    const world = pose([-place[0], -place[1], 0], [1, 0, 0, 0]);
+    const matrices = [...poses, ...this.arrows(poses, force ?? new Array(12).fill(0)), world].flat();
 
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
@@ -167,26 +172,30 @@ class Scene {
 
     gl.bindVertexArray(this.shapes);
     const projection = perspective(tangent[1], tangent[0], 0.05, 60);
-    const shared = { camera, projection, parts: matrices, eye, sun: SUN };
+    const shared = { camera, projection, parts: matrices, eye, sun: SUN, level: [level], glows: 0 };
+    gl.enable(gl.DEPTH_TEST);
+    this.use(this.robot, { ...shared, flat_on_ground: 0 });
+    gl.drawArrays(gl.TRIANGLES, ...this.counts.ground);
+    gl.disable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
     gl.enable(gl.STENCIL_TEST); // each pixel of the shadow is darkened once
     gl.stencilFunc(gl.EQUAL, 0, 255);
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-    this.use(this.robot, { ...shared, flat_on_ground: 1, glows: 0 });
-    gl.drawArrays(gl.TRIANGLES, 0, this.counts[0]);
+    this.use(this.robot, { flat_on_ground: 1 });
+    gl.drawArrays(gl.TRIANGLES, ...this.counts.robot);
     gl.disable(gl.STENCIL_TEST);
     gl.disable(gl.BLEND);
 
     gl.enable(gl.DEPTH_TEST);
     this.use(this.robot, { flat_on_ground: 0 });
-    gl.drawArrays(gl.TRIANGLES, 0, this.counts[0]);
+    gl.drawArrays(gl.TRIANGLES, ...this.counts.robot);
     this.use(this.robot, { glows: 1 });
-    gl.drawArrays(gl.TRIANGLES, ...this.counts);
+    gl.drawArrays(gl.TRIANGLES, ...this.counts.arrows);
   }
 
   use(program, values) {
-    const gl = this.gl, setters = { 2: "uniform2fv", 3: "uniform3fv", 1: "uniform1i" };
+    const gl = this.gl, setters = { 2: "uniform2fv", 3: "uniform3fv", 1: "uniform1fv" };
     gl.useProgram(program);
     for (const [name, value] of Object.entries(values)) {
       const place = gl.getUniformLocation(program, name);

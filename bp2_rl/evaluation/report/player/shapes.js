@@ -60,8 +60,20 @@ function box([x, y, z]) {
   return fromFaces(corners, sides.flatMap(([a, b, c, d]) => [[a, b, c], [a, c, d]]));
 }
 
+function field({ x, y, heights }) { // cells are split as MuJoCo splits them
+  const height = numbers(heights), vertices = [], faces = [];
+  y.forEach((b, j) => x.forEach((a, i) => vertices.push([a, b, height(j * x.length + i, 0)])));
+  for (let j = 0; j + 1 < y.length; j++)
+    for (let i = 0; i + 1 < x.length; i++) {
+      const near = j * x.length + i, far = near + x.length + 1;
+      faces.push([near, near + 1, far], [near, far, far - 1]);
+    }
+  return fromFaces(vertices, faces);
+}
+
 function triangles(geom, meshes) {
   switch (geom.shape) {
+    case "field": return field(geom.field);
     case "mesh": return fromFaces(meshes[geom.mesh].vertices, meshes[geom.mesh].faces);
     case "cylinder": return cylinder(geom.size[0], -geom.size[1], geom.size[1]);
     case "capsule": return capsule(geom.size[0], geom.size[1]);

@@ -64,7 +64,6 @@ def decompose_run(run: Trajectory) -> Sources:
     model = load_model(run.hardware, visual=False)
     CONVERGED.apply(model)
     data = mujoco.MjData(model)
-    floor = int(model.geom("floor").id)
     resistance = Resistance.from_hardware(run.hardware)
     applied = np.zeros_like(run.qvel)
     if resistance is not None:
@@ -82,20 +81,20 @@ def decompose_run(run: Trajectory) -> Sources:
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, mass[k])
         acceleration[k] = data.qacc
-        terms[2:, k] = _outer_terms(model, data, floor)
+        terms[2:, k] = _outer_terms(model, data)
     terms[:2] = split_inertia(mass, acceleration)
     return split_sources(COORDINATES, mass, acceleration, terms)
 
 
 def _outer_terms(
-    model: mujoco.MjModel, data: mujoco.MjData, floor: int
+    model: mujoco.MjModel, data: mujoco.MjData
 ) -> Float[np.ndarray, "T 22"]:
     """Return all terms but inertia at the state of the last `mj_forward`.
 
     Changes the velocities in `data`.
     """
     ground, legs, stops = np.zeros((3, NV))
-    split_constraints(model, data, floor, ground, legs, stops)
+    split_constraints(model, data, ground, legs, stops)
     at_motors = np.zeros(NV)
     at_motors[MOTOR_QVEL] = data.qfrc_applied[MOTOR_QVEL]
     bias = data.qfrc_bias.copy()
