@@ -31,8 +31,6 @@ def picture(place: Path, policy: str, ground: str, speed: float) -> None:
 
 
 if __name__ == "__main__":
-    place, policy, ground, speed, *_ = [
-        *sys.argv[1:],
-        *("built", "rough:0.05:0.4", "6"),
-    ][:4]
+    place, *chosen = sys.argv[1:]
+    policy, ground, speed = chosen or ("built", "rough:0.05:0.4", "6")
     picture(Path(place), policy, ground, float(speed))
