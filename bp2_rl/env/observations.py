@@ -112,6 +112,7 @@ GROUND: dict[TerrainKind, tuple[Entry[Unsensed], ...]] = {
     "flat": (),
     "rough": (Entry("ground", SCAN, _scan),),
     "waves": (Entry("ground", SCAN, _scan),),
+    "stairs": (Entry("ground", SCAN, _scan),),
     "slope": (Entry("vertical", VECTOR, _vertical),),
 }
 """What the critic sees of each kind of ground, after all else."""
@@ -287,25 +288,31 @@ def set_down(
     return qpos.at[2].add(jnp.min(soles) - jnp.min(soles - below))
 
 
-def knee_in_ground(
+SHANK = np.array([1.0, 0.5], np.float32)
+"""Places on a shank that must stay over the ground: its shares beyond them, to the
+sole."""
+
+
+def shank_in_ground(
     qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
 ) -> Bool[Array, ""]:
-    """Return whether a knee is under the ground: in training feet alone meet it."""
+    """Return whether a knee or the middle of a shank is under the ground: in training
+    feet alone meet it."""
     lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
-    knees, below = _on_legs(qpos, lower, ground, hardware)
-    return jnp.any(knees < below)
+    shanks, below = _on_legs(qpos, jnp.outer(SHANK, lower), ground, hardware)
+    return jnp.any(shanks < below)
 
 
 def _on_legs(
     qpos: Float[Array, " nq"],
-    shortened: Float[Array, "4"],
+    shortened: Float[Array, "*several 4"],
     ground: Ground,
     hardware: HardwareSpec,
-) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+) -> tuple[Float[Array, " ends"], Float[Array, " ends"]]:
     """Return the heights of the ends of legs whose lower parts are shorter by
     `shortened` (m), and the ground's heights below them, m."""
     joints = joint_positions(qpos).reshape(4, 3)
-    ends = foot_position(joints, shortened, hardware)
+    ends = foot_position(joints, shortened, hardware).reshape(-1, 3)
     x, y, z = (qpos[:3] + jax.vmap(_rotate, (0, None))(ends, qpos[3:7])).T
     return z, ground.below(x, y).height
 

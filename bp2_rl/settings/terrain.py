@@ -6,16 +6,21 @@ from typing import Annotated, Literal, get_args
 from bp2_rl.base.bounds import Bounded, Range, Within
 from bp2_rl.base.errors import UserError
 
-TerrainKind = Literal["flat", "rough", "waves", "slope"]
+TerrainKind = Literal["flat", "rough", "waves", "stairs", "slope"]
 """rough: heights drawn evenly at the points of a grid, planes between them. waves:
-along x and y, each eight cells long. slope: a plane, over which gravity tilts."""
+along x and y, each eight cells long. stairs: flights of ten along x, up and down in
+turn, with landings between. slope: a plane, over which gravity tilts."""
 KINDS: dict[TerrainKind, float] = {
     "flat": 0.0,
     "rough": 0.2,
     "waves": 0.2,
+    "stairs": 0.3,
     "slope": 0.5,
 }
-"""The kinds of ground with their largest sizes: an amplitude, m, or an angle, rad."""
+"""The kinds of ground with their largest sizes: an amplitude or the height of a step, m,
+or an angle, rad."""
+TREAD = 0.3
+"""m, the run of a tread where none is named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,10 +28,10 @@ class Terrain(Bounded, path="terrain."):
     """The ground of one run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
-    # m: heights are within this of the start's; of a slope rad, positive where the
+    # m: heights are within this of the start's, or steps as high; of a slope rad, positive where the
     # ground rises ahead
     size: float = 0.0
-    # m, between the points of the grid
+    # m, between the points of the grid, or the run of a tread
     cell: Annotated[float, Within(0.05, 1.0)] = 0.2
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of rough ground
 
@@ -44,12 +49,14 @@ class Terrain(Bounded, path="terrain."):
         """Describe the ground in a few words."""
         if self.kind == "slope":
             return f"slope of {self.size:g} rad"
+        if self.kind == "stairs":
+            return f"stairs of {self.size:g} m with treads of {self.cell:g} m, flights of ten, up and down"
         return f"{self.kind}, within {self.size:g} m of the start's height, points {self.cell:g} m apart, seed {self.seed}"
 
     @classmethod
     def of(cls, text: str) -> "Terrain":
         """Return the ground that `KIND:SIZE` names, such as `rough:0.05`; a third number
-        is the cell, m.
+        is the cell, or the run of a tread, m.
 
         Raises:
             UserError: the text names no ground.
@@ -62,10 +69,11 @@ class Terrain(Bounded, path="terrain."):
             kind, numbers = None, []
         if kind is None or len(numbers) > 2 or (kind == "flat") == bool(numbers):
             raise UserError(
-                "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and slope, such as "
+                "--terrain takes flat, or KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves, stairs and slope, such as "
                 f"rough:0.05; got {text}"
             )
-        size, cell, *_ = [*numbers, cls.cell] if numbers else [0.0, cls.cell]
+        usual = TREAD if kind == "stairs" else cls.cell
+        size, cell, *_ = [*numbers, usual] if numbers else [0.0, usual]
         return cls(kind, size, cell)
 
     def another(self, number: int) -> "Terrain":
@@ -86,10 +94,10 @@ class TerrainConfig:
 
     kind: TerrainKind = "flat"
     size: Annotated[Range, Within(0.0, 0.5)] = (0.0, 0.04)
-    """least and greatest amplitude of rough ground and waves, m, or angle of a slope,
-    rad"""
+    """least and greatest amplitude of rough ground and waves or height of a step, m, or
+    angle of a slope, rad"""
     cell: Annotated[Range, Within(0.05, 1.0)] = (0.15, 0.4)
-    """m, between the points of the grid"""
+    """m, between the points of the grid, or the run of a tread"""
 
     @property
     def hardest(self) -> Terrain:
