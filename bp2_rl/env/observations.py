@@ -288,18 +288,14 @@ def set_down(
     return qpos.at[2].add(jnp.min(soles) - jnp.min(soles - below))
 
 
-SHANK = np.array([1.0, 0.5], np.float32)
-"""Places on a shank that must stay over the ground: its shares beyond them, to the
-sole."""
-
-
 def shank_in_ground(
     qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
 ) -> Bool[Array, ""]:
-    """Return whether a knee or the middle of a shank is under the ground: in training
-    feet alone meet it."""
+    """Return whether a knee is under the ground, or the middle between knee and sole, as
+    at the edge of a step: in training feet alone meet the ground."""
     lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
-    shanks, below = _on_legs(qpos, jnp.outer(SHANK, lower), ground, hardware)
+    shortened = jnp.stack([lower, 0.5 * (lower + compressions(qpos))])
+    shanks, below = _on_legs(qpos, shortened, ground, hardware)
     return jnp.any(shanks < below)
 
 
