@@ -29,7 +29,7 @@ flights."""
 HALF = LANDING + STEPS - 1
 """Treads from the middle of an upper landing to the middle of a lower one."""
 STEEPEST = 1e5
-"""Slope of the plane that stands for a riser."""
+"""Slope of the plane that stands for a riser: its normal is off by 1e-5 rad."""
 # m, of the ground in MuJoCo: to both sides of the start, and ahead of what lies behind it
 LENGTH, BREADTH = 240.0, 12.0
 
@@ -170,14 +170,14 @@ class Stairs(struct.PyTreeNode):
         """Return the plane that a foot with its centre here meets, m: across the line
         from the centre to the closest point of a tread, a riser, or the edge between.
 
-        A centre inside a step is pushed out the nearest way, up or down the stairs. The
-        closest point is exact up to a distance of `run`. A riser's plane has the slope
-        `STEEPEST`.
+        A centre inside a step is pushed out the nearest way, through the tread or the
+        riser. The closest point is exact up to a distance of `run`. A riser's plane has
+        the slope `STEEPEST`.
         """
         xp = x.__array_namespace__()
         steps, beyond, way = self._descended(x)
         over = z - self.below(x, y).height
-        # a foot over a tread may meet the riser up from there, one inside the riser down
+        # over a tread a foot may meet the next riser uphill, in a step the next downhill
         riser = xp.where(over > 0.0, steps - 1.0, steps)
         depth, across = xp.abs(over), self.run * xp.abs(beyond - riser)
         lift = xp.clip(depth - self.height, 0.0, None)
@@ -193,7 +193,7 @@ class Stairs(struct.PyTreeNode):
         solid thighs and shanks meet them, too. The numbers are floats.
 
         A box is a tread on the way up, the tread of this height on the way down, and
-        all that lies between.
+        all that lies between and below, down to 2 m under the floor.
         """
         floor = _solid_floor(spec)
         for hill in range(math.ceil(LENGTH / (2 * HALF * self.run)) + 1):

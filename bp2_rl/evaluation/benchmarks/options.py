@@ -57,8 +57,8 @@ class Setup(Bounded, path="--"):
     from; by default 0."""
     terrain: Annotated[str, tyro.conf.arg(metavar="KIND:SIZE")] = "flat"
     """The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height,
-    slope:0.1 rises 0.1 rad; a third number is the cell, m. Of topspeed, sprint,
-    robustness."""
+    stairs:0.1 has steps of 10 cm, slope:0.1 rises 0.1 rad; a third number is the cell,
+    or the run of a tread, m. Of topspeed, sprint, robustness."""
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD
