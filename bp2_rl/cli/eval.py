@@ -54,7 +54,8 @@ what is run:
                         second opinion [mujoco]
 
 how:
-  --terrain KIND:SIZE   rough:0.05 or waves:0.05 (m), slope:0.1 (rad) [flat]
+  --terrain KIND:SIZE   rough:0.05, waves:0.05 or stairs:0.1 (m), slope:0.1 (rad)
+                        [flat]
   --speed M/S           speed to command [as the card's result was measured]
   --acceleration M/S2   how fast the command rises
   --hold S              how long to hold the speed

@@ -259,8 +259,8 @@ class BP2Env(envs.Env):
         )
         if ground is None:
             return fall
-        knee = observations.knee_in_ground(physics.qpos, ground, self.config.hardware)
-        return fall._replace(too_low=fall.too_low | knee)
+        shank = observations.shank_in_ground(physics.qpos, ground, self.config.hardware)
+        return fall._replace(too_low=fall.too_low | shank)
 
     def _replace_exploded(
         self, physics: Physics, effort: Effort, fall: Fall

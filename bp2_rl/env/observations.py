@@ -291,25 +291,27 @@ def set_down(
     return qpos.at[2].add(jnp.min(soles) - jnp.min(soles - below))
 
 
-def knee_in_ground(
+def shank_in_ground(
     qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
 ) -> Bool[Array, ""]:
-    """Return whether a knee is under the ground: in training feet alone meet it."""
+    """Return whether a knee is under the ground, or the middle between knee and sole, as
+    at the edge of a step: in training feet alone meet the ground."""
     lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
-    knees, below = _on_legs(qpos, lower, ground, hardware)
-    return jnp.any(knees < below)
+    shortened = jnp.stack([lower, 0.5 * (lower + compressions(qpos))])
+    shanks, below = _on_legs(qpos, shortened, ground, hardware)
+    return jnp.any(shanks < below)
 
 
 def _on_legs(
     qpos: Float[Array, " nq"],
-    shortened: Float[Array, "4"],
+    shortened: Float[Array, "*several 4"],
     ground: Ground,
     hardware: HardwareSpec,
-) -> tuple[Float[Array, "4"], Float[Array, "4"]]:
+) -> tuple[Float[Array, " ends"], Float[Array, " ends"]]:
     """Return the heights of the ends of legs whose lower parts are shorter by
     `shortened` (m), and the ground's heights below them, m."""
     joints = joint_positions(qpos).reshape(4, 3)
-    ends = foot_position(joints, shortened, hardware)
+    ends = foot_position(joints, shortened, hardware).reshape(-1, 3)
     x, y, z = (qpos[:3] + jax.vmap(_rotate, (0, None))(ends, qpos[3:7])).T
     return z, ground.below(x, y).height
 

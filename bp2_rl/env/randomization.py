@@ -14,7 +14,7 @@ from bp2_rl.base import arrays
 from bp2_rl.base.bounds import Range
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.ground import Ground, shared_grid
+from bp2_rl.robot.ground import HALF, Ground, HeightField, Stairs, shared_grid
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.settings.env import RandomizationConfig
@@ -123,12 +123,16 @@ def with_terrain(
         robot = robot.replace(gravity=down)
     if config.kind == "flat":
         return robot
-    grid, (low, high) = shared_grid(config.kind), config.cell
-    column, row = jax.random.uniform(key_place, (2,), maxval=len(grid.heights))
+    size, (low, high) = drawn(key_size, config.size), config.cell
     cell = jax.random.uniform(key_cell, minval=low, maxval=high)
-    return robot.replace(
-        ground=Ground(grid, drawn(key_size, config.size), cell, column, row)
-    )
+    place = jax.random.uniform(key_place, (2,))
+    if config.kind == "stairs":
+        # near the middle of an upper or a lower landing, so that all feet are on it
+        start = HALF * jnp.round(place[0]) + 2.0 * place[1] - 1.0
+        return robot.replace(ground=Stairs(size, cell, start))
+    grid = shared_grid(config.kind)
+    column, row = len(grid.heights) * place
+    return robot.replace(ground=HeightField(grid, size, cell, column, row))
 
 
 def push(

@@ -1,13 +1,17 @@
 """Ground that is not flat: heights at the points of a grid, and planes between them, as
-in MuJoCo's height fields.
+in MuJoCo's height fields; or stairs, which are boxes in MuJoCo.
 
 A cell of the grid is two triangles, which meet along the diagonal from the cell's
 lowest x and y to its highest. The grid repeats itself along x and y: with 256 points
 0.2 m apart, a robot that runs 130 m sees the same stretch of 51.2 m two and a half
 times. Robots share a grid; their grounds differ in amplitude, cell and shift.
+
+Stairs repeat themselves along x: up, a landing, down, and a landing. Both kinds of
+ground tell the height below a point, and the plane that a foot meets.
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import mujoco
@@ -19,6 +23,15 @@ from bp2_rl.base.arrays import Array
 
 WAVE = 8
 """Cells in a wave's length, along x and along y."""
+STEPS, LANDING = 10, 6
+"""Steps in a flight of stairs, and treads in the length of a landing between
+flights."""
+HALF = LANDING + STEPS - 1
+"""Treads from the middle of an upper landing to the middle of a lower one."""
+STEEPEST = 1e5
+"""Slope of the plane that stands for a riser: its normal is off by 1e-5 rad."""
+# m, of the ground in MuJoCo: to both sides of the start, and ahead of what lies behind it
+LENGTH, BREADTH = 240.0, 12.0
 
 
 class Grid:
@@ -53,16 +66,16 @@ def draw_heights(
 
 
 class Plane(NamedTuple):
-    """The plane of the ground below points: its height there, m, and its slopes along x
-    and y."""
+    """The plane of the ground at points: its height below or above them, m, and its
+    slopes along x and y."""
 
     height: Array
     slope_x: Array
     slope_y: Array
 
 
-class Ground(struct.PyTreeNode):
-    """The ground of a robot, or of several; NumPy and JAX alike."""
+class HeightField(struct.PyTreeNode):
+    """The rough or wavy ground of a robot, or of several; NumPy and JAX alike."""
 
     grid: Grid = struct.field(pytree_node=False)
     amplitude: Float[Array, "..."]  # m, of the highest and lowest points
@@ -93,6 +106,13 @@ class Ground(struct.PyTreeNode):
             self.amplitude / self.cell * rise_y,
         )
 
+    def met_at(
+        self, x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array, "..."]
+    ) -> Plane:
+        """Return the plane that a foot with its centre here meets, the one below it."""
+        del z
+        return self.below(x, y)
+
     def lay(self, spec: mujoco.MjSpec) -> None:
         """Replace the floor of a MuJoCo scene by a height field, one period of the
         grid, which solid thighs and shanks meet, too; the ground's numbers are
@@ -108,10 +128,7 @@ class Ground(struct.PyTreeNode):
             size=(*half, highest - lowest, 1.0),
             userdata=heights.ravel().tolist(),
         )
-        for geom in spec.geoms:
-            if geom.contype and geom.name.endswith(("_solid_thigh", "_solid_shank")):
-                geom.conaffinity |= spec.geom("floor").contype
-        floor = spec.geom("floor")
+        floor = _solid_floor(spec)
         floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
         floor.hfieldname = "ground"
         floor.pos = np.array(
@@ -121,6 +138,88 @@ class Ground(struct.PyTreeNode):
                 lowest,
             ]
         )
+
+
+class Stairs(struct.PyTreeNode):
+    """Flights of `STEPS` stairs along x for a robot, or for several, up and down in turn
+    with landings between them; NumPy and JAX alike. Lower landings have the height 0."""
+
+    height: Float[Array, "..."]  # m, of a step
+    run: Float[Array, "..."]  # m, of a tread
+    # of the world's origin, from the middle of an upper landing, treads
+    start: Float[Array, "..."]
+
+    def _descended(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return how many steps the ground below x lies under the upper landing, how far
+        x is beyond this landing's end, treads, and the way down, 1 or -1 along x."""
+        xp = x.__array_namespace__()
+        place = x / self.run + self.start
+        place = place - 2 * HALF * xp.round(place / (2 * HALF))
+        beyond = xp.abs(place) - 0.5 * LANDING
+        return xp.clip(xp.floor(beyond) + 1.0, 0.0, STEPS), beyond, xp.sign(place)
+
+    def below(self, x: Float[Array, "..."], y: Float[Array, "..."]) -> Plane:
+        """Return the tread below or above points of the world, m."""
+        del y
+        height = self.height * (STEPS - self._descended(x)[0])
+        return Plane(height, 0.0 * height, 0.0 * height)
+
+    def met_at(
+        self, x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array, "..."]
+    ) -> Plane:
+        """Return the plane that a foot with its centre here meets, m: across the line
+        from the centre to the closest point of a tread, a riser, or the edge between.
+
+        A centre inside a step is pushed out the nearest way, through the tread or the
+        riser. The closest point is exact up to a distance of `run`. A riser's plane has
+        the slope `STEEPEST`.
+        """
+        xp = x.__array_namespace__()
+        steps, beyond, way = self._descended(x)
+        over = z - self.below(x, y).height
+        # over a tread a foot may meet the next riser uphill, in a step the next downhill
+        riser = xp.where(over > 0.0, steps - 1.0, steps)
+        depth, across = xp.abs(over), self.run * xp.abs(beyond - riser)
+        lift = xp.clip(depth - self.height, 0.0, None)
+        reach = xp.sqrt(across**2 + lift**2)
+        nearer = (reach < depth) & (riser >= 0.0) & (riser < STEPS)
+        across = xp.clip(across, 1e-9, None)  # a centre on the riser is beside it
+        fall = xp.where(nearer, across / xp.maximum(lift, across / STEEPEST), 0.0)
+        distance = xp.where(over > 0.0, 1.0, -1.0) * xp.where(nearer, reach, depth)
+        return Plane(z - distance * xp.sqrt(1.0 + fall**2), -way * fall, 0.0 * fall)
+
+    def lay(self, spec: mujoco.MjSpec) -> None:
+        """Build the stairs on the floor of a MuJoCo scene, for robots that run ahead;
+        solid thighs and shanks meet them, too. The numbers are floats.
+
+        A box is a tread on the way up, the tread of this height on the way down, and
+        all that lies between and below, down to 2 m under the floor.
+        """
+        floor = _solid_floor(spec)
+        for hill in range(math.ceil(LENGTH / (2 * HALF * self.run)) + 1):
+            for step in range(STEPS):
+                top = 0.5 * self.height * (STEPS - step)
+                spec.worldbody.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_BOX,
+                    size=(self.run * (0.5 * LANDING + step), 0.5 * BREADTH, top + 1.0),
+                    pos=(self.run * (2 * HALF * hill - self.start), 0.0, top - 1.0),
+                    contype=floor.contype,
+                    conaffinity=floor.conaffinity,
+                    material=floor.material,
+                )
+
+
+Ground = HeightField | Stairs
+"""The ground of a robot, or of several, where it is not flat."""
+
+
+def _solid_floor(spec: mujoco.MjSpec) -> mujoco.MjsGeom:
+    """Return the floor of a MuJoCo scene; let solid thighs and shanks meet it."""
+    floor = spec.geom("floor")
+    for geom in spec.geoms:
+        if geom.contype and geom.name.endswith(("_solid_thigh", "_solid_shank")):
+            geom.conaffinity |= floor.contype
+    return floor
 
 
 def over_ground(

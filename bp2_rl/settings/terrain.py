@@ -12,16 +12,24 @@ TerrainWish = Annotated[
     str,
     tyro.conf.arg(
         metavar="KIND:SIZE",
-        help="The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height, slope:0.1 rises 0.1 rad; "
-        "a third number is the cell, m.",
+        help="The ground: rough:0.05 and waves:0.05 are within 5 cm of the start's height, stairs:0.1 has steps of 10 "
+        "cm, slope:0.1 rises 0.1 rad; a third number is the cell, or the run of a tread, m.",
     ),
 ]
 """A ground as `Terrain.of` takes it."""
-TerrainKind = Literal["flat", "rough", "waves"]
+TerrainKind = Literal["flat", "rough", "waves", "stairs"]
 """rough: heights drawn evenly at the points of a grid, planes between them. waves:
-along x and y, each eight cells long."""
-LARGEST: dict[TerrainKind, float] = {"flat": 0.0, "rough": 0.2, "waves": 0.2}
+along x and y, each eight cells long. stairs: flights of ten along x, up and down in
+turn, with landings between."""
+LARGEST: dict[TerrainKind, float] = {
+    "flat": 0.0,
+    "rough": 0.2,
+    "waves": 0.2,
+    "stairs": 0.3,
+}
 """The kinds of ground with their largest sizes, m."""
+TREAD = 0.3
+"""m, the run of a tread where none is named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,8 +37,9 @@ class Terrain(Bounded, path="terrain."):
     """The ground of one run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
-    size: float = 0.0  # m: heights are within this of the start's
-    # m, between the points of the grid
+    # m: heights are within this of the start's, or steps as high
+    size: float = 0.0
+    # m, between the points of the grid, or the run of a tread
     cell: Annotated[float, Within(0.05, 1.0)] = 0.2
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of rough ground
     # rad, by which the ground rises along x, whatever its kind: gravity tilts
@@ -50,6 +59,11 @@ class Terrain(Bounded, path="terrain."):
         rising = f", slope of {self.slope:g} rad" if self.slope else ""
         if self.kind == "flat":
             return f"flat{rising}"
+        if self.kind == "stairs":
+            return (
+                f"stairs of {self.size:g} m with treads of {self.cell:g} m, flights of ten, up and "
+                f"down{rising}"
+            )
         return (
             f"{self.kind}, within {self.size:g} m of the start's height, points {self.cell:g} m apart, seed "
             f"{self.seed}{rising}"
@@ -58,7 +72,7 @@ class Terrain(Bounded, path="terrain."):
     @classmethod
     def of(cls, text: str) -> "Terrain":
         """Return the ground that `KIND:SIZE` names, such as `rough:0.05`; a third number
-        is the cell, m.
+        is the cell, or the run of a tread, m.
 
         Raises:
             UserError: the text names no ground.
@@ -73,10 +87,11 @@ class Terrain(Bounded, path="terrain."):
             return cls(slope=numbers[0])
         if kind is None or len(numbers) > 2 or (kind == "flat") == bool(numbers):
             raise UserError(
-                "--terrain takes flat, slope:ANGLE, KIND:SIZE or KIND:SIZE:CELL, KIND rough or waves, such as "
+                "--terrain takes flat, slope:ANGLE, KIND:SIZE or KIND:SIZE:CELL, KIND one of rough, waves and stairs, such as "
                 f"rough:0.05; got {text}"
             )
-        size, cell, *_ = [*numbers, cls.cell] if numbers else [0.0, cls.cell]
+        usual = TREAD if kind == "stairs" else cls.cell
+        size, cell, *_ = [*numbers, usual] if numbers else [0.0, usual]
         return cls(kind, size, cell)
 
     def another(self, number: int) -> "Terrain":
@@ -97,9 +112,9 @@ class TerrainConfig:
     """
 
     kind: TerrainKind = "flat"
-    # m, amplitude of ground that is not flat
-    size: Annotated[Range, Within(0.0, 0.2)] = (0.0, 0.04)
-    # m, between the points of the grid
+    # m, amplitude of rough ground and waves, or height of a step
+    size: Annotated[Range, Within(0.0, 0.3)] = (0.0, 0.04)
+    # m, between the points of the grid, or the run of a tread
     cell: Annotated[Range, Within(0.05, 1.0)] = (0.15, 0.4)
     slope: Annotated[Range, Within(0.0, 0.5)] = (0.0, 0.0)
     """rad, by which the ground of any kind rises in a direction that is drawn"""

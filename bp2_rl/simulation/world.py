@@ -16,7 +16,16 @@ from bp2_rl.env import randomization
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.ground import Grid, Ground, draw_heights
+from bp2_rl.robot.ground import (
+    BREADTH,
+    HALF,
+    LENGTH,
+    Grid,
+    Ground,
+    HeightField,
+    Stairs,
+    draw_heights,
+)
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.losses import Resistance
@@ -24,9 +33,7 @@ from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.settings.terrain import Terrain
 
-# m, of ground that is not flat: from 5 m behind the start, to both sides of it
-LENGTH, BREADTH = 240.0, 12.0
-BEHIND = 5.0  # m
+BEHIND = 5.0  # m, from where ground that is not flat begins to the start
 EVEN = 1.0  # m, around the start: there it is even
 
 
@@ -47,8 +54,8 @@ class World(Bounded, path="world."):
 
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and
     speeds are those over the slope, and sensors are told where the true vertical is.
-    Rough ground and waves are fields of heights, 240 m long and 12 m wide; a run on
-    them ends before the field does.
+    Rough ground and waves are fields of heights, 240 m long and 12 m wide, and stairs
+    are boxes of this width; a run on them ends before the ground does.
     """
 
     terrain: Terrain = Terrain()
@@ -88,6 +95,8 @@ LEVEL = World()
 def _laid_out(terrain: Terrain) -> Ground:
     """Return the ground of a run, even around the start."""
     cell = terrain.cell
+    if terrain.kind == "stairs":  # from the middle of a lower landing
+        return Stairs(terrain.size, cell, float(HALF))
     behind, right = round(BEHIND / cell), round(BREADTH / 2 / cell)
     columns, rows = round(LENGTH / cell) + 1, 2 * right + 1
     heights = draw_heights(terrain.kind, terrain.seed, rows, columns)
@@ -95,7 +104,7 @@ def _laid_out(terrain: Terrain) -> Ground:
         cell * np.abs(np.arange(n) - at) for n, at in ((rows, right), (columns, behind))
     )
     heights[(y[:, None] <= EVEN) & (x <= EVEN)] = 0.0
-    return Ground(Grid(heights), terrain.size, cell, float(behind), float(right))
+    return HeightField(Grid(heights), terrain.size, cell, float(behind), float(right))
 
 
 def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:

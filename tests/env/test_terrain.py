@@ -12,9 +12,10 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.conventions import GRAVITY, LEGS
+from bp2_rl.robot.ground import HeightField, Stairs
 from bp2_rl.robot.hardware import BUILT
-from bp2_rl.robot.model import SOLE_SITES, load_model
+from bp2_rl.robot.model import MOTOR_QPOS, SOLE_SITES, load_model
 from bp2_rl.settings.env import EnvConfig, Impl, RandomizationConfig
 from bp2_rl.settings.terrain import TerrainConfig
 
@@ -45,11 +46,53 @@ def test_ground_grows_with_the_curriculum_level(level):
     draw = jax.vmap(randomization.with_terrain, (0, None, None, None))
     config = TerrainConfig("rough", (0.1, 0.2), slope=(0.1, 0.2))
     drawn = draw(KEYS, NOMINAL, config, jnp.asarray(level))
-    assert drawn.ground is not None
+    assert isinstance(drawn.ground, HeightField)
     x, y, z = np.asarray(drawn.gravity).T / -GRAVITY
     for size in (drawn.ground.amplitude, np.arctan2(np.hypot(x, y), z)):
         assert 0.1 - 1e-5 < np.min(size) < 0.1 + 0.02 * level + 1e-5
         assert 0.1 + 0.08 * level - 1e-5 < np.max(size) < 0.1 + 0.1 * level + 1e-5
+
+
+def test_on_stairs_an_episode_starts_in_the_midst_of_a_landing():
+    """Even for half a metre around, and stairs up or down within the next two; sizes
+    grow with the level as on rough ground."""
+    draw = jax.vmap(randomization.with_terrain, (0, None, None, None))
+    config = TerrainConfig("stairs", (0.1, 0.2), (0.25, 0.4))
+    ground = draw(KEYS, NOMINAL, config, jnp.asarray(0.5)).ground
+    assert isinstance(ground, Stairs)
+    assert 0.1 <= ground.height.min() < 0.11 < 0.14 < ground.height.max() <= 0.15
+    assert 0.25 <= ground.run.min() < 0.27 < 0.38 < ground.run.max() <= 0.4
+    x = jnp.linspace(-0.5, 2.0, 26)[:, None] + jnp.zeros(len(KEYS))
+    steps = np.asarray(ground.below(x, x).height / ground.height)
+    assert np.ptp(steps[:11], axis=0).max() == 0.0
+    assert np.ptp(steps, axis=0).min() > 0.9
+    low, high = np.sum(steps[0] < 0.1), np.sum(abs(steps[0] - 10.0) < 0.1)
+    assert low + high == len(KEYS)
+    assert min(low, high) > 20
+
+
+def test_a_shank_is_in_the_ground_if_its_knee_or_its_middle_is():
+    """By C MuJoCo's places; in some poses the edge of a step cuts the middle alone."""
+    model = load_model(BUILT)
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    stairs = Stairs(0.3, 0.4, 7.0)
+    shanks = [model.body(f"{leg}_shank").id for leg in LEGS]
+    soles = [model.site(name).id for name in SOLE_SITES]
+    found = jax.jit(lambda pose: observations.shank_in_ground(pose, stairs, BUILT))
+    middle_alone = 0
+    for _ in range(200):
+        data.qpos = model.key("stand").qpos
+        data.qpos[[0, 2]] += rng.uniform((-1.0, 1.0), (1.0, 3.0))
+        data.qpos[MOTOR_QPOS] += rng.normal(size=12) / 4
+        mujoco.mj_kinematics(model, data)
+        knees, ends = data.xpos[shanks], data.site_xpos[soles]
+        knee, middle = (
+            np.any(place[:, 2] < stairs.below(*place.T[:2]).height)
+            for place in (knees, 0.5 * (knees + ends))
+        )
+        assert found(jnp.asarray(data.qpos)) == (knee or middle)
+        middle_alone += middle and not knee
+    assert middle_alone > 5
 
 
 def test_an_episode_starts_with_its_lowest_sole_where_it_would_be_on_the_flat(

@@ -13,7 +13,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import sense
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.conventions import GRAVITY
-from bp2_rl.robot.ground import draw_heights
+from bp2_rl.robot.ground import HeightField, draw_heights
 from bp2_rl.robot.hardware import IDEAL, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
@@ -79,26 +79,30 @@ def test_sensors_on_a_slope_know_the_true_vertical():
 # --- Rough ground ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("cell", [0.1, 0.4])
-def test_rough_ground_has_the_heights_that_it_says(cell):
+@pytest.mark.parametrize(
+    ("kind", "size", "cell"),
+    [("rough", 0.015, 0.1), ("rough", 0.015, 0.4), ("stairs", 0.1, 0.3)],
+)
+def test_ground_has_the_heights_that_it_says(kind, size, cell):
     """Found from above, with MuJoCo's rays: on points of the grid, edges and planes."""
-    world = World(terrain=Terrain("rough", 0.015, cell, seed=1))
+    world = World(terrain=Terrain(kind, size, cell, seed=1))
     ground = world.ground
     assert ground is not None
-    heights = ground.grid.heights
-    assert (heights.min(), heights.max()) == (-1.0, 1.0)
+    if isinstance(ground, HeightField):
+        heights = ground.grid.heights
+        assert (heights.min(), heights.max()) == (-1.0, 1.0)
     simulator = Simulator([RobotSetup(STANDING, world)])
     model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
-    for place in (-5.0, 0.3, 76.0, 234.0):
+    for place in (-5.0, 0.3, 76.0, 130.0, 234.0):
         for x, y in cell * np.array([[0, 5], [0.5, 5], [0.5, 5.5], [0.3, 5.9]]):
-            start = np.array([round(place / cell) * cell + x, y, 1.0])
+            start = np.array([round(place / cell) * cell + x, y, 5.0])
             down, geom = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
             hit = mujoco.mj_ray(model, data, start, down, None, True, -1, geom)
             expected = ground.below(*start[:2]).height
             # MuJoCo keeps heights in float32
-            assert 1.0 - hit == pytest.approx(expected, abs=1e-6)
+            assert 5.0 - hit == pytest.approx(expected, abs=1e-6)
 
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
@@ -130,6 +134,7 @@ def test_a_run_ends_before_its_ground_does():
         ("rough:0.05", World(terrain=Terrain("rough", 0.05))),
         ("waves:0.03:0.4", World(terrain=Terrain("waves", 0.03, cell=0.4))),
         ("slope:-0.1", World(Terrain(slope=-0.1))),
+        ("stairs:0.1", World(Terrain("stairs", 0.1, cell=0.3))),
     ],
 )
 def test_a_ground_is_named_by_its_kind_and_size(text, world):
@@ -217,6 +222,7 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
         ("terrain.size", lambda: Terrain("rough", -0.01)),
         ("terrain.size", lambda: Terrain("rough", math.nan)),
         ("terrain.slope", lambda: Terrain(slope=-0.6)),
+        ("terrain.size", lambda: Terrain("stairs", 0.31)),
         ("terrain.size", lambda: Terrain("flat", 0.1)),
         ("terrain.cell", lambda: Terrain("rough", 0.01, cell=0.01)),
         ("terrain.seed", lambda: Terrain("rough", 0.01, seed=-1)),

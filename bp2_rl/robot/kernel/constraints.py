@@ -368,8 +368,8 @@ def find_constraints(
     from the ground, m.
 
     The state is the pose, the height of the trunk's origin, the legs' coordinates, and
-    velocities in MuJoCo's coordinates; `ground` is the plane below each foot, None for
-    the flat floor.
+    velocities in MuJoCo's coordinates; `ground` is the plane that each foot meets, None
+    for the flat floor.
     """
     floor, heights = _floor_rows(
         design, pose, height, friction, velocity.in_world(pose.rotation), ground

@@ -19,7 +19,7 @@ from bp2_rl.robot.kernel.design import TRUNK, Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
-from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, dot
+from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add
 
 Quaternion = tuple[Number, Number, Number, Number]
 
@@ -47,7 +47,7 @@ def step(
         applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among
             them, N and Nm.
         ground: that the robots run on, each of its numbers an array over them; None:
-            the flat floor. A foot meets the plane below its centre.
+            the flat floor. A foot meets one plane of it.
     """
     after, heights = _step(robots, _RobotState.of(state), _split(applied), ground)
     return after.in_mujoco(), heights
@@ -94,7 +94,7 @@ def _step(
         partial(_pose_and_inertia, barriers, ground is not None), robots, state
     )
     # between the kernels, which take no table
-    planes = None if ground is None or feet is None else ground.below(*feet)
+    planes = None if ground is None or feet is None else ground.met_at(*feet)
     force, constraints, guess, heights = in_one_kernel(
         partial(_forces_and_constraints, barriers), robots, pose, state, applied, planes
     )
@@ -114,17 +114,17 @@ def _step(
 
 def _pose_and_inertia(
     barriers: FusionBarriers, on_ground: bool, robots: Robots, state: _RobotState
-) -> tuple[RobotPose, ArrowheadMatrix, tuple[Number, Number] | None]:
-    """Return the robots' pose and mass matrix, and the x and y of their feet's centres
+) -> tuple[RobotPose, ArrowheadMatrix, Vector | None]:
+    """Return the robots' pose and mass matrix, and the places of their feet's centres
     where the ground asks for them."""
     pose = barriers(
         partial(_pose, robots.design), robots.masses, state.quaternion, state.legs
     )
     feet = None
     if on_ground:
-        (x, y, _), legs = state.place, pose.legs
+        legs = pose.legs
         foot = add(robots.design.anchor, legs.to_trunk(legs.foot))
-        feet = x + dot(pose.rotation.x, foot), y + dot(pose.rotation.y, foot)
+        feet = add(state.place, pose.rotation.to_world(foot))
     return pose, inertia_matrix(barriers, robots, pose), feet
 
 
