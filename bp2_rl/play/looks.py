@@ -64,6 +64,11 @@ class Looks:
             for (body, color), meshes in found.items()
         ]
 
+    @property
+    def has_floor(self) -> bool:
+        """Whether there is a flat floor, also between stairs."""
+        return self.model.geom("floor").type == GEOM.mjGEOM_PLANE
+
     def ground(self) -> list[trimesh.Trimesh]:
         """Return the triangle meshes of ground that is not flat, in the world's
         frame."""

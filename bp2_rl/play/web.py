@@ -225,10 +225,9 @@ class _Scene:
         server.initial_camera.position, server.initial_camera.look_at = WIDE_VIEW
         server.initial_camera.fov = np.deg2rad(45.0)
         scene.configure_environment_map("park", environment_intensity=0.6)
-        uneven = self._looks.ground()
         self._ground = scene.add_grid(
             "/ground",
-            visible=not uneven,
+            visible=self._looks.has_floor,
             infinite_grid=True,
             cell_size=1.0,
             section_size=SECTION,
@@ -241,7 +240,7 @@ class _Scene:
             shadow_opacity=0.4,
         )
         self._track = scene.add_frame("/track", show_axes=False)
-        for i, mesh in enumerate(uneven):
+        for i, mesh in enumerate(self._looks.ground()):
             scene.add_mesh_simple(
                 f"/track/ground/{i}",
                 mesh.vertices,
@@ -297,7 +296,10 @@ class _Scene:
         """Update the scene to the session's current state."""
         qpos = session.qpos
         self._level += LEVELLING * (session.ground - self._level)
-        self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
+        self._ground.position = (
+            *(-(qpos[:2] % SECTION)),
+            -self._level,
+        )
         self._track.position = (-qpos[0], -qpos[1], -self._level)
         self._robot.place(*self._looks.place(qpos, self._level))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))

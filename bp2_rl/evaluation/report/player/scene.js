@@ -128,7 +128,7 @@ class Scene {
       add(cone(0.032, HEAD), still, color, links.length + 2 * i + 1);
     });
     const arrows = all.part.length;
-    for (const geom of geoms.filter(({ link }) => link < 0)) lay(geom, this.parts - 1); // the ground
+    for (const geom of geoms.filter(({ link }) => link < 0)) lay(overTrack(geom), this.parts - 1); // the ground
     return [all, robot, arrows];
   }
 

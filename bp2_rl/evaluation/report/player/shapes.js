@@ -71,6 +71,13 @@ function field({ x, y, heights }) { // cells are split as MuJoCo splits them
   return fromFaces(vertices, faces);
 }
 
+// Boxes of the ground reach into the track, which is drawn behind everything: they begin on it.
+function overTrack(geom) {
+  if (geom.shape !== "box") return geom;
+  const half = (geom.position[2] + geom.size[2]) / 2, with_z = ([x, y]) => [x, y, half];
+  return { ...geom, size: with_z(geom.size), position: with_z(geom.position) };
+}
+
 function triangles(geom, meshes) {
   switch (geom.shape) {
     case "field": return field(geom.field);
