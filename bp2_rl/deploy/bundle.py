@@ -7,6 +7,7 @@ reference.npz      the reference motion as plain arrays
 deploy.json        observation layout, units, joint order, gains, limits, rates
 onboard/           the controller, with the laws that it shares with bp2_rl: NumPy and onnxruntime alone
 robots/NAME.xml    robots to rehearse on, in C MuJoCo
+cpp/               the controller in C++ with its numbers in one file, and an example
 requirements.txt   what to install, with versions that were tried together
 """
 
@@ -24,9 +25,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
-from bp2_rl.deploy.network import require_onnx, to_onnx
+from bp2_rl.deploy.network import require_onnx, to_onnx, to_records
+from bp2_rl.deploy.onboard.binary import BINARY, pack
 from bp2_rl.deploy.onboard.contents import (
     CODE,
+    CPP,
     FORMAT,
     NEEDS,
     NETWORK,
@@ -135,7 +138,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                     f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES
                 ),
             )
-            for folder in (CODE, ROBOT_FOLDER):
+            for folder in (CODE, ROBOT_FOLDER, CPP):
                 (fresh / folder).mkdir()
             for module in (
                 *sorted(Path(onboard.__file__).parent.glob("*.py")),
@@ -148,6 +151,9 @@ def write_bundle(directory: Path, policy: Policy) -> None:
             if isinstance(code := policy.card.env.task.code, TaskSources):
                 own = onboard_source(code, policy.card.env.task.task)
                 write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
+            for source in sorted((Path(__file__).parent / CPP).iterdir()):
+                write_text(fresh / CPP / source.name, source.read_text())
+            write_bytes(fresh / BINARY, pack(settings, arrays, to_records(policy)))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
             seal(fresh)

@@ -1,5 +1,5 @@
-"""Update the hashes of a bundle after its owner has edited a file, such as the limits
-in `deploy.json`.
+"""Update the hashes of a bundle, and its file for C++, after its owner has edited a
+file, such as the limits in `deploy.json`.
 
 python -m onboard.seal                     # in the bundle's folder
 """
@@ -7,6 +7,7 @@ python -m onboard.seal                     # in the bundle's folder
 import sys
 from pathlib import Path
 
+from .binary import repack
 from .contents import BundleError, seal
 from .controller import OnboardController
 
@@ -16,6 +17,7 @@ def main() -> int:
     loaded."""
     folder = Path(__file__).resolve().parent.parent
     try:
+        repack(folder)
         changed = seal(folder)
         OnboardController(folder)
     except BundleError as error:
