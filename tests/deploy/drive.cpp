@@ -4,7 +4,7 @@
 //   drive load FILE...                 prints what is wrong with each file, or "loaded"
 //
 // A tick is 36 doubles: whether there are a measurement (1) and a command (2), or a reset
-// (4); now; 30 measured values and their time; the command. An answer is 27 doubles and a
+// (4), and whether the answer is waited for (8); now; 30 measured values and their time; the command. An answer is 27 doubles and a
 // name: position, velocity, thread CPU time of the tick (s), allocations in it, the share
 // of the limit at a fault; 16 letters of the fault's name and 16 of the joint's.
 #include <ctime>
@@ -30,8 +30,16 @@ static double cpu_time() {
 int main(int argc, char** argv) {
   std::string wrong;
   if (argc > 2 && std::string(argv[1]) == "load") {
-    for (int i = 2; i < argc; ++i)
-      std::puts(bp2::Controller::load(argv[i], wrong) ? "loaded" : wrong.c_str());
+    for (int i = 2; i < argc; ++i) {
+      const auto controller = bp2::Controller::load(argv[i], wrong);
+      const double command[3] = {1.0, 0.1, 0.1};
+      for (int k = 0; controller && k < 60; ++k) {
+        const double now = 0.005 * k;
+        const bp2::Measurement measurement{{}, {}, {1e-9 * k, 0.0, 1.0}, {}, now};
+        controller->step(&measurement, command, now);
+      }
+      std::puts(controller ? "loaded" : wrong.c_str());
+    }
     return 0;
   }
   if (argc != 3) return 2;
@@ -62,5 +70,6 @@ int main(int argc, char** argv) {
     std::strncpy(answer.fault, controller->fault(), 15);
     std::strncpy(answer.joint, controller->fault_joint(), 15);
     std::fwrite(&answer, sizeof answer, 1, stdout);
+    if (told & 8) std::fflush(stdout);
   }
 }
