@@ -18,12 +18,17 @@ PAGE = Path(__file__).parents[2] / "docs" / "deploy.md"
 STRICT = "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fno-exceptions", f"-I{CPP}"
 SANE = "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
 DT = 0.005
-CLOSE = 1e-5  # rad and rad/s: the network's float32, which sums in another order
+# rad, rad/s: the network's float32 sums in another order, and the way to a stand is 15
+# times as fast, 1/s, as it is long
+CLOSE = 1e-5
 PARTS = slice(0, 12), slice(12, 24), slice(24, 27), slice(27, 30)
 TICK = np.dtype("f8, f8, 30f8, f8, 3f8")  # what is told, now, values, stamp, command
 ANSWER = np.dtype(
-    [("targets", "f8", (2, 12)), *((name, "f8") for name in ("cpu", "news", "share"))]
-    + [("fault", "S16"), ("joint", "S16")]
+    [
+        ("targets", "f8", (2, 12)),
+        *((name, "f8") for name in ("cpu", "news", "share")),
+        *((name, "S16") for name in ("fault", "joint")),
+    ]
 )
 MEASURED, COMMANDED, RESET, WAITED = 1, 2, 4, 8
 
@@ -61,10 +66,10 @@ def flipped(another, tmp_path_factory):
     for joint in settings["model_joints"]:
         joint["name"] = joint["name"].lower()
         joint["sign"], joint["offset"] = int(rng.choice((-1, 1))), rng.normal()
-    settings["watchdog"]["target_step"] = 0.1  # an impatient limit
+    settings["watchdog"]["target_step"] = 0.4  # an impatient limit
     file.write_text(json.dumps(settings))
-    status, said, _ = python(folder, "-m", "onboard.seal")
-    assert status == 0
+    status, said, error = python(folder, "-m", "onboard.seal")
+    assert (status, error) == (0, "")
     assert said.endswith("changed: deploy.json, cpp/controller.bin\n")
     return folder
 
@@ -97,7 +102,7 @@ class Recorder:
         assert (done.returncode, done.stderr) == (0, b"")
         found = np.frombuffer(done.stdout, ANSWER)
         targets, faults = zip(*self.expected, strict=True)
-        np.testing.assert_allclose(found["targets"], targets, rtol=0.0, atol=CLOSE)
+        np.testing.assert_allclose(found["targets"], targets, rtol=CLOSE, atol=CLOSE)
         for fault, name, joint in zip(
             faults, found["fault"].astype(str), found["joint"].astype(str), strict=True
         ):
@@ -223,8 +228,17 @@ def wrongs(rng, then):
     def backward(v, stamp, now, k):
         v[[joint, 12 + joint]] *= -1.0
 
+    def mirrored(v, stamp, now, k):
+        v[:12], v[12:24] = 2.0 * then[:12] - v[:12], -v[12:24]
+
+    def turned(v, stamp, now, k):
+        v[1:12:3] += 0.9
+
+    def over(v, stamp, now, k):
+        v[24:27] *= -1.0
+
     return (
-        *(times, becomes, repeats, noise, deaf, backward),
+        *(times, becomes, repeats, noise, deaf, backward, mirrored, turned, over),
         lambda v, stamp, now, k: (stamp + ahead, now),
         lambda v, stamp, now, k: (stamp, now + ahead * (k > 5)),
         lambda v, stamp, now, k: (None, now),
@@ -237,24 +251,22 @@ def play(recorder, rng, ticks):
     """Play to a controller a robot that hangs and swings, whose joints follow their
     targets, and whose sensors go wrong."""
     recorder.reset()
-    controller, begins, wrong, then = recorder.controller, ticks, None, None
+    controller, begins, wrong = recorder.controller, ticks, None
     q, command, pause = controller._stand.copy(), np.zeros(3), rng.random() < 0.3
     for k in range(ticks):
-        way = 0.3 * (controller._targets.position - q)
+        way = 0.6 * (controller._targets.position - q)
         q, angle, rate = q + way, 0.3 * np.sin(4.0 * DT * k), 1.2 * np.cos(4.0 * DT * k)
         joints = controller._frame.outward(np.stack((q, way / DT))).ravel()
         trunk = 0.0, np.sin(angle), np.cos(angle), rate, 0.0, 0.0
         values = np.array([*joints, *trunk]) + 1e-4 * rng.normal(size=30)
         stamp = now = DT * k
         if k == min(60, ticks // 4):
-            begins, wrong, then = k, rng.choice(wrongs(rng, values)), values.copy()
+            begins, wrong = k, rng.choice(wrongs(rng, values.copy()))
         if wrong is not None:
             stamp, now = wrong(values, stamp, now, k - begins) or (stamp, now)
-        if k % 40 == 0:
-            command = rng.normal(0.0, 3.0, 3) * rng.choice((0.0, 0.2, 1.0))
-            command = (
-                rng.choice((None, np.full(3, np.nan)), 1)[0] if k % 7 == 3 else command
-            )
+        if k % 80 == 0:
+            command = rng.uniform((0.0, -0.5, -1.0), (9.0, 0.5, 1.0))
+            command = (command, command, None, command * np.nan)[rng.integers(4)]
         lost = stamp is None or (pause and rng.random() < 0.2)
         given = None if lost else (*(values[part] for part in PARTS), stamp)
         recorder.step(given, command, now)
@@ -305,11 +317,10 @@ def damaged(content, rng):
     return bytes(data), sealed
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(2000, marks=pytest.mark.attack)])
-def test_damaged_files_are_refused(another, sane, tmp_path, count):
+def test_damaged_files_are_refused(another, sane, tmp_path):
     original = another("go1")[1] / "cpp" / "controller.bin"
-    rng, content, files = np.random.default_rng(count), original.read_bytes(), []
-    for k in range(count):
+    rng, content, files = np.random.default_rng(0), original.read_bytes(), []
+    for k in range(2000):
         data, sealed = damaged(content, rng)
         files.append((tmp_path / f"{k}{'sealed' * sealed}", data))
         files[-1][0].write_bytes(data)
