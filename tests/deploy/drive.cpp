@@ -54,11 +54,7 @@ int main(int argc, char** argv) {
     const int told = static_cast<int>(tick[0]);
     if (told & 4) controller->reset();
     bp2::Measurement measurement;
-    std::memcpy(measurement.joint_position.data(), tick + 2, 96);
-    std::memcpy(measurement.joint_velocity.data(), tick + 14, 96);
-    std::memcpy(measurement.up.data(), tick + 26, 24);
-    std::memcpy(measurement.angular_velocity.data(), tick + 29, 24);
-    measurement.time = tick[32];
+    std::memcpy(&measurement, tick + 2, sizeof measurement);
     const long before = allocations;
     const double start = cpu_time();
     const bp2::Targets targets = controller->step(told & 1 ? &measurement : nullptr, told & 2 ? tick + 33 : nullptr, tick[1]);

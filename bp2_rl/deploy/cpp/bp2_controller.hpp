@@ -41,6 +41,7 @@ struct Measurement {
   Vector up, angular_velocity;  // the world's vertical, and rad/s, in the body frame
   double time;
 };
+static_assert(sizeof(Measurement) == 31 * sizeof(double));
 
 /// What the drives follow: torque = stiffness (position - q) + damping (velocity - qd).
 struct Targets {
@@ -91,16 +92,12 @@ class File {
   std::string wrong;
 
   explicit File(const std::string& path) {
-    if (std::FILE* file = std::fopen(path.c_str(), "rb")) {
-      unsigned char buffer[1 << 16];
-      while (const std::size_t n = std::fread(buffer, 1, sizeof buffer, file))
-        bytes_.insert(bytes_.end(), buffer, buffer + n);
-      std::fclose(file);
-      parse();
-    } else {
-      blame("cannot be read");
-    }
-    if (!wrong.empty()) wrong = path + ": " + wrong + "; export the bundle anew";
+    std::FILE* file = std::fopen(path.c_str(), "rb");
+    unsigned char buffer[1 << 12];
+    while (const std::size_t n = file ? std::fread(buffer, 1, sizeof buffer, file) : 0)
+      bytes_.insert(bytes_.end(), buffer, buffer + n);
+    if (file) std::fclose(file);
+    file ? parse() : blame("cannot be read");
   }
 
   std::string text(const std::string& name) {
@@ -127,16 +124,15 @@ class File {
   std::vector<T> numbers(const std::string& name, std::size_t count) {
     std::vector<T> found(count);
     const Record* record = find(name, sizeof(T));
-    if (!record) return found;
-    if (record->count != count) {
-      blame(name + " has " + std::to_string(record->count) + " numbers, not " + std::to_string(count));
+    if (!record || record->count != count) {
+      blame(name + " has not " + std::to_string(count) + " numbers");
       return found;
     }
     if (count > 0) std::memcpy(found.data(), record->data, count * sizeof(T));
-    for (const T x : found)
+    for (T& x : found)
       if (!(record->least <= x && x <= record->most)) {
         blame(name + " is " + std::to_string(x) + ", which is out of its bounds");
-        return std::vector<T>(count);
+        x = 0;
       }
     return found;
   }
@@ -152,9 +148,7 @@ class File {
   }
 
   /// Notes what is wrong, unless something was before.
-  void blame(const std::string& what) {
-    if (wrong.empty()) wrong = what;
-  }
+  void blame(const std::string& what) { if (wrong.empty()) wrong = what; }
 
  private:
   struct Record {
@@ -173,25 +167,19 @@ class File {
   }
 
   void parse() {
-    const std::uint16_t one = 1;
-    unsigned char first;
-    std::memcpy(&first, &one, 1);
-    if (first != 1) return blame("is little-endian, and this machine is not");
-    if (bytes_.size() < 24 || std::memcmp(bytes_.data(), "BP2C", 4) != 0)
-      return blame("is no controller's file");
-    if (at<std::uint32_t>(4) != kVersion)
-      return blame("has version " + std::to_string(at<std::uint32_t>(4)) + ", this code reads " + std::to_string(kVersion));
+    if (bytes_.size() < 24 || std::memcmp(bytes_.data(), "BP2C", 4) != 0) return blame("is no controller's file");
+    // a machine that is not little-endian reads another version
+    if (const auto found = at<std::uint32_t>(4); found != kVersion)
+      return blame("has version " + std::to_string(found) + ", this code reads " + std::to_string(kVersion));
     const std::size_t end = bytes_.size() - 8;
     if (at<std::uint64_t>(end) != detail::crc32(bytes_.data(), end)) return blame("is damaged");
     for (std::size_t offset = 16; offset < end;) {
-      if (end - offset < 32) return blame("ends in the middle of a record");
-      const std::uint64_t letters = at<std::uint32_t>(offset), room = end - offset - 32;
+      const std::uint64_t letters = at<std::uint32_t>(offset), room = end - offset < 32 ? 0 : end - offset - 32;
       Record record{"", at<std::uint32_t>(offset + 4), at<std::uint64_t>(offset + 8),
                     at<double>(offset + 16), at<double>(offset + 24), nullptr};
       const std::uint64_t width = record.kind == 0 ? 1 : record.kind;
-      if (width > 8 || letters > room || record.count > room / width ||
-          padded(letters) + padded(record.count * width) > room)
-        return blame("has a record that is too long");
+      const bool fits = width <= 8 && letters <= room && record.count <= room / width;
+      if (!fits || padded(letters) + padded(record.count * width) > room) return blame("has a record that is too long");
       const unsigned char* name = &bytes_[offset] + 32;
       record.name.assign(reinterpret_cast<const char*>(name), letters);
       record.data = name + padded(letters);
@@ -231,9 +219,7 @@ inline Dual sqrt(Dual a) { return {std::sqrt(a.v), a.d / (2.0 * std::sqrt(a.v))}
 inline Dual sin(Dual a) { return {std::sin(a.v), std::cos(a.v) * a.d}; }
 inline Dual cos(Dual a) { return {std::cos(a.v), -std::sin(a.v) * a.d}; }
 inline Dual exp(Dual a) { return {std::exp(a.v), std::exp(a.v) * a.d}; }
-inline Dual atan2(Dual y, Dual x) {
-  return {std::atan2(y.v, x.v), (y.d * x.v - y.v * x.d) / (x.v * x.v + y.v * y.v)};
-}
+inline Dual atan2(Dual y, Dual x) { return {std::atan2(y.v, x.v), (y.d * x.v - y.v * x.d) / (x.v * x.v + y.v * y.v)}; }
 using Point = std::array<Dual, 3>;
 
 // --- Laws that all reference motions share --------------------------------------------
@@ -245,13 +231,10 @@ struct Constants {
   double gravity, shortest_squared, cosine_limit, least_left;
 
   explicit Constants(File& file)
-      : trot(file.array<4>("constants.trot")),
-        mirrored(file.array<4>("constants.mirrored")),
-        flexion(file.array<3>("constants.flexion")),
-        gravity(file.number("constants.gravity")),
+      : trot(file.array<4>("constants.trot")), mirrored(file.array<4>("constants.mirrored")),
+        flexion(file.array<3>("constants.flexion")), gravity(file.number("constants.gravity")),
         shortest_squared(file.number("constants.shortest_squared")),
-        cosine_limit(1.0 - file.number("constants.cosine_margin")),
-        least_left(file.number("constants.least_left")) {}
+        cosine_limit(1.0 - file.number("constants.cosine_margin")), least_left(file.number("constants.least_left")) {}
 };
 
 /// Where a point of the ground is, seen from above in the moving trunk's frame, `tau`
@@ -264,9 +247,22 @@ inline std::array<Dual, 2> ground(double x, double y, const Vector& command, Dua
   return {c2 * x + s2 * y - chord * (c * vx + s * vy), c2 * y - s2 * x - chord * (c * vy - s * vx)};
 }
 
-struct Leg {
-  double lateral, drop, thigh, bend;
-};
+/// The square of the speed that the outermost foot must have.
+inline double square_speed(const Vector& command, double circle) {
+  return square(command[0]) + square(command[1]) + square(circle * command[2]);
+}
+
+struct Leg { double lateral, drop, thigh, bend, lower; };
+
+inline std::array<Leg, kLegs> read_legs(File& file, const std::string& of) {
+  std::array<Leg, kLegs> legs;
+  for (const auto& [name, to] : {std::pair("lateral", &Leg::lateral), {"drop", &Leg::drop}, {"thigh", &Leg::thigh},
+                                 {"bend", &Leg::bend}, {"lower", &Leg::lower}}) {
+    const auto values = file.array<kLegs>(of + name);
+    for (std::size_t i = 0; i < kLegs; ++i) legs[i].*to = values[i];
+  }
+  return legs;
+}
 
 /// Joint angles for a foot's place relative to the leg's abduction axis.
 inline Point joint_angles(const Point& foot, Dual lower, const Leg& leg, const Constants& is) {
@@ -284,9 +280,7 @@ inline Point joint_angles(const Point& foot, Dual lower, const Leg& leg, const C
 
 // --- Reference motions ----------------------------------------------------------------
 
-struct Pose {
-  Joints position{}, velocity{}, torque{};
-};
+struct Pose { Joints position{}, velocity{}, torque{}; };
 
 class Motion {
  public:
@@ -298,9 +292,7 @@ class Motion {
 
 class Stand : public Motion {
  public:
-  explicit Stand(File& file) : rate_(file.number("reference.phase_rate")) {
-    pose_.position = file.array<12>("arrays.pose");
-  }
+  explicit Stand(File& file) : rate_(file.number("reference.phase_rate")), pose_{file.array<12>("arrays.pose"), {}, {}} {}
   double phase_rate(const Vector&) const override { return rate_; }
   double stepping(const Vector&) const override { return 1.0; }
   Pose pose(const Vector&, double) const override { return pose_; }
@@ -313,14 +305,9 @@ class Stand : public Motion {
 /// The kinematic trot, by the equations of bp2_rl's `reference/trot_law.py`.
 class KinematicTrot : public Motion {
  public:
-  explicit KinematicTrot(File& file) : is_(file) {
-    const auto of = [&](const char* name) { return file.array<4>(std::string("arrays.") + name); };
-    const auto lateral = of("lateral"), drop = of("drop"), thigh = of("thigh"), bend = of("bend");
-    for (std::size_t i = 0; i < kLegs; ++i) legs_[i] = {lateral[i], drop[i], thigh[i], bend[i]};
-    lower_ = of("lower");
-    clearance_ = of("sole_clearance");
-    origins_ = file.array<12>("arrays.origins");
-    nominal_ = file.array<8>("arrays.nominal");
+  explicit KinematicTrot(File& file)
+      : is_(file), legs_(read_legs(file, "arrays.")), clearance_(file.array<4>("arrays.sole_clearance")),
+        origins_(file.array<12>("arrays.origins")), nominal_(file.array<8>("arrays.nominal")) {
     const std::pair<const char*, double*> numbers[] = {
         {"circle", &circle_}, {"height", &height_}, {"sweep", &sweep_},
         {"slow_stance", &slow_stance_}, {"swing_time", &swing_time_}, {"flexion", &flexion_},
@@ -329,12 +316,10 @@ class KinematicTrot : public Motion {
     for (const auto& [name, number] : numbers) *number = file.number(std::string("reference.") + name);
   }
 
-  double phase_rate(const Vector& command) const override {
-    return 1.0 / (stance_time(command) + swing_time_);
-  }
+  double phase_rate(const Vector& command) const override { return 1.0 / (stance_time(command) + swing_time_); }
 
   double stepping(const Vector& command) const override {
-    const double s2 = square_speed(command);
+    const double s2 = square_speed(command, circle_);
     return s2 / (s2 + square(stepping_speed_));
   }
 
@@ -356,12 +341,8 @@ class KinematicTrot : public Motion {
   }
 
  private:
-  double square_speed(const Vector& command) const {
-    return square(command[0]) + square(command[1]) + square(circle_ * command[2]);
-  }
-
   double stance_time(const Vector& command) const {
-    return slow_stance_ / std::sqrt(1.0 + square_speed(command) * square(slow_stance_ / sweep_));
+    return slow_stance_ / std::sqrt(1.0 + square_speed(command, circle_) * square(slow_stance_ / sweep_));
   }
 
   Point in_stance(std::size_t leg, const Vector& command, Dual tau) const {
@@ -381,7 +362,7 @@ class KinematicTrot : public Motion {
     // A foot on the abduction axis is moved below it, by more than it can be above.
     if ((foot[1] * foot[1] + foot[2] * foot[2]).v < is_.shortest_squared)
       foot[2] = foot[2] - 2.0 * std::sqrt(is_.shortest_squared);
-    return joint_angles(foot, lower_[leg] - spring, legs_[leg], is_);
+    return joint_angles(foot, legs_[leg].lower - spring, legs_[leg], is_);
   }
 
   Point in_swing(std::size_t leg, const Vector& command, double s) const {
@@ -403,10 +384,10 @@ class KinematicTrot : public Motion {
   }
 
   Constants is_;
-  std::array<Leg, kLegs> legs_{};
-  std::array<double, kLegs> lower_{}, clearance_{};
-  std::array<double, 12> origins_{};
-  std::array<double, 8> nominal_{};
+  std::array<Leg, kLegs> legs_;
+  std::array<double, kLegs> clearance_;
+  std::array<double, 12> origins_;
+  std::array<double, 8> nominal_;
   double circle_ = 0.0, height_ = 0.0, sweep_ = 0.0, slow_stance_ = 0.0, swing_time_ = 0.0, flexion_ = 0.0,
          follow_through_ = 0.0, landing_ = 0.0, stepping_speed_ = 0.0, sag_ = 0.0, spring_travel_ = 0.0;
 };
@@ -415,25 +396,16 @@ class KinematicTrot : public Motion {
 class LibraryTrot : public Motion {
  public:
   explicit LibraryTrot(File& file)
-      : is_(file),
-        speeds_(file.size("arrays.strides") / 5),
+      : is_(file), speeds_(file.size("arrays.strides") / 5),
         intervals_(speeds_ > 0 ? file.size("arrays.cubics") / (2 * 4 * kRow * speeds_) : 0),
         strides_(file.numbers("arrays.strides", 5 * speeds_)),
         cubics_(file.numbers("arrays.cubics", 2 * intervals_ * speeds_ * 4 * kRow)),
-        rest_(file.array<12>("arrays.stand_feet")),
-        hips_(file.array<12>("arrays.leg_origins")),
+        rest_(file.array<12>("arrays.stand_feet")), hips_(file.array<12>("arrays.leg_origins")),
         rest_torque_(file.array<8>("arrays.stand_torque")),
-        stepping_speed_(file.number("reference.stepping_speed")),
-        circle_(file.number("reference.foot_circle")) {
+        stepping_speed_(file.number("reference.stepping_speed")), circle_(file.number("reference.foot_circle")),
+        legs_(read_legs(file, "reference.legs.")), sag_(file.array<4>("reference.legs.sag")),
+        straight_(file.array<4>("reference.legs.straight_knee")) {
     if (speeds_ < 2 || intervals_ < 1) file.blame("has a library without two speeds");
-    const auto of = [&](const char* name) { return file.array<4>(std::string("reference.legs.") + name); };
-    const auto lateral = of("lateral"), drop = of("drop"), thigh = of("thigh"), bend = of("bend"), straight = of("straight_knee");
-    for (std::size_t i = 0; i < kLegs; ++i) {
-      legs_[i] = {lateral[i], drop[i], thigh[i], bend[i]};
-      extended_[i] = std::cos(straight[i]);
-    }
-    sag_ = of("sag");
-    lower_ = of("lower");
     for (const double image : is_.mirrored)
       if (!(image >= 0.0 && image < kLegs)) file.blame("has legs whose mirror images are none");
   }
@@ -441,8 +413,7 @@ class LibraryTrot : public Motion {
   double phase_rate(const Vector& command) const override { return 0.5 / stride(command).half; }
 
   double stepping(const Vector& command) const override {
-    const double s2 = square(command[0]) + square(command[1]) + square(circle_ * command[2]);
-    const double y = std::min(s2 / square(stepping_speed_), 1.0);
+    const double y = std::min(square_speed(command, circle_) / square(stepping_speed_), 1.0);
     return y * (2.0 - y);
   }
 
@@ -461,7 +432,7 @@ class LibraryTrot : public Motion {
       const bool later = (is_.trot[leg] > 0.0) != mirrored;
       const auto [dx, dy] = displacement(leg, command, at, steps, later ? now + at.half : now);
       const double y = rest_[3 * leg + 1];
-      const Point q = joints(leg, {x, y, z}, {x + dx, y + dy, z}, lower_[leg] - spring, steps * row[2]);
+      const Point q = joints(leg, {x, y, z}, {x + dx, y + dy, z}, legs_[leg].lower - spring, steps * row[2]);
       for (std::size_t j = 0; j < 3; ++j) {
         pose.position[3 * leg + j] = q[j].v;
         pose.velocity[3 * leg + j] = q[j].d;
@@ -478,10 +449,7 @@ class LibraryTrot : public Motion {
   static constexpr std::size_t kRow = 23;  // trunk 3, then 3 a leg, then 2 torques a leg
   using Row = std::array<Dual, kRow>;
 
-  struct Stride {
-    std::size_t row;
-    double a, b, speed, stance, half, fore, hind;
-  };
+  struct Stride { std::size_t row; double a, b, speed, stance, half, fore, hind; };
 
   Stride stride(const Vector& command) const {
     const auto of = [&](std::size_t row, std::size_t i) { return strides_[5 * row + i]; };
@@ -547,7 +515,7 @@ class LibraryTrot : public Motion {
     const auto length = [](const Point& p) { return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]); };
     Point foot = from_hip(after);
     const Dual now = length(from_hip(before)), then = length(foot);
-    const Dual straight = sqrt(thigh * thigh + lower * lower + 2.0 * thigh * extended_[leg] * lower + square(legs_[leg].lateral));
+    const Dual straight = sqrt(thigh * thigh + lower * lower + 2.0 * thigh * std::cos(straight_[leg]) * lower + square(legs_[leg].lateral));
     Dual left = (straight - now) / 2.0;
     if (left.v < is_.least_left) left = is_.least_left;
     const Dual beyond = then - now - left;
@@ -565,8 +533,8 @@ class LibraryTrot : public Motion {
   std::array<double, 12> rest_, hips_;
   std::array<double, 8> rest_torque_;
   double stepping_speed_, circle_;
-  std::array<Leg, kLegs> legs_{};
-  std::array<double, kLegs> sag_{}, lower_{}, extended_{};
+  std::array<Leg, kLegs> legs_;
+  std::array<double, kLegs> sag_, straight_;
 };
 
 // --- The network ----------------------------------------------------------------------
@@ -630,8 +598,7 @@ class Network {
     std::size_t i = 0;
     for (; i + 4 <= layer.inputs; i += 4, w += 4 * n) {
       const float a = x[i], b = x[i + 1], c = x[i + 2], d = x[i + 3];
-      for (std::size_t j = 0; j < n; ++j)
-        y[j] += a * w[j] + b * w[j + n] + c * w[j + 2 * n] + d * w[j + 3 * n];
+      for (std::size_t j = 0; j < n; ++j) y[j] += a * w[j] + b * w[j + n] + c * w[j + 2 * n] + d * w[j + 3 * n];
     }
     for (; i < layer.inputs; ++i, w += n)
       for (std::size_t j = 0; j < n; ++j) y[j] += x[i] * w[j];
@@ -655,8 +622,7 @@ class Watchdog {
   double share = 0.0;  // of the limit at the fault, where there is one
   double braking, stand_time, joint_speed;
 
-  Watchdog(File& file, const Joints& sign, const Joints& offset)
-      : sign_(sign), offset_(offset), dt_(1.0 / file.number("rates.policy")), huge_(file.number("constants.huge")) {
+  explicit Watchdog(File& file) : dt_(1.0 / file.number("rates.policy")), huge_(file.number("constants.huge")) {
     const std::pair<const char*, double*> limits[] = {
         {"silence", &silence_}, {"ahead", &ahead_}, {"rate", &rate_limit_}, {"stand_time", &stand_time},
         {"braking", &braking}, {"joint_margin", &margin_}, {"joint_speed", &joint_speed},
@@ -677,20 +643,18 @@ class Watchdog {
   void reset() {
     fault = kNone;
     joint = kJoints;
-    share = 0.0;
     now_ = -kInfinity;
     counted_from_ = heard_ = kInfinity;
     any_ = false;
-    unheard_ = ticks_ = 0;
+    unheard_ = ticks_ = share = 0.0;
     turned_ = {};
-    since_ = {};
-    held_ = {};
   }
 
   /// The newest measurement: joint angles and speeds, up and gyro; null before the first.
   const double* newest() const { return any_ ? values_.data() : nullptr; }
 
-  bool look(const Measurement* given, double now, const Joints& target) {
+  /// Checks a measurement, whose joint angles are `sign` x its own + `offset`.
+  bool look(const Measurement* given, double now, const Joints& target, const Joints& sign, const Joints& offset) {
     const double latest = any_ ? now_ + window_ : kInfinity;
     if (!(now_ <= now && now <= latest) || std::isinf(now)) return stop(kClock);
     now_ = now;
@@ -698,7 +662,7 @@ class Watchdog {
     unheard_ = any_ ? unheard_ + 1 : 0;
     if (given) {
       Values values;
-      if (!read(*given, values) || !within_limits(values)) return false;
+      if (!read(*given, values, sign, offset) || !within_limits(values)) return false;
       if ((!any_ || given->time > stamp_) && !accept(values, given->time, target)) return false;
     }
     if (!judge(kSilence, larger(now - heard_, unheard_ * dt_ / rate_limit_) / silence_)) return false;
@@ -713,28 +677,22 @@ class Watchdog {
     return judge(kTargets, shares);
   }
 
-  bool stop(Fault reason) {
-    fault = reason;
-    return false;
-  }
+  bool stop(Fault reason) { fault = reason; return false; }
 
  private:
   using Values = std::array<double, 30>;  // q 12, qd 12, up 3, gyro 3
   static constexpr std::size_t kUpPlace = 24, kGyroPlace = 27, kMoving = 15;  // joints and up
 
-  bool read(const Measurement& given, Values& values) {
-    std::copy(given.joint_position.begin(), given.joint_position.end(), values.begin());
-    std::copy(given.joint_velocity.begin(), given.joint_velocity.end(), values.begin() + kJoints);
-    std::copy(given.up.begin(), given.up.end(), values.begin() + kUpPlace);
-    std::copy(given.angular_velocity.begin(), given.angular_velocity.end(), values.begin() + kGyroPlace);
+  bool read(const Measurement& given, Values& values, const Joints& sign, const Joints& offset) {
+    std::memcpy(&values, &given, sizeof values);
     bool finite = std::isfinite(given.time);
     for (double& x : values) {
       finite = finite && std::isfinite(x);
       x = clip(x, -huge_, huge_);
     }
     for (std::size_t i = 0; i < kJoints; ++i) {
-      values[i] = sign_[i] * values[i] + offset_[i];
-      values[kJoints + i] *= sign_[i];
+      values[i] = sign[i] * values[i] + offset[i];
+      values[kJoints + i] *= sign[i];
     }
     return finite || stop(kNotFinite);
   }
@@ -758,7 +716,7 @@ class Watchdog {
     if (age < -ahead_ || age > silence_) return stop(kClock);
     const double *up = &values[kUpPlace], *gyro = &values[kGyroPlace];
     std::array<double, kMoving> rate;
-    for (std::size_t i = 0; i < kJoints; ++i) rate[i] = values[kJoints + i];
+    std::copy_n(&values[kJoints], kJoints, rate.begin());
     for (std::size_t i = 0, j = 1, k = 2; i < 3; ++i, j = (j + 1) % 3, k = (k + 1) % 3)
       rate[kJoints + i] = up[j] * gyro[k] - up[k] * gyro[j];
     const bool first = !any_;
@@ -774,10 +732,7 @@ class Watchdog {
       }
     values_ = values;
     if (first) count_calls();
-    if (first || passed > silence_) {
-      begin(rate, stamp);
-      return true;
-    }
+    if (first || passed > silence_) return begin(rate, stamp);
     if (!changing(stamp, target)) return false;
     for (std::size_t i = 0; i < kMoving; ++i) {
       travel_[i] += 0.5 * (rate[i] + rate_[i]) * passed;
@@ -796,30 +751,24 @@ class Watchdog {
     if (stamp - began_ < window_) return true;
     if (!compare_changes()) return false;
     count_calls();
-    begin(rate, stamp);
-    return true;
+    return begin(rate, stamp);
   }
 
   // Places in a row of sums: changes, travel and gap of joints and up, then these.
   static constexpr std::size_t kTargetPlace = 45, kOffPlace = 57, kJumpPlace = 69, kRow = 72;
 
-  void begin(const std::array<double, kMoving>& rate, double stamp) {
+  bool begin(const std::array<double, kMoving>& rate, double stamp) {
     rate_ = rate;
     travel_ = {};
     sum_ = squares_ = {};
-    count_ = 0;
+    count_ = 0.0;
     began_ = stamp;
+    return true;
   }
 
-  void note(std::size_t place, double value) {
-    sum_[place] += value;
-    squares_[place] += value * value;
-  }
+  void note(std::size_t place, double value) { sum_[place] += value; squares_[place] += value * value; }
 
-  void count_calls() {
-    counted_from_ = now_;
-    ticks_ = 0;
-  }
+  void count_calls() { counted_from_ = now_; ticks_ = 0.0; }
 
   bool changing(double stamp, const Joints& target) {
     for (const std::size_t place : {kUpPlace, kGyroPlace}) {
@@ -868,12 +817,11 @@ class Watchdog {
     return judge(kGyro, (1.0 - (most > least ? turned_[2] / most : 1.0)) / unlike_);
   }
 
-  bool judge(Fault limit, double of_limit) {
-    if (of_limit <= 1.0) {
-      used[limit] = std::max(used[limit], of_limit);
-      return true;
-    }
+  bool judge(Fault limit, double of_limit, std::size_t of_joint = kJoints) {
+    if (of_limit <= 1.0) used[limit] = std::max(used[limit], of_limit);
+    if (of_limit <= 1.0) return true;
     share = of_limit;  // or NaN
+    joint = of_joint;
     return stop(limit);
   }
 
@@ -881,12 +829,10 @@ class Watchdog {
     std::size_t worst = 0;
     for (std::size_t i = 1; i < kJoints && !std::isnan(shares[worst]); ++i)
       if (!(shares[i] <= shares[worst])) worst = i;
-    if (judge(limit, shares[worst])) return true;
-    joint = worst;
-    return false;
+    return judge(limit, shares[worst], worst);
   }
 
-  Joints sign_, offset_, middle_{}, half_{}, held_{};
+  Joints middle_{}, half_{}, held_{};
   double dt_, huge_, now_ = 0.0, counted_from_ = 0.0, heard_ = 0.0, stamp_ = 0.0, began_ = 0.0;
   double silence_, ahead_, rate_limit_, margin_, target_step_, turning_, up_length_, tilt_, frozen_, frozen_target_,
       window_, mismatch_, joint_noise_, turned_limit_, unlike_, off_target_, opposed_, swing_, still_;
@@ -908,12 +854,9 @@ class Controller {
   static std::unique_ptr<Controller> load(const std::string& path, std::string& wrong, Convention convention = Convention::bundle) {
     File file(path);
     std::unique_ptr<Controller> controller;
-    if (file.wrong.empty()) {
-      controller.reset(new Controller(file, convention));
-      if (file.wrong.empty()) controller->try_all(file);
-      if (!file.wrong.empty()) file.wrong = path + ": " + file.wrong;
-    }
-    wrong = file.wrong;
+    if (file.wrong.empty()) controller.reset(new Controller(file, convention));
+    if (file.wrong.empty()) controller->try_all(file);
+    wrong = file.wrong.empty() ? "" : path + ": " + file.wrong + "; export the bundle anew";
     if (!wrong.empty()) controller.reset();
     return controller;
   }
@@ -922,7 +865,7 @@ class Controller {
   /// command (m/s forward, m/s to the left, rad/s; null: the operator is silent).
   Targets step(const Measurement* measurement, const double* command, double now) noexcept {
     if (!watchdog_.fault) {
-      if (watchdog_.look(measurement, now, targets_.position)) {
+      if (watchdog_.look(measurement, now, targets_.position, sign_, offset_)) {
         obey(command);
         if (watchdog_.newest()) act(watchdog_.newest());
       }
@@ -944,8 +887,7 @@ class Controller {
     frames_ = 0;
     command_ = {};
     targets_ = {stand_, {}};
-    stopped_at_ = stand_;
-    ticks_stopped_ = 0;
+    ticks_stopped_ = 0.0;
     watchdog_.reset();
   }
 
@@ -962,50 +904,35 @@ class Controller {
   double damping() const { return damping_; }  // of the drives, Nm s/rad
 
  private:
-  struct Change {
-    std::size_t ticks, place, size;
-  };
+  struct Change { std::size_t ticks, place, size; };
   using Moment = std::array<float, 47>;
 
   Controller(File& file, Convention convention)
       : names_(file.texts(convention == Convention::model ? "model_joints.name" : "joints")),
-        sign_(convention == Convention::model ? file.array<12>("model_joints.sign") : filled(1.0)),
-        offset_(convention == Convention::model ? file.array<12>("model_joints.offset") : filled(0.0)),
-        stand_(file.array<12>("control.stand")),
-        range_(file.array<24>("joint_range")),
-        least_(file.array<3>("command.least")),
-        most_(file.array<3>("command.most")),
-        residual_(file.text("control.mode") == "residual"),
-        clock_at_rest_(file.number("control.clock_at_rest") != 0.0),
-        dt_(1.0 / file.number("rates.policy")),
-        scale_(file.number("control.action_scale")),
-        limit_(static_cast<float>(file.number("control.action_limit"))),
-        stiffness_(file.number("gains.stiffness")),
-        damping_(file.number("gains.damping")),
-        feedforward_(file.number("control.feedforward") / stiffness_),
-        launching_(static_cast<float>(file.number("control.launching"))),
-        launching_speed_(static_cast<float>(file.number("control.launching_speed"))),
-        braking_(static_cast<float>(file.number("control.braking"))),
-        stopping_time_(static_cast<float>(file.number("control.stopping_time"))),
-        ease_(static_cast<float>(file.number("constants.ease"))),
-        network_(file),
-        watchdog_(file, sign_, offset_) {
+        sign_(file.array<12>("model_joints.sign")), offset_(file.array<12>("model_joints.offset")),
+        stand_(file.array<12>("control.stand")), range_(file.array<24>("joint_range")),
+        least_(file.array<3>("command.least")), most_(file.array<3>("command.most")),
+        dt_(1.0 / file.number("rates.policy")), scale_(file.number("control.action_scale")),
+        stiffness_(file.number("gains.stiffness")), damping_(file.number("gains.damping")),
+        feedforward_(file.number("control.feedforward") / stiffness_), limit_(file.number("control.action_limit")),
+        launching_(file.number("control.launching")), launching_speed_(file.number("control.launching_speed")),
+        braking_(file.number("control.braking")), stopping_time_(file.number("control.stopping_time")),
+        ease_(file.number("constants.ease")), residual_(file.text("control.mode") == "residual"),
+        clock_at_rest_(file.number("control.clock_at_rest") != 0.0), network_(file), watchdog_(file) {
+    for (std::size_t i = 0; i < kJoints; ++i)
+      if (std::abs(sign_[i]) != 1.0 || !(range_[2 * i] <= stand_[i] && stand_[i] <= range_[2 * i + 1]))
+        file.blame("has a stand beyond the joints' range, or a sign that is neither 1 nor -1");
+    if (convention == Convention::bundle) {
+      sign_.fill(1.0);
+      offset_.fill(0.0);
+    }
     const std::string kind = file.text("reference.kind");
     if (kind == "collocation") motion_.reset(new detail::LibraryTrot(file));
     else if (kind == "kinematic") motion_.reset(new detail::KinematicTrot(file));
     else if (kind == "none") motion_.reset(new detail::Stand(file));
     else file.blame("has a reference motion of another kind: " + kind);
-    for (std::size_t i = 0; i < kJoints; ++i)
-      if (std::abs(sign_[i]) != 1.0 || !(range_[2 * i] <= stand_[i] && stand_[i] <= range_[2 * i + 1]))
-        file.blame("has a stand beyond the joints' range, or a sign that is neither 1 nor -1");
     if (names_.size() != kJoints) file.blame("has not 12 joints");
     load_observation(file);
-  }
-
-  static Joints filled(double x) {
-    Joints all;
-    all.fill(x);
-    return all;
   }
 
   /// Finds how each observation entry is read; NAME@K is an entry's change over K ticks.
@@ -1013,39 +940,32 @@ class Controller {
     const std::pair<const char*, std::size_t> known[] = {
         {"command", 3}, {"phase", 2}, {"joint_position", 12}, {"joint_velocity", 12}, {"up", 3},
         {"angular_velocity", 3}, {"last_action", 12}};
-    std::vector<std::pair<std::string, Change>> places;
-    std::vector<std::pair<std::string, std::size_t>> changed;
+    constexpr std::size_t kinds = 7, nowhere = ~std::size_t{0};
+    std::array<std::size_t, kinds> places;
+    places.fill(nowhere);
     for (const std::string& name : file.texts("observation.name")) {
       const std::size_t at = name.find('@');
-      if (at != std::string::npos) {
-        changed.emplace_back(name.substr(0, at), std::strtoul(name.c_str() + at + 1, nullptr, 10));
-        continue;
+      std::size_t from = 0, k = 0;
+      while (k < kinds && name.compare(0, at, known[k].first) != 0) from += known[k++].second;
+      if (k == kinds) return file.blame("the policy sees " + name + ", which Python code computes (run the bundle in Python)");
+      if (at == std::string::npos) {
+        places[k] = frame_size_;
+        frame_size_ += known[k].second;
+        for (std::size_t i = 0; i < known[k].second; ++i) sources_.push_back(from + i);
+      } else {
+        changes_.push_back({std::strtoul(name.c_str() + at + 1, nullptr, 10), k, known[k].second});
       }
-      std::size_t from = 0;
-      bool found = false;
-      for (const auto& [entry, size] : known) {
-        if (name == entry) {
-          places.push_back({name, {0, frame_size_, size}});
-          for (std::size_t i = 0; i < size; ++i) sources_.push_back(from + i);
-          frame_size_ += size;
-          found = true;
-        }
-        from += size;
-      }
-      if (!found) file.blame("the policy sees " + name + ", which Python code computes: run the bundle in Python");
     }
     std::size_t size = frame_size_;
-    for (const auto& [name, ticks] : changed)
-      for (auto& [entry, place] : places)
-        if (entry == name && ticks > 0 && ticks <= 10000) {
-          changes_.push_back({ticks, place.place, place.size});
-          longest_ = std::max(longest_, ticks);
-          size += place.size;
-        }
-    if (changes_.size() != changed.size() || size != network_.inputs())
-      file.blame("has an observation of " + std::to_string(size) + " numbers, and a network that reads " + std::to_string(network_.inputs()));
+    for (Change& change : changes_) {
+      change.place = places[change.place];
+      if (change.place == nowhere || change.ticks < 1 || change.ticks > 10000) return file.blame("has changes of nothing");
+      longest_ = std::max(longest_, change.ticks);
+      size += change.size;
+    }
+    if (size != network_.inputs()) return file.blame("has an observation that the network does not read");
     past_.resize((longest_ + 1) * frame_size_);
-    seen_.resize(std::max(size, network_.inputs()));
+    seen_.resize(size);
   }
 
   /// Tries the reference motion at many commands and phases, and the network.
@@ -1058,10 +978,8 @@ class Controller {
       if (!watchdog_.check_targets(pose.position, pose.velocity, pose.position)) return file.blame("has a reference motion that cannot be");
     }
     reset();
-    std::array<double, 30> still{};
-    std::copy(stand_.begin(), stand_.end(), still.begin());
-    still[26] = 1.0;
-    for (int i = 0; i < ticks; ++i) act(still.data());
+    const Measurement still{stand_, {}, {0.0, 0.0, 1.0}, {}, 0.0};
+    for (int i = 0; i < ticks; ++i) act(reinterpret_cast<const double*>(&still));
     if (watchdog_.fault) file.blame(std::string("has a policy whose answer cannot be: ") + fault());
     reset();
   }
@@ -1093,21 +1011,19 @@ class Controller {
     const Vector command = {command_[0], command_[1], command_[2]};
     observe(measured, clock_at_rest_ ? 1.0 : motion_->stepping(command));
     const float* answer = network_(seen_.data());
-    for (std::size_t i = 0; i < kJoints; ++i)
-      if (!std::isfinite(answer[i])) {
-        watchdog_.stop(kNetwork);
-        return;
-      }
+    if (!std::all_of(answer, answer + kJoints, [](float x) { return std::isfinite(x); })) {
+      watchdog_.stop(kNetwork);
+      return;
+    }
     phase_ = std::fmod(phase_ + dt_ * motion_->phase_rate(command), 1.0);
     Targets next{stand_, {}};
-    detail::Pose pose;
     if (residual_) {
-      pose = motion_->pose(command, phase_);
+      const detail::Pose pose = motion_->pose(command, phase_);
+      for (std::size_t i = 0; i < kJoints; ++i) next.position[i] = pose.position[i] + feedforward_ * pose.torque[i];
       next.velocity = pose.velocity;
     }
     for (std::size_t i = 0; i < kJoints; ++i) {
       last_action_[i] = detail::clip(answer[i], -limit_, limit_);
-      if (residual_) next.position[i] = pose.position[i] + feedforward_ * pose.torque[i];
       next.position[i] = within_range(i, next.position[i] + scale_ * static_cast<double>(last_action_[i]));
     }
     if (watchdog_.check_targets(next.position, next.velocity, targets_.position)) targets_ = next;
@@ -1155,11 +1071,9 @@ class Controller {
   Joints sign_, offset_, stand_;
   std::array<double, 24> range_;
   Vector least_, most_;
+  double dt_, scale_, stiffness_, damping_, feedforward_;
+  float limit_, launching_, launching_speed_, braking_, stopping_time_, ease_;
   bool residual_, clock_at_rest_;
-  double dt_, scale_;
-  float limit_;
-  double stiffness_, damping_, feedforward_;
-  float launching_, launching_speed_, braking_, stopping_time_, ease_;
   detail::Network network_;
   detail::Watchdog watchdog_;
   std::unique_ptr<detail::Motion> motion_;
