@@ -205,7 +205,8 @@ def test_the_example_talks_to_the_rehearsal_over_udp(
 def wrongs(rng, then):
     """Return functions that make values, stamp and time wrong from a tick on, k ticks
     later."""
-    part, place, joint = PARTS[rng.integers(4)], rng.integers(30), rng.integers(12)
+    part, place = PARTS[rng.integers(4)], rng.integers(30)
+    joint = rng.choice((1, 2, 4, 5, 7, 8, 10, 11))  # hips and knees
     factor = rng.choice((-1.0, 0.0, 0.1, 0.5, 2.0, 9.81, 57.3))
     value = rng.choice((np.nan, np.inf, -np.inf, 1e300, -1e9, 3.0))
     size, ahead = 10.0 ** rng.uniform(-3.0, 3.0), rng.choice((-1.0, -0.03, 0.2, np.nan))
@@ -223,7 +224,8 @@ def wrongs(rng, then):
         v[part] += size * rng.normal(size=len(v[part]))
 
     def deaf(v, stamp, now, k):
-        v[[joint, 12 + joint]] = then[[joint, 12 + joint]] + 0.003 * rng.normal(size=2)
+        v[joint] = then[joint] + 0.003 * rng.normal()
+        v[12 + joint] = 0.1 * rng.normal()
 
     def backward(v, stamp, now, k):
         v[[joint, 12 + joint]] *= -1.0

@@ -174,7 +174,8 @@ class File {
     const std::size_t end = bytes_.size() - 8;
     if (at<std::uint64_t>(end) != detail::crc32(bytes_.data(), end)) return blame("is damaged");
     for (std::size_t offset = 16; offset < end;) {
-      const std::uint64_t letters = at<std::uint32_t>(offset), room = end - offset < 32 ? 0 : end - offset - 32;
+      if (end - offset < 32) return blame("ends in the middle of a record");
+      const std::uint64_t letters = at<std::uint32_t>(offset), room = end - offset - 32;
       Record record{"", at<std::uint32_t>(offset + 4), at<std::uint64_t>(offset + 8),
                     at<double>(offset + 16), at<double>(offset + 24), nullptr};
       const std::uint64_t width = record.kind == 0 ? 1 : record.kind;
