@@ -2,7 +2,7 @@
 settings and controller code.
 
 manifest.json      the SHA-256 of every file that follows
-policy.onnx        the network: observation (1, n) -> action (1, 12)
+policy.onnx        the network: obs (1, n) -> actions (1, 12)
 reference.npz      the reference motion as plain arrays
 deploy.json        observation layout, units, joint order, gains, limits, rates
 onboard/           the controller, with the laws that it shares with bp2_rl: NumPy and onnxruntime alone
@@ -66,6 +66,15 @@ from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
+TERMS = {
+    "command": "command",
+    "joint_position": "joint_pos",
+    "joint_velocity": "joint_vel",
+    "up": "projected_gravity",
+    "angular_velocity": "base_ang_vel",
+    "last_action": "actions",
+}
+"""Names that mjlab has for entries of the observation."""
 MOTORS = (
     "peak_torque",
     "corner_speed",
@@ -116,10 +125,8 @@ def write_bundle(directory: Path, policy: Policy) -> None:
     require_name(directory)
     require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy)
-    network = to_onnx(
-        policy,
-        {"observation": json.dumps(settings["observation"]), **settings["policy"]},
-    )
+    layout = {"observation": json.dumps(settings["observation"])}
+    network = to_onnx(policy, layout | settings["policy"] | loader_metadata(settings))
     try:
         place = Path(directory).resolve()
         if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
@@ -226,6 +233,46 @@ def describe(policy: Policy) -> Playback:
         "robots": _describe_robots(env),
     }
     return settings, arrays
+
+
+def loader_metadata(settings: Settings) -> dict[str, str]:
+    """Return what mjlab writes into an ONNX file and legged_control2 reads from it, by
+    their keys.
+
+    Joints are the robot's own model's, lists are separated by commas, and a list in a
+    list by semicolons. `not_expressed` has what their terms cannot say.
+
+    Args:
+        settings: the content of deploy.json.
+    """
+    control, joints = settings["control"], settings["model_joints"]
+    sign, offset = ([joint[key] for joint in joints] for key in ("sign", "offset"))
+    seen = [name for name, _ in settings["observation"]]
+    scales = dict.fromkeys(seen, "1.0")
+    scales |= {"up": "-1.0"}  # theirs is gravity
+    if -1 in sign:
+        scales |= dict.fromkeys(
+            ("joint_position", "joint_velocity"), ";".join(map(str, sign))
+        )
+    stand = np.multiply(sign, np.subtract(control["stand"], offset))
+    others = [name for name in seen if name not in TERMS]
+    if control["mode"] == "residual":
+        others.append("reference motion")
+    lists = {
+        "joint_names": [joint["name"] for joint in joints],
+        "joint_stiffness": 12 * [settings["gains"]["stiffness"]],
+        "joint_damping": 12 * [settings["gains"]["damping"]],
+        "default_joint_pos": stand.tolist(),
+        "action_scale": [control["action_scale"] * each for each in sign],
+        "command_names": ["twist"],
+        "observation_names": [TERMS.get(name, name) for name in seen],
+        "observation_terms_scale": [scales[name] for name in seen],
+        "observation_terms_clip": len(seen) * ["-inf;inf"],
+        "observation_terms_history_length": len(seen) * [0],
+        "observation_terms_flatten_history_dim": len(seen) * [1],
+        "not_expressed": others,
+    }
+    return {key: ",".join(map(str, values)) for key, values in lists.items()}
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:

@@ -12,7 +12,7 @@ from bp2_rl.learning.policy import Policy
 if TYPE_CHECKING:
     from onnx import NodeProto, ValueInfoProto
 
-INPUT, OUTPUT = "observation", "action"
+INPUT, OUTPUT = "obs", "actions"  # as mjlab names them
 OPSET, IR_VERSION = 17, 8
 """Versions of ONNX's operators and file format, which onnxruntime 1.12 and later
 read."""
@@ -23,8 +23,8 @@ float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
-    """Return a policy's network as an ONNX model: `observation` (batch, n) -> `action`
-    (batch, 12).
+    """Return a policy's network as an ONNX model: `obs` (batch, n) -> `actions` (batch,
+    12).
 
     Numbers are float32, and actions are not clipped.
 

@@ -4,9 +4,9 @@
 //   drive load FILE...                 prints what is wrong with each file, or "loaded"
 //
 // A tick is 36 doubles: whether there are a measurement (1) and a command (2), or a reset
-// (4), and whether the answer is waited for (8); now; 30 measured values and their time; the command. An answer is 27 doubles and a
-// name: position, velocity, thread CPU time of the tick (s), allocations in it, the share
-// of the limit at a fault; 16 letters of the fault's name and 16 of the joint's.
+// (4), and whether the answer is waited for (8); now; 30 measured values and their time;
+// the command. An answer is 26 doubles: position, velocity, thread CPU time of the tick
+// (s), allocations in it; then 16 letters of the fault's name and 16 of its joint's.
 #include <ctime>
 #include <new>
 
@@ -60,9 +60,9 @@ int main(int argc, char** argv) {
     const bp2::Targets targets = controller->step(told & 1 ? &measurement : nullptr, told & 2 ? tick + 33 : nullptr, tick[1]);
     struct {
       bp2::Targets targets;
-      double cpu, allocated, share;
+      double cpu, allocated;
       char fault[16], joint[16];
-    } answer{targets, cpu_time() - start, static_cast<double>(allocations - before), controller->fault_share(), {}, {}};
+    } answer{targets, cpu_time() - start, static_cast<double>(allocations - before), {}, {}};
     std::strncpy(answer.fault, controller->fault(), 15);
     std::strncpy(answer.joint, controller->fault_joint(), 15);
     std::fwrite(&answer, sizeof answer, 1, stdout);

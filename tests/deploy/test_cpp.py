@@ -26,7 +26,7 @@ TICK = np.dtype("f8, f8, 30f8, f8, 3f8")  # what is told, now, values, stamp, co
 ANSWER = np.dtype(
     [
         ("targets", "f8", (2, 12)),
-        *((name, "f8") for name in ("cpu", "news", "share")),
+        *((name, "f8") for name in ("cpu", "news")),
         *((name, "S16") for name in ("fault", "joint")),
     ]
 )
@@ -127,15 +127,18 @@ class Piped:
         command = program, folder / "cpp" / "controller.bin", "bundle"
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe)
+        assert self.process.stdin
+        assert self.process.stdout
+        self.told, self._in, self._out = 0, self.process.stdin, self.process.stdout
 
     def reset(self):
         self.told = WAITED | RESET
 
     def step(self, given, command, now):
         told = np.array(tick(self.told, given, command, now), TICK)
-        self.process.stdin.write(told.tobytes())
-        self.process.stdin.flush()
-        (answer,) = np.frombuffer(self.process.stdout.read(ANSWER.itemsize), ANSWER)
+        self._in.write(told.tobytes())
+        self._in.flush()
+        (answer,) = np.frombuffer(self._out.read(ANSWER.itemsize), ANSWER)
         self.told, self.fault = WAITED, answer["fault"].decode()
         return self._targets(*answer["targets"])
 
@@ -363,4 +366,4 @@ def test_what_python_code_of_a_task_adds_is_refused_by_name(another, drive, tmp_
     data[-8:] = np.uint64(zlib.crc32(data[:-8])).tobytes()
     (tmp_path / "it").write_bytes(data)
     done = subprocess.run([drive, "load", tmp_path / "it"], capture_output=True)
-    assert b"the policy sees smell, which Python code computes " in done.stdout
+    assert b"the policy sees smell, which Python code of its task" in done.stdout

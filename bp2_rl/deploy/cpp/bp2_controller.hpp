@@ -22,7 +22,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <string>
 #include <utility>
@@ -31,7 +30,7 @@
 namespace bp2 {
 
 constexpr std::size_t kJoints = 12, kLegs = 4;  // FR, FL, RR, RL, each abad, hip, knee
-constexpr double kPi = 3.14159265358979323846, kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kPi = 3.14159265358979323846, kInfinity = HUGE_VAL;
 using Vector = std::array<double, 3>;
 using Joints = std::array<double, kJoints>;
 
@@ -53,19 +52,17 @@ enum class Convention { bundle, model };
 
 /// Reasons for which the watchdog stops the policy, as in the table of docs/deploy.md.
 enum Fault {
-  kNone, kNotFinite, kClock, kSilence, kRange, kJointSpeed, kTurning, kUp, kTilt, kFrozen,
-  kJointVelocity, kGyro, kOffTarget, kOpposed, kStill, kRate, kNetwork, kTargets, kFaults
+  kNone, kNotFinite, kClock, kSilence, kRange, kJointSpeed, kTurning, kUp, kTilt, kFrozen, kJointVelocity, kGyro,
+  kOffTarget, kOpposed, kStill, kRate, kNetwork, kTargets, kFaults
 };
 constexpr const char* kFaultNames[kFaults] = {
-    "", "not finite", "clock", "silence", "range", "joint speed", "turning", "up", "tilt",
-    "frozen", "joint velocity", "gyro", "off target", "opposed", "still", "rate", "network",
-    "targets"};
+    "", "not finite", "clock", "silence", "range", "joint speed", "turning", "up", "tilt", "frozen", "joint velocity",
+    "gyro", "off target", "opposed", "still", "rate", "network", "targets"};
 
 namespace detail {
 
 // Both keep NaN, unlike std::clamp and std::max.
-template <class T>
-T clip(T x, T low, T high) { return x < low ? low : x > high ? high : x; }
+template <class T> T clip(T x, T low, T high) { return x < low ? low : x > high ? high : x; }
 inline double larger(double a, double b) { return a > b || std::isnan(a) ? a : b; }
 inline double square(double x) { return x * x; }
 
@@ -82,12 +79,9 @@ inline std::uint32_t crc32(const unsigned char* data, std::size_t size) {
   return ~crc;
 }
 
-}  // namespace detail
-
 /// A controller's file: texts and arrays of numbers by name. What is asked for and is not
 /// there, or is out of its bounds, is noted in `wrong`, and zeros are returned.
-class File {
- public:
+struct File {
   static constexpr std::uint32_t kVersion = 1;
   std::string wrong;
 
@@ -122,12 +116,12 @@ class File {
 
   template <class T = double>
   std::vector<T> numbers(const std::string& name, std::size_t count) {
-    std::vector<T> found(count);
     const Record* record = find(name, sizeof(T));
     if (!record || record->count != count) {
       blame(name + " has not " + std::to_string(count) + " numbers");
-      return found;
+      return std::vector<T>(std::min(count, 2 * kJoints));
     }
+    std::vector<T> found(count);
     if (count > 0) std::memcpy(found.data(), record->data, count * sizeof(T));
     for (T& x : found)
       if (!(record->least <= x && x <= record->most)) {
@@ -139,8 +133,7 @@ class File {
 
   double number(const std::string& name) { return numbers(name, 1)[0]; }
 
-  template <std::size_t N>
-  std::array<double, N> array(const std::string& name) {
+  template <std::size_t N> std::array<double, N> array(const std::string& name) {
     std::array<double, N> found;
     const std::vector<double> all = numbers(name, N);
     std::copy(all.begin(), all.end(), found.begin());
@@ -150,17 +143,17 @@ class File {
   /// Notes what is wrong, unless something was before.
   void blame(const std::string& what) { if (wrong.empty()) wrong = what; }
 
- private:
-  struct Record {
-    std::string name;
-    std::uint32_t kind;  // 0: text; else bytes of a number
+  struct Head {
+    std::uint32_t letters, kind;  // of the name; 0: text, else bytes of a number
     std::uint64_t count;
     double least, most;
+  };
+  struct Record : Head {
+    std::string name;
     const unsigned char* data;
   };
 
-  template <class T>
-  T at(std::size_t offset) const {
+  template <class T> T at(std::size_t offset) const {
     T value;
     std::memcpy(&value, &bytes_[offset], sizeof value);
     return value;
@@ -172,20 +165,17 @@ class File {
     if (const auto found = at<std::uint32_t>(4); found != kVersion)
       return blame("has version " + std::to_string(found) + ", this code reads " + std::to_string(kVersion));
     const std::size_t end = bytes_.size() - 8;
-    if (at<std::uint64_t>(end) != detail::crc32(bytes_.data(), end)) return blame("is damaged");
+    if (at<std::uint64_t>(end) != crc32(bytes_.data(), end)) return blame("is damaged");
     for (std::size_t offset = 16; offset < end;) {
-      if (end - offset < 32) return blame("ends in the middle of a record");
-      const std::uint64_t letters = at<std::uint32_t>(offset), room = end - offset - 32;
-      Record record{"", at<std::uint32_t>(offset + 4), at<std::uint64_t>(offset + 8),
-                    at<double>(offset + 16), at<double>(offset + 24), nullptr};
-      const std::uint64_t width = record.kind == 0 ? 1 : record.kind;
-      const bool fits = width <= 8 && letters <= room && record.count <= room / width;
-      if (!fits || padded(letters) + padded(record.count * width) > room) return blame("has a record that is too long");
-      const unsigned char* name = &bytes_[offset] + 32;
-      record.name.assign(reinterpret_cast<const char*>(name), letters);
-      record.data = name + padded(letters);
-      records_.push_back(record);
-      offset += 32 + padded(letters) + padded(record.count * width);
+      if (end - offset < sizeof(Head)) return blame("ends in the middle of a record");
+      const Head head = at<Head>(offset);
+      const std::uint64_t width = head.kind == 0 ? 1 : head.kind, room = end - offset - sizeof head;
+      const bool fits = width <= 8 && head.letters <= room && head.count <= room / width;
+      const std::uint64_t name = padded(head.letters), size = padded(head.count * width);
+      if (!fits || name + size > room) return blame("has a record that is too long");
+      const unsigned char* start = &bytes_[offset] + sizeof head;
+      records_.push_back({head, std::string(reinterpret_cast<const char*>(start), head.letters), start + name});
+      offset += sizeof head + name + size;
     }
   }
 
@@ -201,9 +191,6 @@ class File {
   std::vector<unsigned char> bytes_;
   std::vector<Record> records_;
 };
-
-namespace detail {
-
 // --- Numbers with their rates ---------------------------------------------------------
 
 /// A value and its rate by time, which go together through every operation.
@@ -213,7 +200,6 @@ struct Dual {
 };
 inline Dual operator+(Dual a, Dual b) { return {a.v + b.v, a.d + b.d}; }
 inline Dual operator-(Dual a, Dual b) { return {a.v - b.v, a.d - b.d}; }
-inline Dual operator-(Dual a) { return {-a.v, -a.d}; }
 inline Dual operator*(Dual a, Dual b) { return {a.v * b.v, a.d * b.v + a.v * b.d}; }
 inline Dual operator/(Dual a, Dual b) { return {a.v / b.v, (a.d - a.v / b.v * b.d) / b.v}; }
 inline Dual sqrt(Dual a) { return {std::sqrt(a.v), a.d / (2.0 * std::sqrt(a.v))}; }
@@ -276,44 +262,50 @@ inline Point joint_angles(const Point& foot, Dual lower, const Leg& leg, const C
   Dual cosine = (x * x + h * h - thigh * thigh - lower * lower) / (2.0 * thigh * lower);
   if (std::abs(cosine.v) > is.cosine_limit) cosine = std::copysign(is.cosine_limit, cosine.v);
   const Dual sine = leg.bend * sqrt(1.0 - cosine * cosine);
-  return {abad, atan2(-x, h) - atan2(lower * sine, thigh + lower * cosine), atan2(sine, cosine)};
+  return {abad, atan2(0.0 - x, h) - atan2(lower * sine, thigh + lower * cosine), atan2(sine, cosine)};
 }
 
 // --- Reference motions ----------------------------------------------------------------
 
-struct Pose { Joints position{}, velocity{}, torque{}; };
+struct Pose {
+  Joints position{}, velocity{}, torque{};
+  void set(std::size_t leg, const Point& q) {
+    for (std::size_t j = 0; j < 3; ++j) {
+      position[3 * leg + j] = q[j].v;
+      velocity[3 * leg + j] = q[j].d;
+    }
+  }
+};
 
-class Motion {
- public:
+struct Motion {
   virtual ~Motion() = default;
   virtual double phase_rate(const Vector& command) const = 0;  // cycles per second
   virtual double stepping(const Vector& command) const = 0;  // share of full steps
   virtual Pose pose(const Vector& command, double phase) const = 0;
 };
 
-class Stand : public Motion {
- public:
-  explicit Stand(File& file) : rate_(file.number("reference.phase_rate")), pose_{file.array<12>("arrays.pose"), {}, {}} {}
+struct Stand : Motion {
+  explicit Stand(File& file) : rate_(file.number("reference.phase_rate")) {
+    pose_.position = file.array<12>("arrays.pose");
+  }
   double phase_rate(const Vector&) const override { return rate_; }
   double stepping(const Vector&) const override { return 1.0; }
   Pose pose(const Vector&, double) const override { return pose_; }
 
- private:
   double rate_;
   Pose pose_;
 };
 
 /// The kinematic trot, by the equations of bp2_rl's `reference/trot_law.py`.
-class KinematicTrot : public Motion {
- public:
+struct KinematicTrot : Motion {
   explicit KinematicTrot(File& file)
       : is_(file), legs_(read_legs(file, "arrays.")), clearance_(file.array<4>("arrays.sole_clearance")),
         origins_(file.array<12>("arrays.origins")), nominal_(file.array<8>("arrays.nominal")) {
     const std::pair<const char*, double*> numbers[] = {
-        {"circle", &circle_}, {"height", &height_}, {"sweep", &sweep_},
-        {"slow_stance", &slow_stance_}, {"swing_time", &swing_time_}, {"flexion", &flexion_},
-        {"follow_through", &follow_through_}, {"landing", &landing_},
-        {"stepping_speed", &stepping_speed_}, {"sag", &sag_}, {"spring_travel", &spring_travel_}};
+        {"circle", &circle_}, {"height", &height_}, {"sweep", &sweep_}, {"slow_stance", &slow_stance_},
+        {"swing_time", &swing_time_}, {"flexion", &flexion_}, {"follow_through", &follow_through_},
+        {"landing", &landing_}, {"stepping_speed", &stepping_speed_}, {"sag", &sag_},
+        {"spring_travel", &spring_travel_}};
     for (const auto& [name, number] : numbers) *number = file.number(std::string("reference.") + name);
   }
 
@@ -333,15 +325,11 @@ class KinematicTrot : public Motion {
       const bool stands = since < stance;
       const Point now = stands ? in_stance(leg, command, {since - stance / 2.0, 1.0})
                                : in_swing(leg, command, (since - stance) / swing_time_);
-      for (std::size_t j = 0; j < 3; ++j) {
-        pose.position[3 * leg + j] = now[j].v;
-        pose.velocity[3 * leg + j] = now[j].d;
-      }
+      pose.set(leg, now);
     }
     return pose;
   }
 
- private:
   double stance_time(const Vector& command) const {
     return slow_stance_ / std::sqrt(1.0 + square_speed(command, circle_) * square(slow_stance_ / sweep_));
   }
@@ -369,8 +357,7 @@ class KinematicTrot : public Motion {
   Point in_swing(std::size_t leg, const Vector& command, double s) const {
     const double half = stance_time(command) / 2.0, n = follow_through_, time = swing_time_, r = 1.0 - s;
     const Point start = in_stance(leg, command, {half, 1.0}), end = in_stance(leg, command, {-half, 1.0});
-    const double bend = legs_[leg].bend;
-    const double followed = time / (n + 1.0) * (start[2].d - end[2].d) / 2.0;
+    const double bend = legs_[leg].bend, followed = time / (n + 1.0) * (start[2].d - end[2].d) / 2.0;
     const double flexion = stepping(command) * flexion_ - bend * followed;
     Point now;
     for (std::size_t j = 0; j < 3; ++j) {
@@ -394,8 +381,7 @@ class KinematicTrot : public Motion {
 };
 
 /// The library of trots at any command, as `onboard/motion.py` plays it.
-class LibraryTrot : public Motion {
- public:
+struct LibraryTrot : Motion {
   explicit LibraryTrot(File& file)
       : is_(file), speeds_(file.size("arrays.strides") / 5),
         intervals_(speeds_ > 0 ? file.size("arrays.cubics") / (2 * 4 * kRow * speeds_) : 0),
@@ -434,10 +420,7 @@ class LibraryTrot : public Motion {
       const auto [dx, dy] = displacement(leg, command, at, steps, later ? now + at.half : now);
       const double y = rest_[3 * leg + 1];
       const Point q = joints(leg, {x, y, z}, {x + dx, y + dy, z}, legs_[leg].lower - spring, steps * row[2]);
-      for (std::size_t j = 0; j < 3; ++j) {
-        pose.position[3 * leg + j] = q[j].v;
-        pose.velocity[3 * leg + j] = q[j].d;
-      }
+      pose.set(leg, q);
       for (std::size_t j = 0; j < 2; ++j) {
         const double rest = rest_torque_[2 * leg + j];
         pose.torque[3 * leg + 1 + j] = rest + steps * (row[15 + 2 * source + j].v - rest);
@@ -446,7 +429,6 @@ class LibraryTrot : public Motion {
     return pose;
   }
 
- private:
   static constexpr std::size_t kRow = 23;  // trunk 3, then 3 a leg, then 2 torques a leg
   using Row = std::array<Dual, kRow>;
 
@@ -454,20 +436,14 @@ class LibraryTrot : public Motion {
 
   Stride stride(const Vector& command) const {
     const auto of = [&](std::size_t row, std::size_t i) { return strides_[5 * row + i]; };
-    Stride at{};
-    at.speed = std::min(std::max(command[0], of(0, 0)), of(speeds_ - 1, 0));
-    while (at.row < speeds_ - 2 && of(at.row + 1, 0) <= at.speed) ++at.row;
-    const std::size_t low = at.row, high = low + 1;
-    const double above = (of(high, 0) - at.speed) * (of(high, 1) + of(high, 2));
-    const double below = (at.speed - of(low, 0)) * (of(low, 1) + of(low, 2));
-    at.a = above / (above + below);
-    at.b = below / (above + below);
-    const auto mean = [&](std::size_t i) { return at.a * of(low, i) + at.b * of(high, i); };
-    at.stance = mean(1);
-    at.half = at.stance + mean(2);
-    at.fore = mean(3);
-    at.hind = mean(4);
-    return at;
+    const double speed = std::min(std::max(command[0], of(0, 0)), of(speeds_ - 1, 0));
+    std::size_t row = 0;
+    while (row < speeds_ - 2 && of(row + 1, 0) <= speed) ++row;
+    const double above = (of(row + 1, 0) - speed) * (of(row + 1, 1) + of(row + 1, 2));
+    const double below = (speed - of(row, 0)) * (of(row, 1) + of(row, 2));
+    const double a = above / (above + below), b = below / (above + below);
+    const auto mean = [&](std::size_t i) { return a * of(row, i) + b * of(row + 1, i); };
+    return {row, a, b, speed, mean(1), mean(1) + mean(2), mean(3), mean(4)};
   }
 
   Row sample(const Stride& at, Dual since) const {
@@ -477,8 +453,7 @@ class LibraryTrot : public Motion {
     const double interval = place.v >= 1.0 ? std::min(std::floor(place.v), n - 1.0) : 0.0;
     const Dual u = place - interval;
     const std::size_t index = (flies ? intervals_ : 0) + static_cast<std::size_t>(interval);
-    const double* low = &cubics_[(index * speeds_ + at.row) * 4 * kRow];
-    const double* high = low + 4 * kRow;
+    const double *low = &cubics_[(index * speeds_ + at.row) * 4 * kRow], *high = low + 4 * kRow;
     Row row;
     for (std::size_t i = 0; i < kRow; ++i) {
       const auto c = [&](std::size_t power) { return at.a * low[power * kRow + i] + at.b * high[power * kRow + i]; };
@@ -487,7 +462,8 @@ class LibraryTrot : public Motion {
     return row;
   }
 
-  std::array<Dual, 2> displacement(std::size_t leg, const Vector& command, const Stride& at, double steps, Dual since) const {
+  std::array<Dual, 2> displacement(std::size_t leg, const Vector& command, const Stride& at, double steps,
+                                   Dual since) const {
     const double middle = leg < 2 ? at.fore : at.hind, y0 = rest_[3 * leg + 1];
     const double x0 = rest_[3 * leg] + steps * (middle - rest_[3 * leg]), library = steps * at.speed;
     const Vector v = {std::min(command[0], strides_[5 * (speeds_ - 1)]), command[1], command[2]};
@@ -500,7 +476,7 @@ class LibraryTrot : public Motion {
     const auto out = drift({half, 1.0}), in = drift({-half, 1.0});
     const Dual s = (since - at.stance) / time, r = 1.0 - s;
     const auto cubic = [&](Dual a, Dual b) {
-      return a.v * r * r * (1.0 + 2.0 * s) + b.v * s * s * (3.0 - 2.0 * s) + time * a.d * s * r * r - time * b.d * s * s * r;
+      return a.v * r * r * (1.0 + 2.0 * s) + b.v * s * s * (3.0 - 2.0 * s) + time * s * r * (a.d * r - b.d * s);
     };
     return {cubic(out[0], in[0]), cubic(out[1], in[1])};
   }
@@ -516,12 +492,13 @@ class LibraryTrot : public Motion {
     const auto length = [](const Point& p) { return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]); };
     Point foot = from_hip(after);
     const Dual now = length(from_hip(before)), then = length(foot);
-    const Dual straight = sqrt(thigh * thigh + lower * lower + 2.0 * thigh * std::cos(straight_[leg]) * lower + square(legs_[leg].lateral));
+    const double extended = 2.0 * thigh * std::cos(straight_[leg]), d = legs_[leg].lateral;
+    const Dual straight = sqrt(thigh * thigh + lower * lower + extended * lower + d * d);
     Dual left = (straight - now) / 2.0;
     if (left.v < is_.least_left) left = is_.least_left;
     const Dual beyond = then - now - left;
     if (beyond.v > 0.0) {
-      const Dual share = (now + left + left * (1.0 - exp(-beyond / left))) / then;
+      const Dual share = (now + left + left * (1.0 - exp((0.0 - beyond) / left))) / then;
       for (Dual& x : foot) x = share * x;
     }
     foot[2] = foot[2] - drop;
@@ -540,8 +517,7 @@ class LibraryTrot : public Motion {
 
 // --- The network ----------------------------------------------------------------------
 
-class Network {
- public:
+struct Network {
   explicit Network(File& file) {
     const std::string activation = file.text("network.activation");
     const char* known[] = {"swish", "elu", "tanh", "relu"};
@@ -552,20 +528,16 @@ class Network {
     std_ = file.numbers<float>("network.std", inputs_);
     std::size_t widest = inputs_, width = inputs_;
     for (std::size_t i = 0; file.size("network.bias_" + std::to_string(i)) > 0; ++i) {
-      const std::string number = std::to_string(i);
-      Layer layer{width, file.size("network.bias_" + number), {}, {}};
-      layer.bias = file.numbers<float>("network.bias_" + number, layer.outputs);
-      layer.weight = file.numbers<float>("network.weight_" + number, width * layer.outputs);
-      width = layer.outputs;
+      const std::string bias = "network.bias_" + std::to_string(i), weight = "network.weight_" + std::to_string(i);
+      const std::size_t n = file.size(bias);
+      layers_.push_back({width, n, file.numbers<float>(weight, width * n), file.numbers<float>(bias, n)});
+      width = n;
       widest = std::max(widest, width);
-      layers_.push_back(std::move(layer));
     }
     if (layers_.empty() || width != kJoints) file.blame("has a network without 12 actions");
     here_.resize(widest);
     there_.resize(widest);
   }
-
-  std::size_t inputs() const { return inputs_; }
 
   /// The 12 actions for an observation.
   const float* operator()(const float* seen) {
@@ -579,7 +551,6 @@ class Network {
     return here_.data();
   }
 
- private:
   struct Layer {
     std::size_t inputs, outputs;
     std::vector<float> weight, bias;  // weight: inputs x outputs
@@ -615,23 +586,20 @@ class Network {
 
 /// Checks measurements and targets as `onboard/watchdog.py` does, whose docstrings explain
 /// the checks. A function that returns bool returns false at a fault.
-class Watchdog {
- public:
+struct Watchdog {
   std::array<double, kFaults> used{};  // largest share of each limit so far
   Fault fault = kNone;
   std::size_t joint = kJoints;  // that the fault is of; kJoints if of none
-  double share = 0.0;  // of the limit at the fault, where there is one
   double braking, stand_time, joint_speed;
 
   explicit Watchdog(File& file) : dt_(1.0 / file.number("rates.policy")), huge_(file.number("constants.huge")) {
     const std::pair<const char*, double*> limits[] = {
         {"silence", &silence_}, {"ahead", &ahead_}, {"rate", &rate_limit_}, {"stand_time", &stand_time},
-        {"braking", &braking}, {"joint_margin", &margin_}, {"joint_speed", &joint_speed},
-        {"target_step", &target_step_}, {"turning", &turning_}, {"up_length", &up_length_}, {"tilt", &tilt_},
-        {"frozen", &frozen_}, {"frozen_target", &frozen_target_}, {"window", &window_},
-        {"mismatch", &mismatch_}, {"joint_noise", &joint_noise_}, {"turned", &turned_limit_},
-        {"unlike", &unlike_}, {"off_target", &off_target_}, {"opposed", &opposed_}, {"swing", &swing_},
-        {"still", &still_}};
+        {"braking", &braking}, {"joint_margin", &margin_}, {"joint_speed", &joint_speed}, {"target_step", &target_step_},
+        {"turning", &turning_}, {"up_length", &up_length_}, {"tilt", &tilt_}, {"frozen", &frozen_},
+        {"frozen_target", &frozen_target_}, {"window", &window_}, {"mismatch", &mismatch_}, {"joint_noise", &joint_noise_},
+        {"turned", &turned_limit_}, {"unlike", &unlike_}, {"off_target", &off_target_}, {"opposed", &opposed_},
+        {"swing", &swing_}, {"still", &still_}};
     for (const auto& [name, limit] : limits) *limit = file.number(std::string("watchdog.") + name);
     const auto range = file.array<2 * kJoints>("joint_range");
     for (std::size_t i = 0; i < kJoints; ++i) {
@@ -642,12 +610,11 @@ class Watchdog {
   }
 
   void reset() {
-    fault = kNone;
-    joint = kJoints;
+    stop(kNone);
     now_ = -kInfinity;
     counted_from_ = heard_ = kInfinity;
     any_ = false;
-    unheard_ = ticks_ = share = 0.0;
+    unheard_ = ticks_ = 0.0;
     turned_ = {};
   }
 
@@ -678,9 +645,12 @@ class Watchdog {
     return judge(kTargets, shares);
   }
 
-  bool stop(Fault reason) { fault = reason; return false; }
+  bool stop(Fault reason, std::size_t of_joint = kJoints) {
+    fault = reason;
+    joint = of_joint;
+    return false;
+  }
 
- private:
   using Values = std::array<double, 30>;  // q 12, qd 12, up 3, gyro 3
   static constexpr std::size_t kUpPlace = 24, kGyroPlace = 27, kMoving = 15;  // joints and up
 
@@ -796,7 +766,10 @@ class Watchdog {
     }
     const auto power = [&](std::size_t i) { return variance[i] + variance[i + 1] + variance[i + 2]; };
     const double up = power(12), gyro = power(27), gap = power(42), jump = power(kJumpPlace);
-    if (!compare_up({up - jump / 2.0, gyro, (up + gyro - gap) / 2.0})) return false;
+    const Vector powers = {up - jump / 2.0, gyro, (up + gyro - gap) / 2.0};
+    for (std::size_t i = 0; i < 3; ++i) turned_[i] = 0.5 * (turned_[i] + powers[i]);
+    const double least = square(turned_limit_), most = std::max({turned_[0], turned_[1], least});
+    if (!judge(kGyro, (1.0 - (most > least ? turned_[2] / most : 1.0)) / unlike_)) return false;
     Joints speeds, aside, opposed, still;
     const double swing = square(swing_);
     for (std::size_t i = 0; i < kJoints; ++i) {
@@ -812,18 +785,10 @@ class Watchdog {
     return judge(kJointVelocity, speeds) && judge(kOffTarget, aside) && judge(kOpposed, opposed) && judge(kStill, still);
   }
 
-  bool compare_up(const Vector& powers) {
-    for (std::size_t i = 0; i < 3; ++i) turned_[i] = 0.5 * (turned_[i] + powers[i]);
-    const double least = square(turned_limit_), most = std::max({turned_[0], turned_[1], least});
-    return judge(kGyro, (1.0 - (most > least ? turned_[2] / most : 1.0)) / unlike_);
-  }
-
   bool judge(Fault limit, double of_limit, std::size_t of_joint = kJoints) {
-    if (of_limit <= 1.0) used[limit] = std::max(used[limit], of_limit);
-    if (of_limit <= 1.0) return true;
-    share = of_limit;  // or NaN
-    joint = of_joint;
-    return stop(limit);
+    if (!(of_limit <= 1.0)) return stop(limit, of_joint);  // NaN, too
+    used[limit] = std::max(used[limit], of_limit);
+    return true;
   }
 
   bool judge(Fault limit, const Joints& shares) {
@@ -852,8 +817,9 @@ class Controller {
  public:
   /// Reads a controller's file. Returns null, and says what is wrong, if it is damaged or
   /// not for this code.
-  static std::unique_ptr<Controller> load(const std::string& path, std::string& wrong, Convention convention = Convention::bundle) {
-    File file(path);
+  static std::unique_ptr<Controller> load(const std::string& path, std::string& wrong,
+                                          Convention convention = Convention::bundle) {
+    detail::File file(path);
     std::unique_ptr<Controller> controller;
     if (file.wrong.empty()) controller.reset(new Controller(file, convention));
     if (file.wrong.empty()) controller->try_all(file);
@@ -892,11 +858,9 @@ class Controller {
     watchdog_.reset();
   }
 
-  /// The watchdog's reason to stop, empty while the policy runs; of which joint, empty if
-  /// of none; how many times the limit was reached, 0 if there is none.
+  /// The watchdog's reason to stop, empty while the policy runs, and its joint, if it has one.
   const char* fault() const { return kFaultNames[watchdog_.fault]; }
   const char* fault_joint() const { return watchdog_.joint < kJoints ? names_[watchdog_.joint].c_str() : ""; }
-  double fault_share() const { return watchdog_.share; }
 
   /// The largest share of each limit that was reached so far, by `Fault`.
   const std::array<double, kFaults>& used() const { return watchdog_.used; }
@@ -908,7 +872,7 @@ class Controller {
   struct Change { std::size_t ticks, place, size; };
   using Moment = std::array<float, 47>;
 
-  Controller(File& file, Convention convention)
+  Controller(detail::File& file, Convention convention)
       : names_(file.texts(convention == Convention::model ? "model_joints.name" : "joints")),
         sign_(file.array<12>("model_joints.sign")), offset_(file.array<12>("model_joints.offset")),
         stand_(file.array<12>("control.stand")), range_(file.array<24>("joint_range")),
@@ -937,18 +901,18 @@ class Controller {
   }
 
   /// Finds how each observation entry is read; NAME@K is an entry's change over K ticks.
-  void load_observation(File& file) {
+  void load_observation(detail::File& file) {
     const std::pair<const char*, std::size_t> known[] = {
         {"command", 3}, {"phase", 2}, {"joint_position", 12}, {"joint_velocity", 12}, {"up", 3},
         {"angular_velocity", 3}, {"last_action", 12}};
     constexpr std::size_t kinds = 7, nowhere = ~std::size_t{0};
-    std::array<std::size_t, kinds> places;
-    places.fill(nowhere);
+    std::size_t places[kinds];
+    std::fill_n(places, kinds, nowhere);
     for (const std::string& name : file.texts("observation.name")) {
       const std::size_t at = name.find('@');
       std::size_t from = 0, k = 0;
       while (k < kinds && name.compare(0, at, known[k].first) != 0) from += known[k++].second;
-      if (k == kinds) return file.blame("the policy sees " + name + ", which Python code computes (run the bundle in Python)");
+      if (k == kinds) return file.blame("the policy sees " + name + ", which Python code of its task computes");
       if (at == std::string::npos) {
         places[k] = frame_size_;
         frame_size_ += known[k].second;
@@ -960,24 +924,26 @@ class Controller {
     std::size_t size = frame_size_;
     for (Change& change : changes_) {
       change.place = places[change.place];
-      if (change.place == nowhere || change.ticks < 1 || change.ticks > 10000) return file.blame("has changes of nothing");
+      const bool known_change = change.place != nowhere && change.ticks >= 1 && change.ticks <= 10000;
+      if (!known_change) return file.blame("has a change that cannot be");
       longest_ = std::max(longest_, change.ticks);
       size += change.size;
     }
-    if (size != network_.inputs()) return file.blame("has an observation that the network does not read");
+    if (size != network_.inputs_) return file.blame("has an observation that the network does not read");
     past_.resize((longest_ + 1) * frame_size_);
     seen_.resize(size);
   }
 
   /// Tries the reference motion at many commands and phases, and the network.
-  void try_all(File& file) {
+  void try_all(detail::File& file) {
     constexpr int played = 12, ticks = 20;
     for (int i = 0; i < played * played; ++i) {
       Vector command;
       for (std::size_t j = 0; j < 3; ++j) command[j] = least_[j] + (most_[j] - least_[j]) * (i / played) / (played - 1);
       const detail::Pose pose = motion_->pose(command, static_cast<double>(i % played) / played);
-      if (!watchdog_.check_targets(pose.position, pose.velocity, pose.position)) return file.blame("has a reference motion that cannot be");
+      watchdog_.check_targets(pose.position, pose.velocity, pose.position);
     }
+    if (watchdog_.fault) return file.blame("has a reference motion that cannot be");
     reset();
     const Measurement still{stand_, {}, {0.0, 0.0, 1.0}, {}, 0.0};
     for (int i = 0; i < ticks; ++i) act(reinterpret_cast<const double*>(&still));
@@ -987,7 +953,7 @@ class Controller {
 
   void obey(const double* command) {
     std::array<float, 3> asked;
-    if (command && std::isfinite(command[0]) && std::isfinite(command[1]) && std::isfinite(command[2])) {
+    if (command && std::all_of(command, command + 3, [](double x) { return std::isfinite(x); })) {
       for (std::size_t i = 0; i < 3; ++i) asked[i] = static_cast<float>(detail::clip(command[i], least_[i], most_[i]));
     } else {
       const double speed = std::sqrt(command_[0] * command_[0] + command_[1] * command_[1]);
@@ -1012,10 +978,8 @@ class Controller {
     const Vector command = {command_[0], command_[1], command_[2]};
     observe(measured, clock_at_rest_ ? 1.0 : motion_->stepping(command));
     const float* answer = network_(seen_.data());
-    if (!std::all_of(answer, answer + kJoints, [](float x) { return std::isfinite(x); })) {
-      watchdog_.stop(kNetwork);
-      return;
-    }
+    const bool finite = std::all_of(answer, answer + kJoints, [](float x) { return std::isfinite(x); });
+    if (!finite && !watchdog_.stop(kNetwork)) return;
     phase_ = std::fmod(phase_ + dt_ * motion_->phase_rate(command), 1.0);
     Targets next{stand_, {}};
     if (residual_) {
@@ -1080,9 +1044,8 @@ class Controller {
   std::unique_ptr<detail::Motion> motion_;
   std::vector<std::size_t> sources_;  // of the frame's numbers in a `Moment`
   std::vector<Change> changes_;
-  std::size_t frame_size_ = 0, longest_ = 0;
+  std::size_t frame_size_ = 0, longest_ = 0, frames_ = 0;
   std::vector<float> past_, seen_;  // a ring of frames; the observation
-  std::size_t frames_ = 0;
   double phase_ = 0.0, ticks_stopped_ = 0.0;
   std::array<float, kJoints> last_action_{};
   std::array<float, 3> command_{};

@@ -24,7 +24,6 @@ from bp2_rl.robot.anatomy import COSINE_MARGIN, SHORTEST_SQUARED
 from bp2_rl.robot.conventions import GRAVITY, MIRRORED
 from bp2_rl.robot.operator import EASE, CommandLaw
 
-from .contents import LARGEST as LARGEST_FILE
 from .contents import (
     CPP,
     NUMBERS,
@@ -34,6 +33,7 @@ from .contents import (
     WatchdogLimits,
     loading,
 )
+from .contents import LARGEST as LARGEST_FILE
 from .motion import LARGEST, LEAST_LEFT, specs_of
 from .watchdog import HUGE
 

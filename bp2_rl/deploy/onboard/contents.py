@@ -23,7 +23,7 @@ from bp2_rl.base.files import parse_json, read_bytes, write_text
 from bp2_rl.robot.conventions import MOTOR_NAMES, POLICY_RATE
 from bp2_rl.robot.operator import COMMAND_LIMITS, CommandLaw
 
-FORMAT = 5
+FORMAT = 6
 SETTINGS = "deploy.json"
 NETWORK = "policy.onnx"
 REFERENCE = "reference.npz"

@@ -17,9 +17,10 @@ def main() -> int:
     loaded."""
     folder = Path(__file__).resolve().parent.parent
     try:
-        repack(folder)
         changed = seal(folder)
         OnboardController(folder)
+        repack(folder)
+        changed += seal(folder)
     except BundleError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
