@@ -43,9 +43,7 @@ struct Measurement {
 static_assert(sizeof(Measurement) == 31 * sizeof(double));
 
 /// What the drives follow: torque = stiffness (position - q) + damping (velocity - qd).
-struct Targets {
-  Joints position, velocity;  // rad, rad/s
-};
+struct Targets { Joints position, velocity; };  // rad, rad/s
 
 /// Whose signs and zeros joint angles have: the bundle's, or the robot's own model's.
 enum class Convention { bundle, model };
@@ -132,6 +130,7 @@ struct File {
   }
 
   double number(const std::string& name) { return numbers(name, 1)[0]; }
+  float single(const std::string& name) { return static_cast<float>(number(name)); }
 
   template <std::size_t N> std::array<double, N> array(const std::string& name) {
     std::array<double, N> found;
@@ -775,12 +774,12 @@ struct Watchdog {
     for (std::size_t i = 0; i < kJoints; ++i) {
       const double travel = std::sqrt(variance[kMoving + i]), apart = std::sqrt(variance[2 * kMoving + i]);
       speeds[i] = apart / std::hypot(joint_noise_, mismatch_ * larger(std::sqrt(variance[i]), travel));
-      const double joint = variance[i], target = variance[kTargetPlace + i], off = variance[kOffPlace + i];
+      const double own = variance[i], target = variance[kTargetPlace + i], off = variance[kOffPlace + i];
       aside[i] = std::abs(mean[kOffPlace + i]) / off_target_;
-      const double against = std::min(joint, target) > swing ? (off - joint - target) / 2.0 : 0.0;
-      opposed[i] = against / std::sqrt(larger(joint * target, 1e-12)) / opposed_;
+      const double against = std::min(own, target) > swing ? (off - own - target) / 2.0 : 0.0;
+      opposed[i] = against / std::sqrt(larger(own * target, 1e-12)) / opposed_;
       const double moving = target > 2.25 * swing ? target : 0.0;
-      still[i] = still_ * std::sqrt(moving / larger(joint, 1e-12));
+      still[i] = still_ * std::sqrt(moving / larger(own, 1e-12));
     }
     return judge(kJointVelocity, speeds) && judge(kOffTarget, aside) && judge(kOpposed, opposed) && judge(kStill, still);
   }
@@ -879,10 +878,10 @@ class Controller {
         least_(file.array<3>("command.least")), most_(file.array<3>("command.most")),
         dt_(1.0 / file.number("rates.policy")), scale_(file.number("control.action_scale")),
         stiffness_(file.number("gains.stiffness")), damping_(file.number("gains.damping")),
-        feedforward_(file.number("control.feedforward") / stiffness_), limit_(file.number("control.action_limit")),
-        launching_(file.number("control.launching")), launching_speed_(file.number("control.launching_speed")),
-        braking_(file.number("control.braking")), stopping_time_(file.number("control.stopping_time")),
-        ease_(file.number("constants.ease")), residual_(file.text("control.mode") == "residual"),
+        feedforward_(file.number("control.feedforward") / stiffness_), limit_(file.single("control.action_limit")),
+        launching_(file.single("control.launching")), launching_speed_(file.single("control.launching_speed")),
+        braking_(file.single("control.braking")), stopping_time_(file.single("control.stopping_time")),
+        ease_(file.single("constants.ease")), residual_(file.text("control.mode") == "residual"),
         clock_at_rest_(file.number("control.clock_at_rest") != 0.0), network_(file), watchdog_(file) {
     for (std::size_t i = 0; i < kJoints; ++i)
       if (std::abs(sign_[i]) != 1.0 || !(range_[2 * i] <= stand_[i] && stand_[i] <= range_[2 * i + 1]))
