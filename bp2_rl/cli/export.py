@@ -32,8 +32,8 @@ class ExportConfig:
     """The copy's folder; a policy or a bundle that is there is replaced."""
     format: Literal["policy", "onnx"] = "policy"
     """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network,
-    the reference motion, a controller of NumPy and onnxruntime, and a rehearsal in C
-    MuJoCo (docs/deploy.md)"""
+    the reference motion, a controller in Python and in C++, and a rehearsal in C MuJoCo
+    (docs/deploy.md)"""
     report: Annotated[
         tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")
     ] = ()

@@ -2,11 +2,12 @@
 settings and controller code.
 
 manifest.json      the SHA-256 of every file that follows
-policy.onnx        the network: observation (1, n) -> action (1, 12)
+policy.onnx        the network: obs (1, n) -> actions (1, 12)
 reference.npz      the reference motion as plain arrays
 deploy.json        observation layout, units, joint order, gains, limits, rates
 onboard/           the controller, with the laws that it shares with bp2_rl: NumPy and onnxruntime alone
 robots/NAME.xml    robots to rehearse on, in C MuJoCo
+cpp/               the controller in C++ with its numbers in one file, and an example
 requirements.txt   what to install, with versions that were tried together
 """
 
@@ -24,9 +25,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
-from bp2_rl.deploy.network import require_onnx, to_onnx
+from bp2_rl.deploy.network import require_onnx, to_onnx, to_records
+from bp2_rl.deploy.onboard.binary import BINARY, pack
 from bp2_rl.deploy.onboard.contents import (
     CODE,
+    CPP,
     FORMAT,
     NEEDS,
     NETWORK,
@@ -69,6 +72,15 @@ from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World
 
+TERMS = {
+    "command": "command",
+    "joint_position": "joint_pos",
+    "joint_velocity": "joint_vel",
+    "up": "projected_gravity",
+    "angular_velocity": "base_ang_vel",
+    "last_action": "actions",
+}
+"""Names that mjlab has for entries of the observation."""
 MOTORS = (
     "peak_torque",
     "corner_speed",
@@ -119,10 +131,8 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
     require_name(directory)
     require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy, world)
-    network = to_onnx(
-        policy,
-        {"observation": json.dumps(settings["observation"]), **settings["policy"]},
-    )
+    layout = {"observation": json.dumps(settings["observation"])}
+    network = to_onnx(policy, layout | settings["policy"] | loader_metadata(settings))
     try:
         place = Path(directory).resolve()
         if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
@@ -141,7 +151,7 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
                     f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES
                 ),
             )
-            for folder in (CODE, ROBOT_FOLDER):
+            for folder in (CODE, ROBOT_FOLDER, CPP):
                 (fresh / folder).mkdir()
             for module in (
                 *sorted(Path(onboard.__file__).parent.glob("*.py")),
@@ -154,6 +164,9 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
             if isinstance(code := policy.card.env.task.code, TaskSources):
                 own = onboard_source(code, policy.card.env.task.task)
                 write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
+            for source in sorted((Path(__file__).parent / CPP).iterdir()):
+                write_text(fresh / CPP / source.name, source.read_text())
+            write_bytes(fresh / BINARY, pack(settings, arrays, to_records(policy)))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(
                     fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
@@ -233,6 +246,46 @@ def describe(policy: Policy, world: World = LEVEL) -> Playback:
         "robots": _describe_robots(env, world),
     }
     return settings, arrays
+
+
+def loader_metadata(settings: Settings) -> dict[str, str]:
+    """Return what mjlab writes into an ONNX file and legged_control2 reads from it, by
+    their keys.
+
+    Joints are the robot's own model's, lists are separated by commas, and a list in a
+    list by semicolons. `not_expressed` has what their terms cannot say.
+
+    Args:
+        settings: the content of deploy.json.
+    """
+    control, joints = settings["control"], settings["model_joints"]
+    sign, offset = ([joint[key] for joint in joints] for key in ("sign", "offset"))
+    seen = [name for name, _ in settings["observation"]]
+    scales = dict.fromkeys(seen, "1.0")
+    scales |= {"up": "-1.0"}  # theirs is gravity
+    if -1 in sign:
+        scales |= dict.fromkeys(
+            ("joint_position", "joint_velocity"), ";".join(map(str, sign))
+        )
+    stand = np.multiply(sign, np.subtract(control["stand"], offset))
+    others = [name for name in seen if name not in TERMS]
+    if control["mode"] == "residual":
+        others.append("reference motion")
+    lists = {
+        "joint_names": [joint["name"] for joint in joints],
+        "joint_stiffness": 12 * [settings["gains"]["stiffness"]],
+        "joint_damping": 12 * [settings["gains"]["damping"]],
+        "default_joint_pos": stand.tolist(),
+        "action_scale": [control["action_scale"] * each for each in sign],
+        "command_names": ["twist"],
+        "observation_names": [TERMS.get(name, name) for name in seen],
+        "observation_terms_scale": [scales[name] for name in seen],
+        "observation_terms_clip": len(seen) * ["-inf;inf"],
+        "observation_terms_history_length": len(seen) * [0],
+        "observation_terms_flatten_history_dim": len(seen) * [1],
+        "not_expressed": others,
+    }
+    return {key: ",".join(map(str, values)) for key, values in lists.items()}
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:

@@ -1,5 +1,4 @@
-"""Convert a policy's network to ONNX, and check that onnxruntime computes the policy's
-actions."""
+"""Convert a policy's network to ONNX, checked in onnxruntime, and to records for C++."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -7,12 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bp2_rl.base.errors import not_installed
+from bp2_rl.deploy.onboard.binary import record
 from bp2_rl.learning.policy import Policy
 
 if TYPE_CHECKING:
     from onnx import NodeProto, ValueInfoProto
 
-INPUT, OUTPUT = "observation", "action"
+INPUT, OUTPUT = "obs", "actions"  # as mjlab names them
 OPSET, IR_VERSION = 17, 8
 """Versions of ONNX's operators and file format, which onnxruntime 1.12 and later
 read."""
@@ -23,8 +23,8 @@ float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
-    """Return a policy's network as an ONNX model: `observation` (batch, n) -> `action`
-    (batch, 12).
+    """Return a policy's network as an ONNX model: `obs` (batch, n) -> `actions` (batch,
+    12).
 
     Numbers are float32, and actions are not clipped.
 
@@ -38,13 +38,11 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
 
     card = policy.card
-    arrays = {"mean": policy.mean, "std": policy.std}
     nodes = [
         helper.make_node("Sub", [INPUT, "mean"], ["centred"]),
         helper.make_node("Div", ["centred", "std"], ["hidden_0"]),
     ]
-    for i, (weight, bias) in enumerate(policy.layers):
-        arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+    for i in range(len(policy.layers)):
         if i > 0:
             nodes += _activate(card.activation, f"sum_{i - 1}", f"hidden_{i}")
         read = [f"hidden_{i}", f"weight_{i}", f"bias_{i}"]
@@ -55,7 +53,10 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         "bp2_policy",
         [values(INPUT, card.observation_size)],
         [values(OUTPUT, card.action_size)],
-        [numpy_helper.from_array(array, name) for name, array in arrays.items()],
+        [
+            numpy_helper.from_array(array, name)
+            for name, array in _arrays(policy).items()
+        ],
     )
     model = helper.make_model(
         graph,
@@ -68,6 +69,24 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
     content = model.SerializeToString()
     _compare(policy, content)
     return content
+
+
+def to_records(policy: Policy) -> bytes:
+    """Return a policy's network as records of the controller's file for C++."""
+    values = {"activation": policy.card.activation, **_arrays(policy)}
+    most = float(np.finfo(np.float32).max)
+    return b"".join(
+        record(f"network.{name}", value, (-most, most))
+        for name, value in values.items()
+    )
+
+
+def _arrays(policy: Policy) -> dict[str, np.ndarray]:
+    """Return the arrays of a policy's network by name, float32."""
+    arrays = {"mean": policy.mean, "std": policy.std}
+    for i, (weight, bias) in enumerate(policy.layers):
+        arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+    return {name: np.asarray(array, np.float32) for name, array in arrays.items()}
 
 
 def _activate(name: str, before: str, after: str) -> "list[NodeProto]":

@@ -22,8 +22,8 @@ from bp2_rl.robot.conventions import MOTOR_NAMES
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far
 # from 0, so that every derivative stays finite. Inside BP2's joint ranges (knee <= -0.1
 # rad: cosine <= 0.995) it has no effect.
-_COSINE_MARGIN = 1e-6
-_SHORTEST_SQUARED = 1e-8  # m2
+COSINE_MARGIN = 1e-6
+SHORTEST_SQUARED = 1e-8  # m2
 _LEAST_MOMENT = 1e-12  # kg m2
 
 Vector = tuple[float, float, float]
@@ -287,13 +287,13 @@ class LegGeometry(NamedTuple):
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
         # A foot on the abduction axis is moved below it, by more than it can be above.
         z = xp.where(
-            y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z
+            y * y + z * z < SHORTEST_SQUARED, z - 2.0 * SHORTEST_SQUARED**0.5, z
         )
-        from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
+        from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, SHORTEST_SQUARED))
         abad = xp.atan2(d * z + from_abad * y, d * y - from_abad * z)
         h, lower = from_abad - legs.drop, legs.lower - compression
         cosine = (x * x + h * h - thigh * thigh - lower * lower) / (2.0 * thigh * lower)
-        cosine = xp.clip(cosine, -1.0 + _COSINE_MARGIN, 1.0 - _COSINE_MARGIN)
+        cosine = xp.clip(cosine, -1.0 + COSINE_MARGIN, 1.0 - COSINE_MARGIN)
         sine = legs.bend * xp.sqrt(1.0 - cosine * cosine)
         knee = xp.atan2(sine, cosine)
         hip = xp.atan2(-x, h) - xp.atan2(lower * sine, thigh + lower * cosine)

@@ -142,6 +142,7 @@ def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
         "deploy.json",
         "manifest.json",
         "onboard",
+        "cpp",
         "policy.onnx",
         "reference.npz",
         "requirements.txt",

@@ -17,10 +17,10 @@ DT = 0.005
 
 @pytest.fixture
 def copy(bundle, tmp_path):
-    """Copy the bundle to a folder where it may be damaged, without Python's caches."""
-    return shutil.copytree(
-        bundle, tmp_path / "bundle", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    """Copy the bundle to a folder where it may be damaged, without Python's caches and
+    the example in C++, which is its owner's to change."""
+    unsealed = shutil.ignore_patterns("__pycache__", "main.cpp", "CMakeLists.txt")
+    return shutil.copytree(bundle, tmp_path / "bundle", ignore=unsealed)
 
 
 def outcome(onboard, folder, sealed):
@@ -126,7 +126,7 @@ def test_no_flipped_bit_passes(onboard, copy):
 def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
     edited(copy, "watchdog.tilt", 0.9)
     assert "deploy.json is not as it was sealed" in refusal(onboard, copy)
-    said = (0, f"sealed {copy}; changed: deploy.json\n", "")
+    said = (0, f"sealed {copy}; changed: deploy.json, cpp/controller.bin\n", "")
     assert python(copy, "-m", "onboard.seal") == said
     assert onboard.controller.OnboardController(copy).watchdog.limits.tilt == 0.9
 
@@ -164,7 +164,7 @@ def test_an_owner_seals_the_limits_that_they_edited(onboard, copy):
         ),
         ("observation", [["smell", 3]], "smell"),
         ("observation", [["command", 3]], "dimension"),
-        ("format", 4, "has format 4, this controller reads 5: export it anew"),
+        ("format", 4, "has format 4, this controller reads 6: export it anew"),
     ],
 )
 def test_a_number_out_of_its_bounds_is_named_by_the_seal_and_by_the_controller(

@@ -74,9 +74,7 @@ def test_onnxruntime_answers_as_the_trained_network(make_card, activation, symme
     session = onnxruntime.InferenceSession(
         to_onnx(policy, {"observation": json.dumps(LAYOUT)})
     )
-    (found,) = session.run(
-        ["action"], {"observation": np.asarray(observation["state"])}
-    )
+    (found,) = session.run(["actions"], {"obs": np.asarray(observation["state"])})
     assert np.abs(expected).max() > 0.5
     # float32 sums in another order
     np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=2e-5)

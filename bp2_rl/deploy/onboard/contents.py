@@ -23,13 +23,17 @@ from bp2_rl.base.files import parse_json, read_bytes, write_text
 from bp2_rl.robot.conventions import MOTOR_NAMES, POLICY_RATE
 from bp2_rl.robot.operator import COMMAND_LIMITS, CommandLaw
 
-FORMAT = 5
+FORMAT = 6
 SETTINGS = "deploy.json"
 NETWORK = "policy.onnx"
 REFERENCE = "reference.npz"
 MANIFEST = "manifest.json"
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
-PARTS = (SETTINGS, NETWORK, REFERENCE, NEEDS, f"{CODE}/*.py", f"{ROBOT_FOLDER}/*.xml")
+CPP = "cpp"
+PARTS = (
+    *(SETTINGS, NETWORK, REFERENCE, NEEDS),
+    *(f"{CODE}/*.py", f"{ROBOT_FOLDER}/*.xml", f"{CPP}/*.hpp", f"{CPP}/*.bin"),
+)
 """The files of a bundle, as glob patterns; other files may lie beside them."""
 LARGEST = 64 << 20
 """Largest file that is read, bytes; a bundle's own files are far smaller."""

@@ -248,7 +248,7 @@ class OnboardController:
         ]
         self._past.append(frame)
         seen = np.concatenate([frame, *changes])[None]
-        answer = np.asarray(self._network.run(None, {"observation": seen})[0])
+        answer = np.asarray(self._network.run(None, {"obs": seen})[0])
         if answer.shape != (1, 12) or not np.isfinite(answer).all():
             raise SensorFault(
                 "network: its answer is not 12 finite numbers; is policy.onnx damaged?"

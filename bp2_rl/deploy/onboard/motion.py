@@ -24,15 +24,14 @@ from bp2_rl.base.arrays import hermite_and_rate
 from bp2_rl.base.files import ArraySpec
 from bp2_rl.reference.stepping import TROT
 from bp2_rl.reference.trot_law import TrotLaw
-from bp2_rl.robot.anatomy import LegGeometry
+from bp2_rl.robot.anatomy import COSINE_MARGIN, SHORTEST_SQUARED, LegGeometry
 from bp2_rl.robot.conventions import MIRRORED as IMAGE
 
 from .contents import Settings
 
 LATER = (TROT > 0.0).tolist()  # the legs that land half a cycle after the others
 STEP = 1e-50  # s, imaginary; its square is nothing beside 1
-COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
-LEAST_SQUARE = 1e-8  # m2, of a length that is divided by
+COSINE_LIMIT = 1.0 - COSINE_MARGIN  # of a knee out of reach
 LEAST_LEFT = 1e-7  # m, of reach
 # of a row of the table: trunk, then three a leg, then two torques a leg
 TRUNK, COORDINATES = 3, 15
@@ -383,7 +382,7 @@ def _angles(
     axis, as `LegGeometry.joint_angles`."""
     d, thigh = leg.lateral, leg.thigh
     square = y * y + z * z - d * d
-    h = sqrt(square if square.real > LEAST_SQUARE else LEAST_SQUARE)
+    h = sqrt(square if square.real > SHORTEST_SQUARED else SHORTEST_SQUARED)
     abad = _angle(d * z + h * y, d * y - h * z)
     h -= leg.drop
     cosine = (x * x + h * h - thigh**2 - lower * lower) / (2.0 * thigh * lower)

@@ -16,6 +16,7 @@ import gc
 import json
 import multiprocessing
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -24,8 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bp2_rl.base.errors import require_one_of
+from bp2_rl.base.errors import UserError, one_line, require_one_of
 
+from .binary import BINARY
 from .contents import Settings, describe, read_bundle
 from .controller import DriveTargets, OnboardController
 from .link import COMMAND, SENSORS, TARGETS, Radio
@@ -63,7 +65,11 @@ class Inbox:
 
 
 def in_real_time(
-    folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None
+    folder: Path | str,
+    robot: str,
+    plan: RehearsalPlan,
+    core: int | None,
+    program: Path | None = None,
 ) -> Settings:
     """Rehearse a bundle in real time over UDP; return the outcome as numbers by name.
 
@@ -72,14 +78,19 @@ def in_real_time(
         robot: one of its `robots`.
         plan: what is rehearsed.
         core: on which both processes run; None: wherever the system puts them.
+        program: controls the robot in the place of this process, such as the bundle's
+            `cpp/main.cpp` compiled.
+
+    Raises:
+        UserError: the program does not run.
     """
     _pin(core)
-    controller, radio = OnboardController(folder), Radio()
+    computer = Computer(folder) if program is None else Program(folder, program)
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
     process = spawn.Process(
         target=_run_robot,
-        args=(Path(folder), robot, plan, core, radio.port, theirs),
+        args=(Path(folder), robot, plan, core, computer.port, theirs),
         daemon=True,
     )
     process.start()
@@ -88,49 +99,89 @@ def in_real_time(
     # a collection would stop a tick; there is little to collect in half a minute
     gc.disable()
     try:
-        radio.connect(ours.recv())
+        port = ours.recv()
         ours.send("ready")
-        ticks = _run_computer(controller, radio, ours)
+        told = computer.run(port, ours)
         outcome = ours.recv()
     except EOFError:
         raise RuntimeError("the robot's process ended before the rehearsal") from None
     finally:
         gc.enable()
-        radio.close()
+        computer.close()
         process.join(5.0)
         process.kill()
-    wall, cpu = np.percentile(1e3 * np.array(ticks), (50, 99, 100), axis=0).T.tolist()
     late = outcome["behind_ms"] > LONGEST_DELAY
-    return {
-        **outcome,
-        "ticks": len(ticks),
-        "wall_ms": wall,
-        "cpu_ms": cpu,
-        "fault": controller.fault,
-        "too_slow": outcome["real_time"] < LEAST_SHARE or late,
-        "used": controller.watchdog.used,
-    }
+    too_slow = outcome["real_time"] < LEAST_SHARE or late
+    return {**outcome, **told, "too_slow": too_slow}
 
 
-def _run_computer(
-    controller: OnboardController, radio: Radio, world: Connection
-) -> list[tuple[float, float]]:
-    """Run the controller until the rehearsal ends; return the (wall, processor) seconds
-    from each measurement to its answer."""
-    inbox, ticks, packets = Inbox(), [], radio.receive(30.0)
-    while packets or not world.poll():
-        start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
-        for kind, values in packets:
-            inbox.take(kind, values, now)
-        targets = inbox.tick(controller, now)
-        radio.send(TARGETS, np.concatenate(targets))
-        ticks.append((time.perf_counter() - start, time.thread_time() - used))
-        packets, deadline = [], now + TICK * DT + GRACE
-        while (left := deadline - time.monotonic()) > 0.0:
-            packets += radio.receive(left)
-            if any(kind == SENSORS for kind, _ in packets):
-                break
-    return ticks
+class Computer:
+    """The robot's computer in this process."""
+
+    def __init__(self, folder: Path | str):
+        self._controller, self._radio = OnboardController(folder), Radio()
+        self.port, self.close = self._radio.port, self._radio.close
+
+    def run(self, port: int, world: Connection) -> Settings:
+        """Run the controller until the rehearsal ends; return the number of ticks,
+        their (p50, p99, max) from a measurement to its answer, fault and limits
+        used."""
+        controller, radio = self._controller, self._radio
+        radio.connect(port)
+        inbox, ticks, packets = Inbox(), [], radio.receive(30.0)
+        while packets or not world.poll():
+            start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
+            for kind, values in packets:
+                inbox.take(kind, values, now)
+            targets = inbox.tick(controller, now)
+            radio.send(TARGETS, np.concatenate(targets))
+            ticks.append((time.perf_counter() - start, time.thread_time() - used))
+            packets, deadline = [], now + TICK * DT + GRACE
+            while (left := deadline - time.monotonic()) > 0.0:
+                packets += radio.receive(left)
+                if any(kind == SENSORS for kind, _ in packets):
+                    break
+        wall, cpu = np.percentile(1e3 * np.array(ticks), (50, 99, 100), axis=0).T
+        return {
+            "ticks": len(ticks),
+            "wall_ms": wall.tolist(),
+            "cpu_ms": cpu.tolist(),
+            "fault": controller.fault,
+            "used": controller.watchdog.used,
+        }
+
+
+class Program:
+    """A program of its own that controls the robot, started with the bundle's file for
+    C++.
+
+    It prints its port, and when it is ended a line of JSON, as `Computer.run` returns
+    it.
+    """
+
+    def __init__(self, folder: Path | str, program: Path):
+        command = str(program.resolve()), str(Path(folder) / BINARY)
+        try:
+            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            assert self._process.stdout is not None
+            self._out = self._process.stdout
+            self.port = int(self._out.readline())
+        except (OSError, ValueError) as error:
+            raise UserError(f"{program} does not run: {one_line(str(error))}") from None
+
+    def run(self, port: int, world: Connection) -> Settings:
+        """Let the program run until the rehearsal ends; return what it says of its
+        ticks."""
+        del port  # it answers whoever speaks first
+        world.poll(None)
+        self._process.terminate()
+        return json.loads(self._out.read())
+
+    def close(self) -> None:
+        """End the program."""
+        self._process.kill()
+        self._process.wait()
+        self._out.close()
 
 
 def _run_robot(
@@ -213,6 +264,7 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
     last = max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else -1
     cores = "the core for both processes (default: the last; -1: any)"
     add("--core", type=int, default=last, help=cores)
+    add("--program", type=Path, help="a program that controls, such as cpp/main.cpp's")
     add("--json", action="store_true", help="print the outcome as JSON")
     return parser.parse_args(argv)
 
@@ -233,7 +285,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         core = None if args.core == -1 else args.core
-        result = in_real_time(args.folder, robot, plan, core)
+        result = in_real_time(args.folder, robot, plan, core, args.program)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -1,5 +1,5 @@
-"""Update the hashes of a bundle after its owner has edited a file, such as the limits
-in `deploy.json`.
+"""Update the hashes of a bundle, and its file for C++, after its owner has edited a
+file, such as the limits in `deploy.json`.
 
 python -m onboard.seal                     # in the bundle's folder
 """
@@ -7,6 +7,7 @@ python -m onboard.seal                     # in the bundle's folder
 import sys
 from pathlib import Path
 
+from .binary import repack
 from .contents import BundleError, seal
 from .controller import OnboardController
 
@@ -18,6 +19,8 @@ def main() -> int:
     try:
         changed = seal(folder)
         OnboardController(folder)
+        repack(folder)
+        changed += seal(folder)
     except BundleError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -1,0 +1,142 @@
+"""Write the file from which the controller in C++ reads its texts and numbers.
+
+docs/deploy.md describes the file byte by byte. Its records have the dotted names and the
+values of `deploy.json`, the arrays of `reference.npz` (`arrays.NAME`), and constants of
+the laws (`constants.NAME`), each with the bounds within which the controller takes it.
+"""
+
+import dataclasses
+import math
+import struct
+import typing
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bp2_rl.base.bounds import Within
+from bp2_rl.base.files import parse_json, read_bytes, read_npz, write_bytes
+from bp2_rl.reference.stepping import TROT
+from bp2_rl.reference.trot_law import FLEXION
+from bp2_rl.robot.anatomy import COSINE_MARGIN, SHORTEST_SQUARED
+from bp2_rl.robot.conventions import GRAVITY, MIRRORED
+from bp2_rl.robot.operator import EASE, CommandLaw
+
+from .contents import (
+    CPP,
+    NUMBERS,
+    REFERENCE,
+    SETTINGS,
+    Settings,
+    WatchdogLimits,
+    loading,
+)
+from .contents import LARGEST as LARGEST_FILE
+from .motion import LARGEST, LEAST_LEFT, specs_of
+from .watchdog import HUGE
+
+BINARY = f"{CPP}/controller.bin"
+HEAD = struct.Struct("<4sIQ")  # signature, version, bytes of the network's records
+RECORD = struct.Struct("<IIQdd")  # length of the name, kind, count, least, most
+SIGNATURE, VERSION = b"BP2C", 1
+CONSTANTS = {
+    "trot": TROT,
+    "mirrored": MIRRORED,
+    "flexion": FLEXION,
+    "gravity": GRAVITY,
+    "shortest_squared": SHORTEST_SQUARED,
+    "cosine_margin": COSINE_MARGIN,
+    "least_left": LEAST_LEFT,
+    "ease": EASE,
+    "huge": HUGE,
+}
+"""Numbers of the laws that `deploy.json` does not hold."""
+
+
+def record(name: str, value: Any, bounds: tuple[float, float]) -> bytes:
+    """Return the record of a text, a list of texts, or numbers with their bounds.
+
+    None is infinity. Numbers are float64, unless they are an array of float32.
+    """
+    texts = [value] if isinstance(value, str) else value
+    if isinstance(texts, list) and isinstance(texts[0], str):
+        data = "\n".join(texts).encode()
+        kind, count, bounds = 0, len(data), (0.0, 0.0)
+    else:
+        array = np.asarray(math.inf if value is None else value)
+        kind, count = (4 if array.dtype == np.float32 else 8), array.size
+        data = array.astype(f"<f{kind}").tobytes()
+    head = RECORD.pack(len(name), kind, count, *bounds)
+    return head + _padded(name.encode()) + _padded(data)
+
+
+def pack(settings: Settings, arrays: Mapping[str, np.ndarray], network: bytes) -> bytes:
+    """Return the content of the controller's file.
+
+    Args:
+        settings: the content of `deploy.json`.
+        arrays: those of `reference.npz`.
+        network: the network's records.
+    """
+    seen = [{"name": name, "size": size} for name, size in settings["observation"]]
+    parts = {name: value for name, value in settings.items() if name != "robots"}
+    parts |= {"observation": seen, "arrays": arrays, "constants": CONSTANTS}
+    bounds = {name: limits[:2] for name, limits in NUMBERS.items()}
+    bounds |= _declared("watchdog", WatchdogLimits) | _declared("control", CommandLaw)
+    bounds["constants.huge"] = (1.0, HUGE)
+    content = HEAD.pack(SIGNATURE, VERSION, len(network)) + network
+    for name, value in _flat(parts, ""):
+        content += record(name, value, bounds.get(name, (-LARGEST, LARGEST)))
+    return content + struct.pack("<Q", zlib.crc32(content))
+
+
+def repack(folder: Path) -> None:
+    """Write a bundle's file for C++ anew, from its edited `deploy.json`; the network is
+    the one in the file.
+
+    Raises:
+        BundleError: a file cannot be read or written.
+    """
+    with loading(folder):
+        path = folder / BINARY
+        if path.is_file():
+            settings = parse_json(
+                read_bytes(folder / SETTINGS, LARGEST_FILE), str(folder / SETTINGS)
+            )
+            arrays = read_npz(folder / REFERENCE, specs_of(settings["reference"]))
+            before = read_bytes(path, LARGEST_FILE)
+            _, _, size = HEAD.unpack_from(before)
+            network = before[HEAD.size : HEAD.size + size]
+            write_bytes(path, pack(settings, arrays, network))
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the dotted names and the values in `value`, where a list of objects counts
+    as an object of lists."""
+    if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        value = {key: [one[key] for one in value] for key in value[0]}
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _flat(inner, f"{name}.{key}" if name else key)
+    else:
+        yield name, value
+
+
+def _declared(path: str, kind: type) -> dict[str, tuple[float, float]]:
+    """Return the bounds that a dataclass declares for its fields, by dotted name."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return {
+        f"{path}.{field.name}": (
+            within.least,
+            math.inf if within.infinite else within.most,
+        )
+        for field in dataclasses.fields(kind)
+        for within in hints[field.name].__metadata__
+        if isinstance(within, Within)
+    }
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 8)
