@@ -66,7 +66,7 @@ class Looks:
 
     @property
     def has_floor(self) -> bool:
-        """Whether there is a flat floor, also between stairs."""
+        """Tells a flat floor, also one between stairs, from ground without one."""
         return self.model.geom("floor").type == GEOM.mjGEOM_PLANE
 
     def ground(self) -> list[trimesh.Trimesh]:

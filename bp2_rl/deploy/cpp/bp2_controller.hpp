@@ -139,8 +139,11 @@ struct File {
     return found;
   }
 
-  /// Notes what is wrong, unless something was before.
-  void blame(const std::string& what) { if (wrong.empty()) wrong = what; }
+  /// Notes what is wrong, in ASCII, unless something was before.
+  void blame(const std::string& what) {
+    if (!wrong.empty()) return;
+    for (const char c : what) wrong += c < ' ' || c > '~' ? '?' : c;
+  }
 
   struct Head {
     std::uint32_t letters, kind;  // of the name; 0: text, else bytes of a number

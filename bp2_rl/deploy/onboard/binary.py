@@ -12,7 +12,6 @@ import typing
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -55,7 +54,7 @@ CONSTANTS = {
 """Numbers of the laws that `deploy.json` does not hold."""
 
 
-def record(name: str, value: Any, bounds: tuple[float, float]) -> bytes:
+def record(name: str, value: object, bounds: tuple[float, float]) -> bytes:
     """Return the record of a text, a list of texts, or numbers with their bounds.
 
     None is infinity. Numbers are float64, unless they are an array of float32.
@@ -112,7 +111,7 @@ def repack(folder: Path) -> None:
             write_bytes(path, pack(settings, arrays, network))
 
 
-def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+def _flat(value: object, name: str) -> Iterator[tuple[str, object]]:
     """Yield the dotted names and the values in `value`, where a list of objects counts
     as an object of lists."""
     if isinstance(value, list) and value and isinstance(value[0], Mapping):

@@ -85,7 +85,7 @@ def in_real_time(
         UserError: the program does not run.
     """
     _pin(core)
-    computer = Computer(folder) if program is None else Program(folder, program)
+    computer = Computer(folder) if program is None else ProgramProcess(folder, program)
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
     process = spawn.Process(
@@ -151,7 +151,7 @@ class Computer:
         }
 
 
-class Program:
+class ProgramProcess:
     """A program of its own that controls the robot, started with the bundle's file for
     C++.
 
