@@ -81,7 +81,7 @@ def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(
     done = subprocess.run(
         line, cwd="bundle", capture_output=True, text=True, check=False
     )
-    assert done.stderr.endswith("on the own robot for 0.5 s\n")
+    assert done.stderr.endswith("on the own robot for 0.5 s; ground: flat\n")
     rehearsed = json.loads(done.stdout)
     assert (done.returncode, rehearsed["fault"], rehearsed["fell_at"]) == (0, "", None)
     assert rehearsed["ticks"] > 50
