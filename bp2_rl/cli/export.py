@@ -91,6 +91,8 @@ def export(config: ExportConfig) -> None:
             print(
                 "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
             )
+        if own := [name for name, _ in env.task.entries]:
+            print(f"cpp/ refuses {', '.join(own)}: the task's entries are Python")
         print(
             f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
         )

@@ -87,7 +87,7 @@ def test_a_policy_runs_no_code_that_nobody_names(here):
 
 
 def test_the_bundle_computes_the_entry_on_board(here):
-    bp2(here, *EXPORT)
+    assert "cpp/ refuses" in bp2(here, *EXPORT)
     _, printed, errors = python(here / "my_robot", "-m", "onboard.rehearse")
     assert "ticks" in printed, errors  # it has learnt too little to stay upright
 
