@@ -67,7 +67,7 @@ class Looks:
     @property
     def has_floor(self) -> bool:
         """Tells a flat floor, also one between stairs, from ground without one."""
-        return self.model.geom("floor").type == GEOM.mjGEOM_PLANE
+        return bool(self.model.geom("floor").type[0] == GEOM.mjGEOM_PLANE)
 
     def ground(self) -> list[trimesh.Trimesh]:
         """Return the triangle meshes of ground that is not flat, in the world's

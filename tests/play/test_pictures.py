@@ -68,7 +68,9 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
 def test_uneven_ground_is_drawn_with_the_planes_on_which_robots_run():
     world = World(Terrain("rough", 0.05, cell=0.5))
     assert world.ground
-    [mesh] = Looks(BUILT, world).ground()
+    looks, steps = Looks(BUILT, world), Looks(BUILT, World(Terrain("stairs", 0.1)))
+    assert (looks.has_floor, steps.has_floor) == (False, True)
+    [mesh] = looks.ground()
     x, y, z = mesh.triangles_center.T
     # MuJoCo keeps heights in float32
     np.testing.assert_allclose(z, world.ground.below(x, y).height, atol=1e-6)
