@@ -66,7 +66,8 @@ class Looks:
 
     @property
     def has_floor(self) -> bool:
-        """Tells a flat floor, also one between stairs, from ground without one."""
+        """True where stairs or nothing stand on the floor, False where a field of heights
+        takes its place."""
         return bool(self.model.geom("floor").type[0] == GEOM.mjGEOM_PLANE)
 
     def ground(self) -> list[trimesh.Trimesh]:

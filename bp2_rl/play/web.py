@@ -296,10 +296,7 @@ class _Scene:
         """Update the scene to the session's current state."""
         qpos = session.qpos
         self._level += LEVELLING * (session.ground - self._level)
-        self._ground.position = (
-            *(-(qpos[:2] % SECTION)),
-            -self._level,
-        )
+        self._ground.position = (*(-(qpos[:2] % SECTION)), -self._level)
         self._track.position = (-qpos[0], -qpos[1], -self._level)
         self._robot.place(*self._looks.place(qpos, self._level))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))

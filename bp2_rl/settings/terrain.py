@@ -91,7 +91,7 @@ class Terrain(Bounded, path="terrain."):
                 f"rough:0.05; got {text}"
             )
         usual = TREAD if kind == "stairs" else cls.cell
-        size, cell, *_ = [*numbers, usual] if numbers else [0.0, usual]
+        size, cell, *_ = [*(numbers or [0.0]), usual]
         return cls(kind, size, cell)
 
     def another(self, number: int) -> "Terrain":

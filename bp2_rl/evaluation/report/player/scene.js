@@ -1,5 +1,5 @@
-// What is on the canvas: the track, ground that is not flat, the robot's shadow, the robot, and the forces under its feet. The world's origin
-// is on the ground under the trunk, and the track moves.
+// What is on the canvas: the track, ground that is not flat, the robot's shadow, the robot, and the forces under its
+// feet. The world's origin is on the track under the trunk, and the track moves.
 
 const ROBOT_SHADER = `#version 300 es
 in vec3 position; in vec3 normal; in vec3 color; in float part;
