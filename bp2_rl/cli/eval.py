@@ -104,7 +104,8 @@ class EvalConfig(Setup, Target):
     """Run a policy from a standing start, measure it, and leave a report with table,
     plots and film.
 
-    Without a policy: built, which ships with bp2_rl, as gentle, fastest and ideal do.
+    Without a policy: built, which ships with bp2_rl, as gentle, fastest, ideal and rough
+    do.
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

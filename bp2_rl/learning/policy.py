@@ -41,7 +41,7 @@ from bp2_rl.settings.task import Task, TaskSources, read_task
 from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
-SHIPPED = ("built", "gentle", "fastest", "ideal")
+SHIPPED = ("built", "gentle", "fastest", "ideal", "rough")
 """Names of the policies that ship."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"
