@@ -19,8 +19,9 @@ from bp2_rl.play.pace import Pace
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import foot_forces, foot_geom_ids, height_over_ground
+from bp2_rl.robot.model import foot_forces, foot_geom_ids
 from bp2_rl.robot.operator import (
     COMMAND_ACCELERATION,
     HEADING_HOLD,
@@ -140,8 +141,8 @@ class Session:
 
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
         """Change the wish by numbers of key presses, each as large as in `STEP`."""
-        steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
-        self.wish = Wish(*(part + size * count for part, size, count in steps))
+        counts = np.array((speed, left, turn))
+        self.wish = Wish(*(np.array(self.wish) + counts * STEP))
 
     def lean(self, part: str, share: float) -> None:
         """Set a part of the wish to a share of its limit, from -1 to 1, as a stick

@@ -112,8 +112,10 @@ def in_real_time(
         computer.close()
         process.join(5.0)
         process.kill()
-    in_time = min(outcome["real_time"], 1.0 - outcome["most_late"] / SECOND)
-    busy = in_time < LEAST_SHARE or outcome["waited_ms"] > LONGEST_WAIT
+    busy = (
+        min(outcome["real_time"], 1.0 - outcome["most_late"] / SECOND) < LEAST_SHARE
+        or outcome["waited_ms"] > LONGEST_WAIT
+    )
     return {**outcome, **told, "too_busy": busy}
 
 
@@ -224,13 +226,15 @@ def _run_robot(
     # A measurement that comes late, too, is answered beside its tick: the computer,
     # which has gone on without it, answers twice in one.
     late = answers != 1
-    pace = {
-        "due": len(late),
-        "late": int(late.sum()),
-        "most_late": int(np.convolve(late, np.ones(SECOND)).max()),  # in a second
-        "waited_ms": waited,
-    }
-    computer.send({**world.outcome(), **pace})
+    computer.send(
+        {
+            **world.outcome(),
+            "due": len(late),
+            "late": int(late.sum()),
+            "most_late": int(np.convolve(late, np.ones(SECOND)).max()),  # in a second
+            "waited_ms": waited,
+        }
+    )
 
 
 def _pin(core: int | None) -> None:
@@ -302,8 +306,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s; ground: {settings['ground']}",
             file=sys.stderr,
         )
-        core = None if args.core == -1 else args.core
-        result = in_real_time(args.folder, robot, plan, core, args.program)
+        result = in_real_time(
+            args.folder,
+            robot,
+            plan,
+            None if args.core == -1 else args.core,
+            args.program,
+        )
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
