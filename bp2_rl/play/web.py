@@ -202,16 +202,14 @@ class Page:
                     initial_value=getattr(session.wish, name),
                     hint=hint,
                 )
-        buttons = gui.add_button_group("Robot", ("stand", "reset"))
-        buttons.on_click(
+        gui.add_button_group("Robot", ("stand", "reset")).on_click(
             lambda event: self._wanted.put(getattr(Session, event.target.value))
         )
         strength = gui.add_slider(
             "Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8
         )
-        push = gui.add_button_group("Push it", tuple(PUSHES))
 
-        @push.on_click
+        @gui.add_button_group("Push it", tuple(PUSHES)).on_click
         def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
             forward, left = (
                 strength.value * part for part in PUSHES[event.target.value]
