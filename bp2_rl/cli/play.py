@@ -65,10 +65,7 @@ def play(config: PlayConfig) -> None:
     for name in WEB:
         if importlib.util.find_spec(name) is None:
             raise not_installed("bp2 play", name, "play")
-    print(
-        f"{path}: loading it and the simulator; compiling takes a minute at the first start",
-        flush=True,
-    )
+    print(f"{path}: loading it and the simulator", flush=True)
     # Imported here so that --help and a mistyped flag are answered at once; the page
     # draws in the browser and needs no GL library.
     with without_gl_library():

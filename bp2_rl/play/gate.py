@@ -17,6 +17,7 @@ from websockets.http11 import Request, Response
 
 OWN_NAMES = "localhost", "127.0.0.1", "::1"
 """Names and addresses of the local host."""
+PAD = "/pad"  # path of the websocket on which a gamepad is heard
 KINDS = {
     kind.__name__: kind
     for kind in (CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage)
@@ -62,7 +63,12 @@ def takes(widget: Any, value: Any) -> bool:
 
 
 @contextlib.contextmanager
-def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[None]:
+def guarding(
+    widgets: Mapping[str, object],
+    hear: Callable[[bytes | str], None],
+    *,
+    own_names: bool,
+) -> Generator[None]:
     """Make viser servers started in the block ignore invalid messages and, with
     `own_names`, other machines.
 
@@ -73,6 +79,7 @@ def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[Non
 
     Args:
         widgets: of the page by their uuid; they may come later.
+        hear: takes each message at `PAD`, which does not come to viser.
         own_names: whether the page is for this machine's browsers alone.
     """
     serve = websockets.asyncio.server.serve
@@ -84,6 +91,10 @@ def guarding(widgets: Mapping[str, object], *, own_names: bool) -> Generator[Non
         **options: Any,
     ) -> Any:
         async def handle(connection: Any) -> None:
+            if connection.request.path == PAD:
+                async for message in connection:
+                    hear(message)
+                return
             receive = connection.recv
 
             async def receive_understood() -> bytes:

@@ -19,8 +19,9 @@ from bp2_rl.play.pace import Pace
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import foot_forces, foot_geom_ids, height_over_ground
+from bp2_rl.robot.model import foot_forces, foot_geom_ids
 from bp2_rl.robot.operator import (
     COMMAND_ACCELERATION,
     HEADING_HOLD,
@@ -55,9 +56,11 @@ STEP = Wish(0.5, 0.1, 0.1)
 
 
 def wish_limits(commands: CommandConfig) -> tuple[Wish, Wish]:
-    """Return the smallest and the largest wish within a policy's training commands."""
-    most = Wish(commands.max_forward, commands.max_lateral, commands.max_yaw_rate)
-    return Wish(0.0 - commands.max_backward, -most.left, -most.turn), most
+    """Return the smallest and the largest wish within a policy's training commands, to
+    two digits."""
+    ends = commands.max_forward, commands.max_lateral, commands.max_yaw_rate
+    most = Wish(*(round(end, 2) for end in ends))
+    return Wish(0.0 - round(commands.max_backward, 2), -most.left, -most.turn), most
 
 
 class Session:
@@ -127,20 +130,26 @@ class Session:
 
     @property
     def wish(self) -> Wish:
-        """The velocity that a person asks for, clipped to the policy's training
-        commands."""
+        """The velocity that a person asks for, to two digits, clipped to the policy's
+        training commands."""
         return self._wish
 
     @wish.setter
     def wish(self, wish: Wish) -> None:
-        self._wish = Wish(*np.clip(wish, *wish_limits(self.config.commands)).tolist())
+        least, most = wish_limits(self.config.commands)
+        self._wish = Wish(*np.clip(np.round(wish, 2), least, most).tolist())
 
     def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
         """Change the wish by numbers of key presses, each as large as in `STEP`."""
-        steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
-        self.wish = Wish(
-            *(round(part + size * count, 6) for part, size, count in steps)
-        )
+        counts = np.array((speed, left, turn))
+        self.wish = Wish(*(np.array(self.wish) + counts * STEP))
+
+    def lean(self, part: str, share: float) -> None:
+        """Set a part of the wish to a share of its limit, from -1 to 1, as a stick
+        does."""
+        least, most = (getattr(end, part) for end in wish_limits(self.config.commands))
+        asked = float(np.interp(share, (-1.0, 0.0, 1.0), (least, 0.0, most)))
+        self.wish = self.wish._replace(**{part: asked})
 
     def stand(self) -> None:
         """Set the wish to zero velocity."""

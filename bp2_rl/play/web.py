@@ -9,15 +9,18 @@ robot is touched between two control steps, in `show`.
 import html
 import logging
 import queue
+import re
 import socket
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import viser
 from jaxtyping import Float
 from matplotlib.colors import to_rgb
+from viser._messages import RunJavascriptMessage
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import LEG_COLORS
@@ -56,6 +59,7 @@ KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
     "D": ("Turn right", lambda session: session.step(turn=-1)),
     "Q": ("Sideways to the left", lambda session: session.step(left=1)),
     "E": ("Sideways to the right", lambda session: session.step(left=-1)),
+    "F": ("Full speed", lambda session: session.lean("speed", 1.0)),
     "X": ("Stand", Session.stand),
     "R": ("Reset", Session.reset),
 }
@@ -67,6 +71,7 @@ SLIDERS = {
         "To the left. The faster the robot, the less of it is commanded: what friction holds",
     ),
 }
+STICK = re.compile("(speed|left|turn) (-?[0-9]{1,3})")  # per cent of the limit
 POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
 
@@ -75,7 +80,7 @@ class Page:
 
     A page for this machine alone answers only to this machine's own names, so that no
     other site's page can steer it. What a browser sends but for moves of the page's
-    widgets, keys and its own camera is passed over.
+    widgets, keys, a gamepad and its own camera is passed over.
 
     Args:
         session: to be shown.
@@ -97,7 +102,7 @@ class Page:
             ]
             # at no such address viser waits for ever
             socket.create_server(address[:2], family=family).close()
-            with guarding(self._widgets, own_names=host in OWN_NAMES):
+            with guarding(self._widgets, self._hear, own_names=host in OWN_NAMES):
                 self.server = viser.ViserServer(
                     host=host,
                     port=port,
@@ -119,6 +124,9 @@ class Page:
         for key, (label, action) in KEYS.items():
             command = self.server.gui.add_command(label, hotkey=key)
             command.on_trigger(lambda _, action=action: self._wanted.put(action))
+        script = RunJavascriptMessage((Path(__file__).parent / "pad.js").read_text())
+        # viser has no public way to run one
+        vars(self.server.gui)["_websock_interface"].queue_message(script)
         self.server.on_client_connect(_step_back)
 
     def close(self) -> None:
@@ -150,6 +158,14 @@ class Page:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
                 self._chart_place.content = self._chart.svg(session.worked)
+
+    def _hear(self, said: bytes | str) -> None:
+        """Take what `pad.js` says: a key, or a part of the wish with its share."""
+        if said in KEYS:
+            self._wanted.put(KEYS[said][1])
+        elif isinstance(said, str) and (lean := STICK.fullmatch(said)):
+            part, percent = lean.groups()
+            self._wanted.put(lambda session: session.lean(part, int(percent) / 100))
 
     def _agree_on_the_wish(self) -> None:
         """Set the wish from the sliders or, if the wish changed otherwise, the sliders
@@ -186,24 +202,27 @@ class Page:
                     initial_value=getattr(session.wish, name),
                     hint=hint,
                 )
-        buttons = gui.add_button_group("Robot", ("stand", "reset"))
-        buttons.on_click(
+        gui.add_button_group("Robot", ("stand", "reset")).on_click(
             lambda event: self._wanted.put(getattr(Session, event.target.value))
         )
         strength = gui.add_slider(
             "Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8
         )
-        push = gui.add_button_group("Push it", tuple(PUSHES))
 
-        @push.on_click
+        @gui.add_button_group("Push it", tuple(PUSHES)).on_click
         def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
             forward, left = (
                 strength.value * part for part in PUSHES[event.target.value]
             )
             self._wanted.put(lambda session: session.push(forward, left))
 
+        friction = round(session.friction, 2)
         self._friction = gui.add_slider(
-            "Friction", min=0.1, max=1.5, step=0.05, initial_value=session.friction
+            "Friction",
+            min=min(0.1, friction),
+            max=max(1.5, friction),
+            step=0.05,
+            initial_value=friction,
         )
         self._slower = gui.add_dropdown(
             "Time", tuple(SLOWER), initial_value="real time"

@@ -32,11 +32,6 @@ FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
 SOLID_PARTS = ("thigh", "shank", "toe")
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
-
-
-DOWN = np.array((0.0, 0.0, -1.0))
-GROUND = np.array((1, 0, 0, 0, 0, 0), np.uint8)
-"""The groups of geoms that are ground: the first alone."""
 FAR = 1e3
 """Length beyond any spring's end, m."""
 
@@ -216,12 +211,6 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     which the next step overwrites.
     """
     return data.sensordata.reshape(len(LEGS), 3)
-
-
-def height_over_ground(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return the height of the trunk's centre over the ground below it, m; -1 where
-    there is no ground, or the trunk is in it."""
-    return mujoco.mj_ray(model, data, data.qpos[:3], DOWN, GROUND, True, -1, None)
 
 
 def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:

@@ -26,7 +26,7 @@ from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.model import height_over_ground
+from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.env import EnvConfig

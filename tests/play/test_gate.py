@@ -19,6 +19,7 @@ from websockets.typing import Subprotocol
 
 from bp2_rl.play.gate import is_understood
 from bp2_rl.play.pace import Pace
+from bp2_rl.play.session import STEP
 from bp2_rl.play.web import SLOWER, Page
 
 CAMERA = {
@@ -73,10 +74,14 @@ def page(session):
     page.close()
 
 
+def address(page):
+    return f"ws://127.0.0.1:{page.server.get_port()}"
+
+
 def browser(page):
     page_of_viser = Subprotocol(f"viser-v{viser.__version__}")
     return connect(
-        f"ws://127.0.0.1:{page.server.get_port()}",
+        address(page),
         subprotocols=[page_of_viser],
         max_size=None,
     )
@@ -246,14 +251,25 @@ def test_every_widget_and_key_does_what_a_browser_asks(page, session):
             wait_until(lambda widget=widget, value=value: widget.value == value)
         for uuid in page.server.gui._command_handle_from_uuid:
             tab.send(encode({"type": "CommandTriggerMessage", "uuid": uuid}))
-        wait_until(
-            lambda: (
-                page._wanted.qsize() >= len(page.server.gui._command_handle_from_uuid)
-            )
-        )
+        keys = len(page.server.gui._command_handle_from_uuid)
+        wait_until(lambda: page._wanted.qsize() >= keys)
         page.show(pace)
     assert session.friction == 0.1
     assert pace.slow == 10.0
+
+
+def test_a_gamepad_says_keys_and_shares_and_nothing_else_is_heard(page, session):
+    odd = "", "w", b"W", "W W", "speed", "up 1", "speed 1e9", "speed nan", "speed 0.5"
+    with connect(f"{address(page)}/pad") as pad:
+        for said in (*odd, "x" * 100_000, "left 1000", "left -50", "speed 999", "S"):
+            pad.send(said)
+        wait_until(lambda: page._wanted.qsize() >= 3)
+        page.show(Pace())
+        assert not page.server.get_clients()
+    limits = session.config.commands
+    fast = limits.max_forward - STEP.speed
+    assert session.wish == (fast, -0.5 * limits.max_lateral, 0.0)
+    assert page._sliders["speed"].value == fast
 
 
 def test_a_flood_of_wishes_does_not_keep_the_robot_from_running(page, session):

@@ -148,6 +148,11 @@ def test_a_wish_and_the_steps_of_keys_keep_to_what_the_policy_was_trained_for(se
     )
     session.stand()
     assert session.wish == Wish()
+    session.lean("speed", -1.0)  # there is no backward
+    session.lean("left", 0.5)
+    session.lean("turn", -0.333)
+    half, third = 0.5 * limits.max_lateral, round(0.333 * limits.max_yaw_rate, 2)
+    assert session.wish == (0.0, half, -third)
 
 
 def test_it_goes_sideways_and_then_keeps_to_the_line_that_it_has_come_to(session):
@@ -380,9 +385,9 @@ def test_another_robot_is_played_within_its_own_speeds(make_card, monkeypatch):
     for _ in range(40):
         session.step(speed=1, turn=1)
     commands = card.env.commands
-    assert session.wish == pytest.approx(
-        (commands.max_forward, 0.0, commands.max_yaw_rate)
-    )
+    most = commands.max_forward, 0.0, commands.max_yaw_rate
+    assert session.wish == tuple(round(end, 2) for end in most)
+    assert commands.max_forward != session.wish.speed
     assert commands.max_forward < 3.0  # of BP2's 3
     session.wish = Wish(0.3)
     run(session, 0.5)

@@ -24,6 +24,11 @@ pytest.importorskip(
 BROWSER = find_browser()
 SPEED = "parseFloat(document.querySelector('[data-reading=speed]')?.textContent)"
 SLIDER = "[...document.querySelectorAll('[role=slider]')][0]"
+FIELD = f"{SLIDER}.closest('[class*=Flex]').querySelector('[inputmode]')"
+GAMEPAD = """
+    window.pad = { connected: true, axes: [0, 0, 0, 0], buttons: {} };
+    navigator.getGamepads = () => [null, pad];
+"""
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +74,7 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
             "canvas",
         ):
             tab.wait(f"Boolean(document.querySelector('{part}'))")
-        for _ in range(60):
-            seen = tab.screenshot()
-            if visible(seen):
-                break
-        assert visible(seen)
+        assert any(visible(tab.screenshot()) for _ in range(60))
         where = tab.value(
             f"(r => [r.x, r.y, r.width, r.height])({SLIDER}.closest('[class*=Slider-root]').getBoundingClientRect())"
         )
@@ -90,7 +91,20 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
         # the slider follows
         assert tab.wait(f"{SLIDER}.getAttribute('aria-valuenow') == '0'") is True
         assert tab.wait("document.body.innerText.includes('ready')") is True
+        tab.value(GAMEPAD)
+        for moved, speed in (
+            ("axes[1] = -0.575", 7.75),  # half of its way beyond the rest
+            ("buttons[5] = { pressed: true }", 8.25),
+            ("axes[1] = 0.1", 0),
+            ("buttons[0] = { pressed: true }", 15.5),
+            ("axes[1] = -0.3", 2.79),
+            ("connected = false", 0),
+        ):
+            tab.value(f"pad.{moved}")
+            assert tab.wait(f"{FIELD}.value == '{speed}'") is True
         assert process.poll() is None
+        tab.open(f"{url}/", 400, 800)  # a telephone, whose lower half the panel takes
+        assert any(visible(tab.screenshot()[:320]) for _ in range(60))
 
 
 @pytest.mark.skipif(

@@ -14,6 +14,7 @@ import numpy as np
 from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque
 from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.losses import Resistance, generalized, loss
 from bp2_rl.robot.operator import COMMAND_ACCELERATION, HeadingHold
 
@@ -23,8 +24,6 @@ from .link import COMMAND, SENSORS, BadLink
 
 DT = 1e-3  # s
 TICK = 5  # ms between two measurements
-DOWN = np.array([0.0, 0.0, -1.0])
-OF_GROUND = np.array([1, 0, 0, 0, 0, 0], np.uint8)  # MuJoCo's groups of geoms
 FAULTS = ("", "nan", "silence", "operator")
 
 
@@ -71,11 +70,9 @@ class SimulatedRobot:
     def fallen(self) -> bool:
         """Return whether the robot has fallen, by its height over the ground and its
         tilt."""
-        height = mujoco.mj_ray(
-            self.model, self.data, self.data.qpos[:3], DOWN, OF_GROUND, True, -1, None
-        )
         return not (
-            height >= self._fall["height"] and self.data.xmat[1, 8] >= self._fall["up"]
+            height_over_ground(self.model, self.data) >= self._fall["height"]
+            and self.data.xmat[1, 8] >= self._fall["up"]
         )
 
     @property
