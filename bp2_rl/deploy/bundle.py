@@ -167,7 +167,7 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
             for source in sorted((Path(__file__).parent / CPP).iterdir()):
                 write_text(fresh / CPP / source.name, source.read_text())
             write_bytes(fresh / BINARY, pack(settings, arrays, to_records(policy)))
-            for name, hardware in _robots(policy.card.env).items():
+            for name, hardware in robots_of(policy.card.env).items():
                 write_text(
                     fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
                 )
@@ -332,7 +332,7 @@ def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
     )
 
 
-def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
+def robots_of(env: EnvConfig) -> dict[str, HardwareSpec]:
     """Return the robots of a bundle's rehearsal, by name: `own`, if not a named BP2,
     and BP2's built and ideal."""
     if not env.hardware.is_bp2:
@@ -349,7 +349,7 @@ def _describe_robots(env: EnvConfig, world: World = LEVEL) -> dict[str, Settings
     """
     robots = {
         name: dataclasses.replace(env, hardware=hardware)
-        for name, hardware in _robots(env).items()
+        for name, hardware in robots_of(env).items()
     }
     stands = settled([RobotSetup(robot, world) for robot in robots.values()])
     described: dict[str, Settings] = {}

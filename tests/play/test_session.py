@@ -11,8 +11,9 @@ from runs import run_one
 from synthetic import still_policy
 
 from bp2_rl.play.pace import FRAMES, Pace, play_on
-from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish, readings
+from bp2_rl.play.session import RIPPLE, STEP, Session, Wish, readings
 from bp2_rl.robot.conventions import CONTROL_STEP
+from bp2_rl.robot.operator import BRAKING
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp

@@ -1,0 +1,171 @@
+"""Write a policy as a folder that any file server serves, and that simulates and shows
+the robot in a browser.
+
+index.html       the page, with *.js and page.css
+mujoco.js        MuJoCo's official build for browsers, with mujoco.wasm.gz
+page.wasm        the controller in C++, motors and operator
+policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml for each robot;
+                 such folders of other pages may lie beside it: index.html#policy=FOLDER
+"""
+
+import dataclasses
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name, write_bytes, write_text
+from bp2_rl.base.folders import new_folder
+from bp2_rl.deploy.bundle import describe, robots_of
+from bp2_rl.deploy.network import to_records
+from bp2_rl.deploy.onboard.binary import assemble, pack
+from bp2_rl.deploy.onboard.contents import Settings
+from bp2_rl.deploy.page.mujoco_wasm import VERSION, mujoco_files
+from bp2_rl.evaluation.races import BOLT, BOLT_SPLITS, PAPER_BP2, TIMES, TRACK
+from bp2_rl.evaluation.report import player
+from bp2_rl.evaluation.report.player.content import describe_robot
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
+from bp2_rl.robot.coordinates import joint_positions
+from bp2_rl.robot.model import model_xml
+from bp2_rl.robot.observation import ENTRIES
+from bp2_rl.robot.operator import wish_rates
+from bp2_rl.simulation.laws import JOINT_LOSSES, NO_BUS, NO_RESISTANCE
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.policy_runner import control_steps_behind
+from bp2_rl.simulation.simulator import RobotSetup
+from bp2_rl.simulation.world import LEVEL, World
+
+HERE, POLICY, INDEX = Path(__file__).parent, "policy", "index.html"
+"""This module's folder; a policy's folder in a page's; the page."""
+SCRIPTS = ("linear.js", "shapes.js", "motion.js", "scene.js")
+FROM_PLAYER = [Path(player.__file__).parent / name for name in SCRIPTS]
+OWN = [HERE / name for name in ("robot.js", "page.js", "page.css", "page.wasm")]
+SIDEWAYS = "max_lateral", "max_forward", "max_turn", "max_yaw_rate"
+RIVALS = {  # s over 100 m, and at each ten metres where it is known
+    BOLT: BOLT_SPLITS,
+    PAPER_BP2: [TIMES[PAPER_BP2]],
+}
+SHOWN = 130.0  # m, of uneven ground ahead of the start
+SOLVER = "iterations", "ls_iterations", "tolerance", "disableflags"
+
+
+def write_page(
+    directory: Path, policy: Policy, world: World = LEVEL, package: Path | None = None
+) -> None:
+    """Write a policy's page to `directory`, in the place of an older page; a failed
+    write leaves nothing partial.
+
+    Args:
+        directory: the page's folder.
+        policy: runs the robot.
+        world: its ground.
+        package: the file of MuJoCo's package, where there is no network.
+
+    Raises:
+        UserError: the controller in C++ cannot run this policy, MuJoCo's package is not
+            the pinned one, or the place cannot be written.
+    """
+    require_name(directory)
+    _require_known(policy)
+    script, code = mujoco_files(package)
+    settings, arrays = describe(policy, world)
+    env = policy.card.env
+    numbers = {"controller": pack(settings, arrays, to_records(policy))}
+    models, told = {}, {}
+    for name, hardware in robots_of(env).items():
+        setup = RobotSetup(dataclasses.replace(env, hardware=hardware), world)
+        numbers[name] = _robot_numbers(setup, settings, settings["robots"][name])
+        models[name] = model_xml(hardware, world.lay, weighed=True)
+        told[name] = _describe(setup, settings["robots"][name]["stand"])
+    page = {
+        "name": env.hardware.anatomy.name,
+        "command": settings["command"],
+        "fall": dataclasses.asdict(env.termination),
+        "ripple": RIPPLE,
+        "track": TRACK,
+        "rivals": RIVALS,
+        "robots": told,
+    }
+    try:
+        place = Path(directory).resolve()
+        if place.exists() and not (place / INDEX).is_file() and any(place.iterdir()):
+            raise FileExistsError(
+                0, "the folder holds files that are no page's; choose another"
+            )
+        with new_folder(place) as fresh:
+            for file in (*FROM_PLAYER, *OWN):
+                write_bytes(fresh / file.name, file.read_bytes())
+            write_bytes(fresh / "mujoco.js", script)
+            write_bytes(fresh / "mujoco.wasm.gz", gzip.compress(code, mtime=0))
+            text = (HERE / "page.html").read_text().replace("VERSION", VERSION)
+            write_text(fresh / INDEX, text)
+            (fresh / POLICY).mkdir()
+            for name, content in numbers.items():
+                packed = gzip.compress(content, mtime=0)
+                write_bytes(fresh / POLICY / f"{name}.bin.gz", packed)
+            for name, xml in models.items():
+                write_text(fresh / POLICY / f"{name}.xml", xml)
+            write_text(fresh / POLICY / "page.json", json.dumps(page, allow_nan=False))
+    except OSError as error:
+        raise UserError(
+            f"cannot write page {directory}: {error.strerror or error}"
+        ) from error
+
+
+def _require_known(policy: Policy) -> None:
+    """Raise UserError if the policy sees what the controller in C++ does not make."""
+    known = {entry.name for entry in ENTRIES}
+    seen = [name.partition("@")[0] for name, _ in policy.card.observation_layout]
+    if unknown := sorted({*seen} - known):
+        raise UserError(
+            f"the policy sees {', '.join(unknown)}, which Python code of its task computes and a page cannot; "
+            "--format onnx writes a bundle that can"
+        )
+
+
+def _robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> bytes:
+    """Return the file from which a page's C++ reads a robot's motors, losses and
+    operator."""
+    env, bus, losses = setup.config, robot["bus"], robot["losses"]
+    motors = settings["gains"] | robot["motors"]
+    losses = vars(NO_RESISTANCE) if losses is None else losses
+    by_joint = {name: losses[name] for name in JOINT_LOSSES}
+    rise, fall = wish_rates(env.control, env.commands.turn_acceleration)
+    stand = np.array(robot["stand"]["qpos"])
+    parts = {
+        "motors": {name: _at_joints(value) for name, value in motors.items()},
+        "bus": vars(NO_BUS) if bus is None else bus,
+        "losses": losses
+        | {name: _at_joints(value) for name, value in by_joint.items()},
+        "operator": settings["operator"],
+        "wish": {"rise": rise, "fall": fall},
+        "commands": {name: getattr(env.commands, name) for name in SIDEWAYS},
+        "stand": {
+            **robot["stand"],
+            "joints": joint_positions(stand),
+        },
+        "up": setup.model().opt.gravity / -GRAVITY,
+        "behind": control_steps_behind(setup.latency),
+    }
+    return assemble(parts)
+
+
+def _at_joints(value: object) -> np.ndarray:
+    """Return a parameter at all twelve joints, where None is infinity."""
+    number = np.inf if value is None else value
+    return np.broadcast_to(np.asarray(number, np.float64), NUM_MOTORS)
+
+
+def _describe(setup: RobotSetup, stand: Settings) -> Settings:
+    """Return what a page's JavaScript is told of a robot."""
+    options, hardware = setup.model().opt, setup.config.hardware
+    path = np.array([[0.0, 0.0], [SHOWN, 0.0]])
+    return {
+        "stand": stand["qpos"],
+        "solver": {name: getattr(options, name) for name in SOLVER},
+        "throughout": hardware.envelope == "throughout",
+        "scene": describe_robot(hardware, setup.world, path),
+    }
