@@ -40,7 +40,7 @@ from bp2_rl.simulation.world import LEVEL, World
 
 HERE, POLICY, INDEX = Path(__file__).parent, "policy", "index.html"
 """This module's folder; a policy's folder in a page's; the page."""
-SCRIPTS = ("linear.js", "shapes.js", "motion.js", "scene.js")
+SCRIPTS = ("linear.js", "shapes.js", "motion.js", "camera.js", "scene.js")
 FROM_PLAYER = [Path(player.__file__).parent / name for name in SCRIPTS]
 OWN = [HERE / name for name in ("robot.js", "page.js", "page.css", "page.wasm")]
 SIDEWAYS = "max_lateral", "max_forward", "max_turn", "max_yaw_rate"
@@ -83,6 +83,7 @@ def write_page(
     page = {
         "name": env.hardware.anatomy.name,
         "command": settings["command"],
+        "speed": settings["rehearsal"]["speed"],
         "fall": dataclasses.asdict(env.termination),
         "ripple": RIPPLE,
         "track": TRACK,

@@ -2,7 +2,7 @@
 
 const SHARED = { qpos: 23, qvel: 22, after: 22, mobility: 12, wish: 3, torque: 12, force: 22, told: 3 }; // as page.cpp
 const TRIALS = 12; // of a millisecond in which a torque leaves the envelope, at most
-const MILLISECONDS = 5, STEP = 0.005; // of a control step, and its length, s
+const MILLISECONDS = 5; // of a control step
 const DOWN = [0, 0, -1], GROUND = [1, 0, 0, 0, 0, 0]; // the first of MuJoCo's groups of geoms
 
 async function bytes(path) {
@@ -75,18 +75,19 @@ class Robot {
     state.ctrl.set(this.torque);
     mujoco.mj_forward(model, data);
     this.wish.fill(0);
-    this.force4 = new Array(12).fill(0); // N, of the ground on the feet, mean of a control step
+    this.forces = new Array(12).fill(0); // N, of the ground on the feet, smoothed
     this.fault = "";
-    this.time = 0;
+    this.milliseconds = 0;
   }
 
-  // A control step, with its five milliseconds of physics.
+  // A millisecond; with every fifth a control step begins.
   step() {
+    const k = this.milliseconds++ % MILLISECONDS;
     this.tell();
-    this.fault = this.text(this.code.tick());
-    this.force4.fill(0);
-    for (let k = 0; k < MILLISECONDS; k++) this.millisecond(k);
-    this.time += STEP;
+    if (k === 0) this.fault = this.text(this.code.tick());
+    this.code.drive(k);
+    this.advance();
+    this.look().sensordata.forEach((newtons, i) => { this.forces[i] += (newtons - this.forces[i]) / MILLISECONDS; });
   }
 
   tell() {
@@ -95,10 +96,8 @@ class Robot {
     this.qvel.set(qvel);
   }
 
-  millisecond(k) {
+  advance() {
     const { mujoco, model, data, design } = this, { time } = data;
-    this.tell();
-    this.code.drive(k);
     const warm = this.look().qacc_warmstart.slice();
     for (let trial = 0; ; trial++) {
       const now = this.look();
@@ -115,7 +114,6 @@ class Robot {
       then.qacc_warmstart.set(warm);
       data.time = time;
     }
-    this.look().sensordata.forEach((newtons, i) => { this.force4[i] += newtons / MILLISECONDS; });
   }
 
   // Each joint's acceleration by its own torque, at the start of the last physics step.
@@ -123,6 +121,10 @@ class Robot {
     this.mujoco.mj_solveM(this.model, this.data, this.answer, this.units);
     const answer = this.answer.GetView();
     return this.joints.map((at, i) => answer[i * this.model.nv + at]);
+  }
+
+  get time() { // s
+    return this.milliseconds / 1000;
   }
 
   get height() { // of the trunk over the ground, m
