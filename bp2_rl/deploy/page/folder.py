@@ -10,7 +10,9 @@ policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml for eac
 
 import dataclasses
 import gzip
+import itertools
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from bp2_rl.deploy.network import to_records
 from bp2_rl.deploy.onboard.binary import assemble, pack
 from bp2_rl.deploy.onboard.contents import Settings
 from bp2_rl.deploy.page.mujoco_wasm import VERSION, mujoco_files
-from bp2_rl.evaluation.races import BOLT, BOLT_SPLITS, PAPER_BP2, TIMES, TRACK
+from bp2_rl.evaluation.races import BOLT_SPLITS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.evaluation.report import player
 from bp2_rl.evaluation.report.player.content import describe_robot
 from bp2_rl.learning.policy import Policy
@@ -38,16 +40,17 @@ from bp2_rl.simulation.policy_runner import control_steps_behind
 from bp2_rl.simulation.simulator import RobotSetup
 from bp2_rl.simulation.world import LEVEL, World
 
+Vector = tuple[float, float, float]
 HERE, POLICY, INDEX = Path(__file__).parent, "policy", "index.html"
 """This module's folder; a policy's folder in a page's; the page."""
 SCRIPTS = ("linear.js", "shapes.js", "motion.js", "camera.js", "scene.js")
 FROM_PLAYER = [Path(player.__file__).parent / name for name in SCRIPTS]
 OWN = [HERE / name for name in ("robot.js", "page.js", "page.css", "page.wasm")]
 SIDEWAYS = "max_lateral", "max_forward", "max_turn", "max_yaw_rate"
-RIVALS = {  # s over 100 m, and at each ten metres where it is known
-    BOLT: BOLT_SPLITS,
-    PAPER_BP2: [TIMES[PAPER_BP2]],
-}
+RIVALS = {"Bolt": BOLT_SPLITS, "paper's BP2": [TIMES[PAPER_BP2]]}
+"""Times over equal parts of 100 m, s."""
+WHITE, BLACK, SIGNAL = (0.95, 0.95, 0.93), (0.08, 0.08, 0.09), (0.84, 0.37, 0.0)
+BESIDE = 3.3  # m, from the track's middle to the posts beside it
 SHOWN = 130.0  # m, of uneven ground ahead of the start
 SOLVER = "iterations", "ls_iterations", "tolerance", "disableflags"
 
@@ -164,9 +167,32 @@ def _describe(setup: RobotSetup, stand: Settings) -> Settings:
     """Return what a page's JavaScript is told of a robot."""
     options, hardware = setup.model().opt, setup.config.hardware
     path = np.array([[0.0, 0.0], [SHOWN, 0.0]])
+    scene = describe_robot(hardware, setup.world, path)
+    scene["geoms"] += list(_course())
     return {
         "stand": stand["qpos"],
         "solver": {name: getattr(options, name) for name in SOLVER},
         "throughout": hardware.envelope == "throughout",
-        "scene": describe_robot(hardware, setup.world, path),
+        "scene": scene,
     }
+
+
+def _course() -> Iterator[Settings]:
+    """Yield what stands along 100 m for the eye alone: a start line, posts at every ten
+    metres, and the finish."""
+    yield _box((0.0, 0.0, 0.003), (0.05, 3.0, 0.003), WHITE)
+    for side in (-BESIDE, BESIDE):
+        yield _box((TRACK, side, 1.35), (0.07, 0.07, 1.35), BLACK)
+        for x in np.arange(0.0, TRACK, 10.0).tolist():
+            yield _box((x, side, 0.25), (0.035, 0.035, 0.25), WHITE)
+            yield _box((x, side, 0.45), (0.037, 0.037, 0.06), SIGNAL)
+    for row, column in itertools.product(range(2), range(22)):  # of checks
+        color, y = (BLACK, WHITE)[(row + column) % 2], 0.3 * (column - 10.5)
+        yield _box((TRACK + 0.3 * row, y, 0.003), (0.15, 0.15, 0.003), color)
+        yield _box((TRACK, y, 2.35 + 0.3 * row), (0.05, 0.15, 0.15), color)
+
+
+def _box(position: Vector, size: Vector, color: Vector) -> Settings:
+    """Return a box of the scenery; half lengths in m."""
+    shape = {"link": -1, "shape": "box", "quaternion": (1.0, 0.0, 0.0, 0.0)}
+    return shape | {"position": position, "size": size, "color": color}

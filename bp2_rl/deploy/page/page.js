@@ -7,6 +7,7 @@ const KEYS = { W: [1, 0, 0], S: [-1, 0, 0], A: [0, 0, 1], D: [0, 0, -1], Q: [0, 
 const AXES = [[1, 0], [2, 1], [0, 2]]; // of a gamepad: right and down are positive; and the wish that each sets
 const REST = 0.15; // share of a stick's way that means nothing
 const BUTTONS = { 0: "F", 1: "X", 3: "R", 4: "S", 5: "W", 6: "Q", 7: "E", 9: "G", 12: "W", 13: "S", 14: "A", 15: "D" };
+const CAMERAS = [{ yaw: -2.4, pitch: 0.13, distance: 3 }, VIEWS.side, VIEWS.front, VIEWS.above];
 const DOWN_FOR = 1.5; // s, for which a fallen robot lies before it stands again
 const MOST_WORK = 0.05; // s, in which a picture's physics must be done, or else time slows down
 
@@ -18,6 +19,7 @@ class Page {
   constructor(mujoco, asked, content) {
     Object.assign(this, { mujoco, asked, content, camera: new Camera(), best: Infinity, slow: 1, owed: 0, held: {}, level: 0 });
     this.canvas = find("canvas");
+    this.look();
     this.camera.follow(this.canvas, () => {}, () => true);
     this.build();
   }
@@ -25,7 +27,7 @@ class Page {
   // Elements that depend on the policy, and what hands do to them all.
   build() {
     const { least, most } = this.content.command, names = Object.keys(this.content.robots);
-    find("[data-does=robot]").replaceChildren(...names.map((name) => new Option(`${name} robot`, name)));
+    find("[data-does=robot]").replaceChildren(...names.map((name) => new Option(name)));
     document.querySelectorAll("[data-wish]").forEach((slider) => {
       const i = Number(slider.dataset.wish);
       [slider.min, slider.max, slider.value] = [least[i], most[i], 0];
@@ -46,7 +48,7 @@ class Page {
     });
     addEventListener("hashchange", () => location.reload());
     const rivals = Object.keys(this.content.rivals);
-    shows("lane").innerHTML = ["here", ...rivals].map((name) => `<i><span>${name.split(",")[0]}</span></i>`).join("");
+    shows("lane").innerHTML = ["this robot", ...rivals].map((name) => `<i><span>${name}</span></i>`).join("");
   }
 
   // Let another of the policy's robots run.
@@ -80,9 +82,16 @@ class Page {
     else if (key === "F") this.ask(0, most);
     else if (key === "R") this.reset();
     else if (key === "P") this.robot.look().qvel[1] += PUSH;
+    else if (key === "V") this.look();
     else if (key === "G") { this.reset(); this.ask(0, most); }
     else return false;
     return true;
+  }
+
+  look() { // from the next place
+    this.view = ((this.view ?? -1) + 1) % CAMERAS.length;
+    Object.assign(this.camera, CAMERAS[this.view]);
+    if (innerWidth < innerHeight) this.camera.distance *= 0.75; // a telephone
   }
 
   hearGamepad() {
