@@ -840,7 +840,7 @@ class Controller {
   Targets step(const Measurement* measurement, const double* command, double now) noexcept {
     if (!watchdog_.fault) {
       if (watchdog_.look(measurement, now, targets_.position, sign_, offset_)) {
-        obey(command);
+        command_ = tell(command);
         if (watchdog_.newest()) act(watchdog_.newest());
       }
       if (watchdog_.fault) stopped_at_ = targets_.position;
@@ -852,6 +852,30 @@ class Controller {
       told.velocity[i] = sign_[i] * targets_.velocity[i];
     }
     return told;
+  }
+
+  /// What the policy would be told next for a command, within the limits.
+  std::array<float, 3> tell(const double* command) const noexcept {
+    std::array<float, 3> asked;
+    if (command && std::all_of(command, command + 3, [](double x) { return std::isfinite(x); })) {
+      for (std::size_t i = 0; i < 3; ++i) asked[i] = static_cast<float>(detail::clip(command[i], least_[i], most_[i]));
+    } else {
+      const double speed = std::sqrt(command_[0] * command_[0] + command_[1] * command_[1]);
+      const double slower = std::max(speed - watchdog_.braking * dt_, 0.0);
+      const float factor = static_cast<float>(speed > 0.0 ? slower / speed : 0.0);
+      for (std::size_t i = 0; i < 3; ++i) asked[i] = command_[i] * factor;
+    }
+    const float before = command_[0], step = static_cast<float>(dt_);
+    if (std::isfinite(launching_)) {
+      const float rate = launching_ * detail::clip(1.0f - before / launching_speed_, 0.0f, 1.0f);
+      asked[0] = std::min(asked[0], std::max(before, 0.0f) + step * rate);
+    }
+    if (std::isfinite(braking_) || stopping_time_ > 0.0f) {
+      float rate = braking_;
+      if (stopping_time_ > 0.0f) rate = std::min(rate, (before + ease_) / stopping_time_);
+      if (before > 0.0f) asked[0] = std::max(asked[0], std::max(before - step * rate, 0.0f));
+    }
+    return asked;
   }
 
   /// Starts anew at a gait phase, the only way to go on after a fault.
@@ -968,29 +992,6 @@ class Controller {
     for (int i = 0; i < ticks; ++i) act(reinterpret_cast<const double*>(&still));
     if (watchdog_.fault) file.blame(std::string("has a policy whose answer cannot be: ") + fault());
     reset();
-  }
-
-  void obey(const double* command) {
-    std::array<float, 3> asked;
-    if (command && std::all_of(command, command + 3, [](double x) { return std::isfinite(x); })) {
-      for (std::size_t i = 0; i < 3; ++i) asked[i] = static_cast<float>(detail::clip(command[i], least_[i], most_[i]));
-    } else {
-      const double speed = std::sqrt(command_[0] * command_[0] + command_[1] * command_[1]);
-      const double slower = std::max(speed - watchdog_.braking * dt_, 0.0);
-      const float factor = static_cast<float>(speed > 0.0 ? slower / speed : 0.0);
-      for (std::size_t i = 0; i < 3; ++i) asked[i] = command_[i] * factor;
-    }
-    const float before = command_[0], step = static_cast<float>(dt_);
-    if (std::isfinite(launching_)) {
-      const float rate = launching_ * detail::clip(1.0f - before / launching_speed_, 0.0f, 1.0f);
-      asked[0] = std::min(asked[0], std::max(before, 0.0f) + step * rate);
-    }
-    if (std::isfinite(braking_) || stopping_time_ > 0.0f) {
-      float rate = braking_;
-      if (stopping_time_ > 0.0f) rate = std::min(rate, (before + ease_) / stopping_time_);
-      if (before > 0.0f) asked[0] = std::max(asked[0], std::max(before - step * rate, 0.0f));
-    }
-    command_ = asked;
   }
 
   void act(const double* measured) {

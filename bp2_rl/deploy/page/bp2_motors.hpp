@@ -175,11 +175,12 @@ class Operator {
 
   void reset() { asked_ = line_ = {}; }
 
-  /// The command for a wish (m/s forward, m/s to the left, rad/s), a control step of `dt`
-  /// seconds after the policy was told `told` (m/s forward).
-  Vector ask(const double* wish, double told, const State& at, double dt) {
-    asked_[0] = told;
+  /// The command for a wish (m/s forward, m/s to the left, rad/s) in a control step of
+  /// `dt` seconds.
+  Vector ask(const double* wish, const Controller& controller, const State& at, double dt) {
+    asked_[0] = controller.command()[0];
     for (std::size_t i = 0; i < 3; ++i) asked_[i] += detail::clip(wish[i] - asked_[i], -fall_[i] * dt, rise_[i] * dt);
+    asked_[0] = controller.tell(asked_.data())[0];
     const double speed = std::abs(asked_[0]), left = lateral_ * (1.0 - 0.5 * speed / forward_);
     const double turn = std::min(yaw_rate_, turn_ / std::max(speed, 1e-6)), yaw = at.yaw();
     asked_[1] = detail::clip(asked_[1], -left, left);

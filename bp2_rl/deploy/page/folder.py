@@ -30,7 +30,6 @@ from bp2_rl.evaluation.report import player
 from bp2_rl.evaluation.report.player.content import describe_robot
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
-from bp2_rl.robot.coordinates import joint_positions
 from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.observation import ENTRIES
 from bp2_rl.robot.operator import wish_rates
@@ -80,7 +79,7 @@ def write_page(
     models, told = {}, {}
     for name, hardware in robots_of(env).items():
         setup = RobotSetup(dataclasses.replace(env, hardware=hardware), world)
-        numbers[name] = _robot_numbers(setup, settings, settings["robots"][name])
+        numbers[name] = robot_numbers(setup, settings, settings["robots"][name])
         models[name] = model_xml(hardware, world.lay, weighed=True)
         told[name] = _describe(setup, settings["robots"][name]["stand"])
     page = {
@@ -130,7 +129,7 @@ def _require_known(policy: Policy) -> None:
         )
 
 
-def _robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> bytes:
+def robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> bytes:
     """Return the file from which a page's C++ reads a robot's motors, losses and
     operator."""
     env, bus, losses = setup.config, robot["bus"], robot["losses"]
@@ -138,7 +137,6 @@ def _robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> by
     losses = vars(NO_RESISTANCE) if losses is None else losses
     by_joint = {name: losses[name] for name in JOINT_LOSSES}
     rise, fall = wish_rates(env.control, env.commands.turn_acceleration)
-    stand = np.array(robot["stand"]["qpos"])
     parts = {
         "motors": {name: _at_joints(value) for name, value in motors.items()},
         "bus": vars(NO_BUS) if bus is None else bus,
@@ -147,10 +145,7 @@ def _robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> by
         "operator": settings["operator"],
         "wish": {"rise": rise, "fall": fall},
         "commands": {name: getattr(env.commands, name) for name in SIDEWAYS},
-        "stand": {
-            **robot["stand"],
-            "joints": joint_positions(stand),
-        },
+        "stand": robot["stand"] | {"target": settings["control"]["stand"]},
         "up": setup.model().opt.gravity / -GRAVITY,
         "behind": control_steps_behind(setup.latency),
     }

@@ -39,7 +39,7 @@ struct Robot {
 
   explicit Robot(bp2::detail::File& file)
       : leg((file.size("stand.qpos") - 7) / bp2::kLegs), motors(file), person(file), up(file.array<3>("up")),
-        stand(file.array<12>("stand.joints")), stand_torque(file.array<12>("stand.torque")),
+        stand(file.array<12>("stand.target")), stand_torque(file.array<12>("stand.torque")),
         behind(file.array<kMilliseconds>("behind")) {
     if (file.size("stand.qpos") != 19 && file.size("stand.qpos") != 23) file.blame("is of a robot with other legs");
     for (const double age : behind)
@@ -89,7 +89,7 @@ EXPORTED(reset) void reset() {
 EXPORTED(tick) const char* tick() {
   const bp2::State now = robot->now();
   const bp2::Measurement seen = now.measure(robot->up, robot->time);
-  const bp2::Vector command = robot->person.ask(shared.wish, controller->command()[0], now, kTick);
+  const bp2::Vector command = robot->person.ask(shared.wish, *controller, now, kTick);
   std::copy_backward(robot->issued.begin(), robot->issued.end() - 1, robot->issued.end());
   robot->issued[0] = controller->step(&seen, command.data(), robot->time);
   robot->time += kTick;
