@@ -4,24 +4,37 @@ browser runs the robot as C MuJoCo in Python does."""
 import ctypes
 import dataclasses
 import functools
+import hashlib
+import http.server
+import io
 import json
 import re
+import tarfile
+import threading
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
+from browser import browsing, find_browser
 from compiler import build, build_with_clang
+from synthetic import still_policy
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import _describe_robots
 from bp2_rl.deploy.page import build as page_build
-from bp2_rl.deploy.page.folder import robot_numbers
+from bp2_rl.deploy.page import mujoco_wasm
+from bp2_rl.deploy.page.folder import robot_numbers, write_page
 from bp2_rl.env.controller import motors_of
+from bp2_rl.learning.policy import save_policy
 from bp2_rl.play.session import Session, Wish
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.hardware import REAL, ROBOTS
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.policy_runner import control_steps_behind
+from bp2_rl.simulation.rollout import RunRequest, simulate
+from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import DT, OUTSIDE, RobotSetup
 
 HERE = page_build.HERE
@@ -203,3 +216,183 @@ def test_the_compiled_code_that_ships_is_of_these_sources(tmp_path):
     build_with_clang(tmp_path, HERE / "page.cpp", "-O3")
     page_build.compile_page(tmp_path / "page.wasm")
     assert (tmp_path / "page.wasm").read_bytes() == page_build.CODE.read_bytes()
+
+
+def tarball(path, **files):
+    """Write a file like npm's, and return its SHA-512."""
+    with tarfile.open(path, "w:gz") as archive:
+        for name, content in files.items():
+            member = tarfile.TarInfo(f"package/mujoco.{name}")
+            member.size = len(content)
+            archive.addfile(member, io.BytesIO(content))
+    return hashlib.sha512(path.read_bytes()).hexdigest()
+
+
+def test_mujocos_package_is_fetched_once_and_never_used_unchecked(
+    tmp_path, monkeypatch
+):
+    theirs, other, cache = tmp_path / "theirs", tmp_path / "other", tmp_path / "cache"
+    monkeypatch.setenv("BP2_CACHE", str(cache))
+    monkeypatch.setattr(mujoco_wasm, "SHA512", tarball(theirs, js=b"1", wasm=b"2"))
+    tarball(other, js=b"not theirs", wasm=b"2")
+    monkeypatch.setattr(mujoco_wasm, "URL", other.as_uri())
+    with pytest.raises(
+        UserError, match=r"file:.* is not npm's @mujoco/mujoco 3\.14\.0"
+    ):
+        mujoco_wasm.mujoco_files(None)
+    assert not cache.exists()
+    with pytest.raises(UserError, match=r"other is not npm's @mujoco/mujoco 3\.14\.0"):
+        mujoco_wasm.mujoco_files(other)
+    assert mujoco_wasm.mujoco_files(theirs) == (b"1", b"2")
+    monkeypatch.setattr(mujoco_wasm, "URL", (tmp_path / "none").as_uri())
+    with pytest.raises(UserError, match=r"cannot fetch file:.*give that file with"):
+        mujoco_wasm.mujoco_files(None)
+    monkeypatch.setattr(mujoco_wasm, "URL", theirs.as_uri())
+    assert mujoco_wasm.mujoco_files(None) == (b"1", b"2")
+    theirs.unlink()
+    assert mujoco_wasm.mujoco_files(None) == (b"1", b"2")
+    (kept,) = cache.iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1])
+    with pytest.raises(UserError, match="is not npm's"):
+        mujoco_wasm.mujoco_files(None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--format", "page", "--report", "report"], "only a copy has one"),
+        (["--format", "page", "--mujoco-package", "none"], "none cannot be read"),
+        (["--format", "onnx", "--mujoco-package", "none"], "give --format page, too"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    tmp_path, monkeypatch, make_card, capsys, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    save_policy(tmp_path / "run" / "policies" / "64", still_policy(make_card()))
+    assert command.main(["run", "--to", "site", *arguments]) == 2
+    assert words in (error := capsys.readouterr().err)
+    assert error.count("\n") == 1
+    assert not (tmp_path / "site").exists()
+
+
+def test_what_python_code_of_a_task_adds_is_refused_by_name(make_card, tmp_path):
+    layout = (*make_card().observation_layout, ("smell@5", 2))
+    policy = still_policy(make_card(observation_layout=layout))
+    with pytest.raises(
+        UserError, match=r"sees smell, which Python code .* bundle that"
+    ):
+        write_page(tmp_path / "site", policy)
+    assert not (tmp_path / "site").exists()
+
+
+# --- In a browser ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def site(shipped, tmp_path_factory):
+    """The shipped policy's page, with MuJoCo's package from the network or the cache."""
+    folder = tmp_path_factory.mktemp("page") / "site"
+    try:
+        write_page(folder, shipped)
+    except UserError as error:
+        pytest.skip(str(error))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tab(site, tmp_path_factory):
+    """The page in a browser, from a file server without headers of its own."""
+    pytest.importorskip(
+        "websockets",
+        reason='needs the package websockets: pip install -c constraints.txt -e ".[play]"',
+    )
+    if (browser := find_browser()) is None:
+        pytest.skip("needs a Chromium")
+    handler = functools.partial(Quiet, directory=str(site))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever).start()
+    try:
+        with browsing(
+            browser, "about:blank", tmp_path_factory.mktemp("profile")
+        ) as tab:
+            tab.listen()
+            tab.site = f"http://127.0.0.1:{server.server_port}/index.html"
+            yield tab
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+def shown(tab, fragment, width=1280, height=800):
+    """Open the page anew, and wait until the robot is there; return what was asked."""
+    tab.open("about:blank", width, height)
+    tab.call("Page.navigate", url=tab.site + fragment)
+    tab.wait("typeof page == 'object' && Boolean(page.robot)")
+    return json.loads(tab.value("JSON.stringify(page.asked)"))
+
+
+@pytest.mark.parametrize("name", ["built", "ideal"])
+def test_a_browser_runs_as_far_as_cmujoco_in_python(tab, shipped, name):
+    """12 m/s for ten seconds after a launch: MuJoCo 3.14 in WebAssembly and 3.17 here."""
+    request = RunRequest(Ramp(12.0, acceleration=1e6, hold=14.0), ROBOTS[name])
+    [run] = simulate(shipped, [request])
+    assert shown(tab, f"#robot={name}&speed=0")["robot"] == name
+    said = json.loads(
+        tab.value(
+            "JSON.stringify([page.reset(), page.run(10, 12), page.run(3.99, 12)])"
+        )
+    )
+    for found, end, start in ((said[1], 10000, 0), (said[2], 13990, 10000)):
+        assert found["fell"] is None
+        metres = run.qpos[end, 0] - run.qpos[start, 0]
+        assert found["metres"] == pytest.approx(metres, rel=0.01)
+    assert said[2]["took"] < 3.99  # s: it runs in real time, without pictures
+    assert tab.complaints == []
+
+
+def test_hands_and_eyes_find_what_they_need(tab, site):
+    total = sum(file.stat().st_size for file in site.rglob("*"))
+    assert total <= MOST_BYTES
+    for width in (1280, 400):
+        asked = shown(tab, "#policy=policy&robot=ideal&speed=2.5", width)
+        assert asked == {"policy": "policy", "robot": "ideal", "speed": "2.5"}
+        assert tab.value("document.documentElement.scrollWidth") <= width
+        picture = tab.screenshot().astype(int)
+        red = picture[..., 0] - picture[..., 1:].max(axis=-1)
+        assert np.mean(red > 40) > 0.1  # the track
+    tab.value("page.reset(); 0")
+    for key, wish in (
+        ("w", [0.5, 0, 0]),
+        ("q", [0.5, 0.1, 0]),
+        ("ArrowRight", [0.5, 0.1, -0.1]),
+    ):
+        tab.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+        tab.call("Input.dispatchKeyEvent", type="keyUp", key=key)
+        found = json.loads(tab.value("JSON.stringify([...page.robot.wish])"))
+        assert found == pytest.approx(wish)
+    assert tab.value("location.hash") == "#policy=policy&robot=ideal&speed=0.5"
+    assert tab.value("page.press('G'), page.run(12, 15.5), page.finished")
+    assert 8.0 < tab.value("page.best") < 12.0
+    assert tab.complaints == []
+
+
+def test_where_it_cannot_run_the_page_says_so(tab, site):
+    says = "document.querySelector('#says').textContent"
+    tab.open((site / "index.html").as_uri(), 400, 800)
+    assert tab.wait(f"{says}.includes('http.server') && {says}").count(".") < 4
+    tab.complaints.clear()
+    tab.call("Page.enable")
+    code = "delete globalThis.WebAssembly"
+    found = tab.call("Page.addScriptToEvaluateOnNewDocument", source=code)
+    tab.open(tab.site, 400, 800)
+    assert "no WebAssembly" in tab.value(says)
+    tab.call("Page.removeScriptToEvaluateOnNewDocument", **found)
+    tab.open("about:blank", 400, 800)
+    tab.call("Page.navigate", url=tab.site + "#policy=nowhere")
+    tab.wait(f"{says}.includes('the server has no nowhere/page.json')")
