@@ -2,8 +2,9 @@
 runs on a robot."""
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -13,6 +14,9 @@ from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import TaskWish
+
+if TYPE_CHECKING:
+    from bp2_rl.learning.policy import Policy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,30 +94,19 @@ def export(config: ExportConfig) -> None:
     # refuses what cannot be
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
-    if config.format == "page":
+    if config.format != "policy":
+        from bp2_rl.deploy.bundle import write_bundle
         from bp2_rl.deploy.page.folder import write_page
         from bp2_rl.simulation.world import World
 
         world = World(Terrain.of(config.terrain))
-        write_page(config.to, policy, world, config.mujoco_package)
-        print(f"exported {config.run} to {config.to}")
-        print(f"see it: python -m http.server --directory {config.to}")
-        return
-    if config.format == "onnx":
-        from bp2_rl.deploy.bundle import write_bundle
-        from bp2_rl.simulation.world import World
-
-        write_bundle(config.to, policy, World(Terrain.of(config.terrain)))
-        print(f"exported {config.run} to {config.to}")
-        if policy.card.stage == "imitation":
-            print(
-                "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
-            )
-        if own := [name for name, _ in env.task.entries]:
-            print(f"cpp/ refuses {', '.join(own)}: the task's entries are Python")
-        print(
-            f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
-        )
+        if config.format == "page":
+            write_page(config.to, policy, world, config.mujoco_package)
+            lines = [f"see it: python -m http.server --directory {config.to}"]
+        else:
+            write_bundle(config.to, policy, world)
+            lines = _advice(config, policy)
+        print(f"exported {config.run} to {config.to}", *lines, sep="\n")
         return
     results = policy.card.results
     for folder in config.report:
@@ -135,6 +128,15 @@ def export(config: ExportConfig) -> None:
         print(
             f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR"
         )
+
+
+def _advice(config: ExportConfig, policy: "Policy") -> Iterator[str]:
+    """Yield what is to be known of a bundle, and the line that tries it."""
+    if policy.card.stage == "imitation":
+        yield "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
+    if own := [name for name, _ in policy.card.env.task.entries]:
+        yield f"cpp/ refuses {', '.join(own)}: the task's entries are Python"
+    yield f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
 
 
 main = Command("bp2 export", ExportConfig, export)

@@ -12,22 +12,20 @@ import re
 import tarfile
 import threading
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from browser import browsing, find_browser
 from compiler import build, build_with_clang
-from synthetic import still_policy
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import _describe_robots
 from bp2_rl.deploy.page import build as page_build
 from bp2_rl.deploy.page import mujoco_wasm
 from bp2_rl.deploy.page.folder import robot_numbers, write_page
 from bp2_rl.env.controller import motors_of
-from bp2_rl.learning.policy import save_policy
 from bp2_rl.play.session import Session, Wish
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.hardware import REAL, ROBOTS
@@ -40,6 +38,7 @@ from bp2_rl.simulation.simulator import DT, OUTSIDE, RobotSetup
 HERE = page_build.HERE
 ROWS = 300
 MOST_BYTES = 14e6
+SAYS = "document.querySelector('#says').textContent"
 
 
 class Native:
@@ -111,8 +110,8 @@ def native(library, bundle, shipped, another):
         )
 
     def load(name):
-        controller, content, *rest = describe(name)
-        return Native(library, controller, content), *rest
+        controller, content, setup, own, folder = describe(name)
+        return Native(library, controller, content), setup, own, folder
 
     return load
 
@@ -169,7 +168,7 @@ def test_it_runs_cmujocos_robot_as_python_would(onboard, native, name):
             issued.insert(0, controller.step(reading, page.told.copy(), k * DT))
         q, qd, before = data.qpos[robot._q], data.qvel[robot._qd], data.ctrl.copy()
         target = issued[behind[k % 5]]
-        expected = joint_torque(motors, before, q, qd, *target, DT)
+        expected = joint_torque(motors, before, q, qd, target[0], target[1], DT)
         page.code.drive(k % 5)
         # Nm: stiffness times what targets may differ by
         np.testing.assert_allclose(page.torque, expected, atol=250.0 * 2e-5)
@@ -186,7 +185,9 @@ def test_a_wish_is_led_and_steered_as_in_play(native):
     low, high = (np.array(x) for x in ((0.0, -0.5, -1.0), (15.5, 0.5, 1.0)))
     for _ in range(20):
         page.code.reset()
-        person = SimpleNamespace(config=config, _asked=np.zeros(3), _line=np.zeros(3))
+        person: Any = SimpleNamespace(
+            config=config, _asked=np.zeros(3), _line=np.zeros(3)
+        )
         person.qpos = np.array(own["stand"]["qpos"])
         for k in range(60):  # then the watchdog would say that the joints stand still
             if k % 30 == 0:
@@ -257,35 +258,6 @@ def test_mujocos_package_is_fetched_once_and_never_used_unchecked(
         mujoco_wasm.mujoco_files(None)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--format", "page", "--report", "report"], "only a copy has one"),
-        (["--format", "page", "--mujoco-package", "none"], "none cannot be read"),
-        (["--format", "onnx", "--mujoco-package", "none"], "give --format page, too"),
-    ],
-)
-def test_a_mistake_is_one_line(
-    tmp_path, monkeypatch, make_card, capsys, arguments, words
-):
-    monkeypatch.chdir(tmp_path)
-    save_policy(tmp_path / "run" / "policies" / "64", still_policy(make_card()))
-    assert command.main(["run", "--to", "site", *arguments]) == 2
-    assert words in (error := capsys.readouterr().err)
-    assert error.count("\n") == 1
-    assert not (tmp_path / "site").exists()
-
-
-def test_what_python_code_of_a_task_adds_is_refused_by_name(make_card, tmp_path):
-    layout = (*make_card().observation_layout, ("smell@5", 2))
-    policy = still_policy(make_card(observation_layout=layout))
-    with pytest.raises(
-        UserError, match=r"sees smell, which Python code .* bundle that"
-    ):
-        write_page(tmp_path / "site", policy)
-    assert not (tmp_path / "site").exists()
-
-
 # --- In a browser ---------------------------------------------------------------------
 
 
@@ -301,24 +273,24 @@ def site(shipped, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def tab(site, tmp_path_factory):
-    """The page in a browser, from a file server without headers of its own."""
+def browser(site, tmp_path_factory):
+    """Return a browser's tab, and the page's address on a file server without headers of
+    its own."""
     pytest.importorskip(
         "websockets",
         reason='needs the package websockets: pip install -c constraints.txt -e ".[play]"',
     )
-    if (browser := find_browser()) is None:
+    if (program := find_browser()) is None:
         pytest.skip("needs a Chromium")
     handler = functools.partial(Quiet, directory=str(site))
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     threading.Thread(target=server.serve_forever).start()
     try:
         with browsing(
-            browser, "about:blank", tmp_path_factory.mktemp("profile")
+            program, "about:blank", tmp_path_factory.mktemp("profile")
         ) as tab:
             tab.listen()
-            tab.site = f"http://127.0.0.1:{server.server_port}/index.html"
-            yield tab
+            yield tab, f"http://127.0.0.1:{server.server_port}/index.html"
     finally:
         server.shutdown()
         server.server_close()
@@ -329,20 +301,21 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
         pass
 
 
-def shown(tab, fragment, width=1280, height=800):
+def shown(tab, address, width=1280, height=800):
     """Open the page anew, and wait until the robot is there; return what was asked."""
     tab.open("about:blank", width, height)
-    tab.call("Page.navigate", url=tab.site + fragment)
+    tab.call("Page.navigate", url=address)
     tab.wait("typeof page == 'object' && Boolean(page.robot)")
     return json.loads(tab.value("JSON.stringify(page.asked)"))
 
 
 @pytest.mark.parametrize("name", ["built", "ideal"])
-def test_a_browser_runs_as_far_as_cmujoco_in_python(tab, shipped, name):
+def test_a_browser_runs_as_far_as_cmujoco_in_python(browser, shipped, name):
     """12 m/s for ten seconds after a launch: MuJoCo 3.14 in WebAssembly and 3.17 here."""
     request = RunRequest(Ramp(12.0, acceleration=1e6, hold=14.0), ROBOTS[name])
     [run] = simulate(shipped, [request])
-    assert shown(tab, f"#robot={name}&speed=0")["robot"] == name
+    tab, address = browser
+    assert shown(tab, f"{address}#robot={name}&speed=0")["robot"] == name
     said = json.loads(
         tab.value(
             "JSON.stringify([page.reset(), page.run(10, 12), page.run(3.99, 12)])"
@@ -356,11 +329,12 @@ def test_a_browser_runs_as_far_as_cmujoco_in_python(tab, shipped, name):
     assert tab.complaints == []
 
 
-def test_hands_and_eyes_find_what_they_need(tab, site):
+def test_hands_and_eyes_find_what_they_need(browser, site):
+    tab, address = browser
     total = sum(file.stat().st_size for file in site.rglob("*"))
     assert total <= MOST_BYTES
     for width in (1280, 400):
-        asked = shown(tab, "#policy=policy&robot=ideal&speed=2.5", width)
+        asked = shown(tab, f"{address}#policy=policy&robot=ideal&speed=2.5", width)
         assert asked == {"policy": "policy", "robot": "ideal", "speed": "2.5"}
         assert tab.value("document.documentElement.scrollWidth") <= width
         picture = tab.screenshot().astype(int)
@@ -379,20 +353,25 @@ def test_hands_and_eyes_find_what_they_need(tab, site):
     assert tab.value("location.hash") == "#policy=policy&robot=ideal&speed=0.5"
     assert tab.value("page.press('G'), page.run(12, 15.5), page.finished")
     assert 8.0 < tab.value("page.best") < 12.0
+    tab.value("page.reset(), page.run(2, 6), page.robot.look().qvel[3] = 30")
+    assert tab.value("page.run(2, 6).fell") > 2.0
+    assert re.match(r"It fell at [456]\.\d m/s", tab.value(SAYS))
+    tab.value("for (let k = 0; k < 1510; k++) page.step()")
+    assert tab.value("page.robot.time") < 0.2  # it stands again
     assert tab.complaints == []
 
 
-def test_where_it_cannot_run_the_page_says_so(tab, site):
-    says = "document.querySelector('#says').textContent"
+def test_where_it_cannot_run_the_page_says_so(browser, site):
+    tab, address = browser
     tab.open((site / "index.html").as_uri(), 400, 800)
-    assert tab.wait(f"{says}.includes('http.server') && {says}").count(".") < 4
+    assert tab.wait(f"{SAYS}.includes('http.server') && {SAYS}").count(".") < 4
     tab.complaints.clear()
     tab.call("Page.enable")
     code = "delete globalThis.WebAssembly"
     found = tab.call("Page.addScriptToEvaluateOnNewDocument", source=code)
-    tab.open(tab.site, 400, 800)
-    assert "no WebAssembly" in tab.value(says)
+    tab.open(address, 400, 800)
+    assert "no WebAssembly" in tab.value(SAYS)
     tab.call("Page.removeScriptToEvaluateOnNewDocument", **found)
     tab.open("about:blank", 400, 800)
-    tab.call("Page.navigate", url=tab.site + "#policy=nowhere")
-    tab.wait(f"{says}.includes('the server has no nowhere/page.json')")
+    tab.call("Page.navigate", url=f"{address}#policy=nowhere")
+    tab.wait(f"{SAYS}.includes('the server has no nowhere/page.json')")

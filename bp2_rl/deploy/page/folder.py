@@ -4,7 +4,7 @@ the robot in a browser.
 index.html       the page, with *.js and page.css
 mujoco.js        MuJoCo's official build for browsers, with mujoco.wasm.gz
 page.wasm        the controller in C++, motors and operator
-policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml for each robot;
+policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml of each robot;
                  such folders of other pages may lie beside it: index.html#policy=FOLDER
 """
 
@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import require_name, write_bytes, write_text
-from bp2_rl.base.folders import new_folder
-from bp2_rl.deploy.bundle import describe, robots_of
+from bp2_rl.base.files import require_name, write_bytes
+from bp2_rl.deploy.bundle import describe, replaced, robots_of
 from bp2_rl.deploy.network import to_records
 from bp2_rl.deploy.onboard.binary import assemble, pack
 from bp2_rl.deploy.onboard.contents import Settings
@@ -74,16 +73,27 @@ def write_page(
     _require_known(policy)
     script, code = mujoco_files(package)
     settings, arrays = describe(policy, world)
-    env = policy.card.env
-    numbers = {"controller": pack(settings, arrays, to_records(policy))}
-    models, told = {}, {}
+    env, told = policy.card.env, {}
+    files = {file.name: file.read_bytes() for file in (*FROM_PLAYER, *OWN)}
+    files |= {
+        INDEX: (HERE / "page.html").read_bytes().replace(b"VERSION", VERSION.encode()),
+        "mujoco.js": script,
+        "mujoco.wasm.gz": gzip.compress(code, mtime=0),
+        f"{POLICY}/controller.bin.gz": gzip.compress(
+            pack(settings, arrays, to_records(policy)), mtime=0
+        ),
+    }
     for name, hardware in robots_of(env).items():
         setup = RobotSetup(dataclasses.replace(env, hardware=hardware), world)
-        numbers[name] = robot_numbers(setup, settings, settings["robots"][name])
-        models[name] = model_xml(hardware, world.lay, weighed=True)
-        told[name] = _describe(setup, settings["robots"][name]["stand"])
+        robot = settings["robots"][name]
+        files |= {
+            f"{POLICY}/{name}.bin": robot_numbers(setup, settings, robot),
+            f"{POLICY}/{name}.xml": model_xml(
+                hardware, world.lay, weighed=True
+            ).encode(),
+        }
+        told[name] = _describe(setup, robot)
     page = {
-        "name": env.hardware.anatomy.name,
         "command": settings["command"],
         "speed": settings["rehearsal"]["speed"],
         "fall": dataclasses.asdict(env.termination),
@@ -92,30 +102,11 @@ def write_page(
         "rivals": RIVALS,
         "robots": told,
     }
-    try:
-        place = Path(directory).resolve()
-        if place.exists() and not (place / INDEX).is_file() and any(place.iterdir()):
-            raise FileExistsError(
-                0, "the folder holds files that are no page's; choose another"
-            )
-        with new_folder(place) as fresh:
-            for file in (*FROM_PLAYER, *OWN):
-                write_bytes(fresh / file.name, file.read_bytes())
-            write_bytes(fresh / "mujoco.js", script)
-            write_bytes(fresh / "mujoco.wasm.gz", gzip.compress(code, mtime=0))
-            text = (HERE / "page.html").read_text().replace("VERSION", VERSION)
-            write_text(fresh / INDEX, text)
-            (fresh / POLICY).mkdir()
-            for name, content in numbers.items():
-                packed = gzip.compress(content, mtime=0)
-                write_bytes(fresh / POLICY / f"{name}.bin.gz", packed)
-            for name, xml in models.items():
-                write_text(fresh / POLICY / f"{name}.xml", xml)
-            write_text(fresh / POLICY / "page.json", json.dumps(page, allow_nan=False))
-    except OSError as error:
-        raise UserError(
-            f"cannot write page {directory}: {error.strerror or error}"
-        ) from error
+    files[f"{POLICY}/page.json"] = json.dumps(page, allow_nan=False).encode()
+    with replaced(directory, "page", INDEX) as fresh:
+        (fresh / POLICY).mkdir()
+        for name, content in files.items():
+            write_bytes(fresh / name, content)
 
 
 def _require_known(policy: Policy) -> None:
@@ -133,15 +124,12 @@ def robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> byt
     """Return the file from which a page's C++ reads a robot's motors, losses and
     operator."""
     env, bus, losses = setup.config, robot["bus"], robot["losses"]
-    motors = settings["gains"] | robot["motors"]
     losses = vars(NO_RESISTANCE) if losses is None else losses
-    by_joint = {name: losses[name] for name in JOINT_LOSSES}
     rise, fall = wish_rates(env.control, env.commands.turn_acceleration)
     parts = {
-        "motors": {name: _at_joints(value) for name, value in motors.items()},
+        "motors": _at_joints(settings["gains"] | robot["motors"]),
         "bus": vars(NO_BUS) if bus is None else bus,
-        "losses": losses
-        | {name: _at_joints(value) for name, value in by_joint.items()},
+        "losses": losses | _at_joints({name: losses[name] for name in JOINT_LOSSES}),
         "operator": settings["operator"],
         "wish": {"rise": rise, "fall": fall},
         "commands": {name: getattr(env.commands, name) for name in SIDEWAYS},
@@ -152,20 +140,22 @@ def robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> byt
     return assemble(parts)
 
 
-def _at_joints(value: object) -> np.ndarray:
-    """Return a parameter at all twelve joints, where None is infinity."""
-    number = np.inf if value is None else value
-    return np.broadcast_to(np.asarray(number, np.float64), NUM_MOTORS)
+def _at_joints(values: Settings) -> dict[str, np.ndarray]:
+    """Return parameters at all twelve joints, by name; None is infinity."""
+    return {
+        name: np.broadcast_to(np.float64(np.inf if x is None else x), NUM_MOTORS)
+        for name, x in values.items()
+    }
 
 
-def _describe(setup: RobotSetup, stand: Settings) -> Settings:
+def _describe(setup: RobotSetup, robot: Settings) -> Settings:
     """Return what a page's JavaScript is told of a robot."""
     options, hardware = setup.model().opt, setup.config.hardware
     path = np.array([[0.0, 0.0], [SHOWN, 0.0]])
     scene = describe_robot(hardware, setup.world, path)
     scene["geoms"] += list(_course())
     return {
-        "stand": stand["qpos"],
+        "stand": robot["stand"]["qpos"],
         "solver": {name: getattr(options, name) for name in SOLVER},
         "throughout": hardware.envelope == "throughout",
         "scene": scene,

@@ -14,6 +14,7 @@ const MOST_WORK = 0.05; // s, in which a picture's physics must be done, or else
 const find = (selector) => document.querySelector(selector);
 const shows = (name) => find(`[data-shows=${name}]`);
 const says = (text) => { find("#says").textContent = text; };
+const fail = (reason) => says(`This page does not work here: ${reason.message}.`);
 
 class Page {
   constructor(mujoco, asked, content) {
@@ -38,11 +39,12 @@ class Page {
       button.addEventListener("click", () => { this.press(button.dataset.key); button.blur(); });
     });
     const on = (name, does) => find(`[data-does=${name}]`).addEventListener("change", ({ target }) => does(target));
-    on("robot", ({ value }) => this.take(value).then(() => this.remember()));
+    on("robot", ({ value }) => this.take(value).then(() => this.remember(), fail));
     on("slow", ({ value }) => { this.slow = Number(value); });
     find("[data-does=link]").addEventListener("click", () => this.copy());
     addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, button")) return;
+      const theirs = event.target.matches(event.key.startsWith("Arrow") ? "input, select" : "select"); // of an element
+      if (theirs || event.ctrlKey || event.metaKey || event.altKey) return;
       const arrows = { ArrowUp: "W", ArrowDown: "S", ArrowLeft: "A", ArrowRight: "D" };
       if (this.press(arrows[event.key] ?? event.key.toUpperCase())) event.preventDefault();
     });
@@ -63,7 +65,7 @@ class Page {
 
   reset() {
     this.robot.reset();
-    Object.assign(this, { began: null, sprint: 0, finished: false, fell: null, speeds: [], speed: 0 });
+    Object.assign(this, { began: null, sprint: 0, finished: false, fell: null, speeds: [] });
     says("");
   }
 
@@ -124,6 +126,10 @@ class Page {
       button.textContent = "See address bar";
     }
     setTimeout(() => { button.textContent = "Copy link"; }, 2000);
+  }
+
+  get speed() { // mean of a stride, m/s
+    return this.speeds.reduce((sum, speed) => sum + speed, 0) / Math.max(this.speeds.length, 1);
   }
 
   // --- Time -----------------------------------------------------------------------------
@@ -187,10 +193,9 @@ class Page {
   }
 
   tell(x) {
-    const { robot, content, sprint } = this;
-    this.speed = this.speeds.reduce((sum, speed) => sum + speed, 0) / Math.max(this.speeds.length, 1);
-    shows("speed").textContent = (Math.abs(this.speed) < 0.05 ? 0 : this.speed).toFixed(1);
-    shows("told").textContent = `${Math.abs(3.6 * this.speed).toFixed(0)} km/h, told ${robot.told[0].toFixed(1)} m/s`;
+    const { robot, content, sprint, speed } = this;
+    shows("speed").textContent = (Math.abs(speed) < 0.05 ? 0 : speed).toFixed(1);
+    shows("told").textContent = `${Math.abs(3.6 * speed).toFixed(0)} km/h, told ${robot.told[0].toFixed(1)} m/s`;
     shows("clock").textContent = sprint.toFixed(2);
     const best = this.best < Infinity ? `, best ${this.best.toFixed(2)} s` : "";
     shows("run").textContent = this.finished ? `100 m done${best}` : `${x.toFixed(0)} m of ${content.track}${best}`;
@@ -231,4 +236,4 @@ async function main() {
   globalThis.page = page;
 }
 
-main().catch((reason) => says(`This page does not work here: ${reason.message}.`));
+main().catch(fail);

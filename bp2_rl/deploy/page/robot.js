@@ -17,7 +17,7 @@ async function bytes(path) {
 class Robot {
   // The last argument is the content of page.json.
   static async load(mujoco, folder, name, { robots, fall }) {
-    const files = ["page.wasm", `${folder}/controller.bin.gz`, `${folder}/${name}.bin.gz`, `${folder}/${name}.xml`];
+    const files = ["page.wasm", `${folder}/controller.bin.gz`, `${folder}/${name}.bin`, `${folder}/${name}.xml`];
     const [code, controller, numbers, xml] = await Promise.all(files.map(bytes));
     const wasi = new Proxy({}, { get: () => () => 8 }); // there are no files
     const { instance } = await WebAssembly.instantiate(code, { wasi_snapshot_preview1: wasi });
