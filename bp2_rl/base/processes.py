@@ -84,8 +84,10 @@ def cache_folder() -> Path:
     Raises:
         RuntimeError: there is no home.
     """
-    default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(os.environ.get("BP2_CACHE") or default / "bp2_rl")
+    return Path(
+        os.environ.get("BP2_CACHE")
+        or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
+    )
 
 
 def keep_compiled() -> Path | None:

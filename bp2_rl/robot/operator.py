@@ -23,9 +23,6 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot.conventions import CONTROL_STEP
 
 COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
-BRAKING = 1.5
-"""m/s2, at which a person asks for a slower speed where the controller does not ease
-stops itself."""
 EASE = 0.5
 """m/s: in `stopping_time` a forward command falls by its size plus this speed, so that
 it comes to rest."""
@@ -125,7 +122,9 @@ COMMAND_LIMITS = tuple(field.name for field in dataclasses.fields(CommandLaw))
 """Names of the fields of `CommandLaw`, in settings and on a robot's computer."""
 
 
-def wish_rates(law: CommandLaw, turning: float) -> tuple[np.ndarray, np.ndarray]:
+def wish_rates(
+    law: CommandLaw, turning: float, braking: float = 1.5
+) -> tuple[np.ndarray, np.ndarray]:
     """Return how fast what a person asks for rises and falls toward the wish: m/s2
     forward and to the left, rad/s2.
 
@@ -133,10 +132,21 @@ def wish_rates(law: CommandLaw, turning: float) -> tuple[np.ndarray, np.ndarray]
         law: of the controller; where it limits launches, a forward wish is asked for at
             once.
         turning: the last two rates.
+        braking: m/s2, at which less speed is asked for where the controller does not
+            ease stops itself.
     """
-    rise = math.inf if math.isfinite(law.launching) else COMMAND_ACCELERATION
-    fall = COMMAND_ACCELERATION if law.stopping_time else BRAKING
-    return np.array([rise, turning, turning]), np.array([fall, turning, turning])
+    return (
+        np.array(
+            [
+                math.inf if law.launching < math.inf else COMMAND_ACCELERATION,
+                turning,
+                turning,
+            ]
+        ),
+        np.array(
+            [COMMAND_ACCELERATION if law.stopping_time else braking, turning, turning]
+        ),
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """MuJoCo's official build for browsers: a package of npm, fetched once, or given as a
 file."""
 
+import contextlib
 import hashlib
 import io
 import tarfile
@@ -30,14 +31,13 @@ def mujoco_files(given: Path | None) -> tuple[bytes, bytes]:
         UserError: the file cannot be had, or is another than the pinned one.
     """
     kept = cache_folder() / f"mujoco-wasm-{VERSION}.tgz"
-    if given is None and not kept.is_file():
-        content = _fetch()
-        _require_pinned(content, URL)
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(kept, content)
-    place = given or kept
-    content = read_bytes(place, LARGEST)
-    _require_pinned(content, str(place))
+    place = given or (kept if kept.is_file() else None)
+    content = read_bytes(place, LARGEST) if place else _fetch()
+    _require_pinned(content, str(place or URL))
+    if place is None:
+        with contextlib.suppress(OSError):  # then it is fetched again the next time
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(kept, content)
     with tarfile.open(fileobj=io.BytesIO(content)) as archive:
         members = [
             archive.extractfile(f"package/mujoco.{end}") for end in ("js", "wasm")
