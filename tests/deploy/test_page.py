@@ -351,6 +351,11 @@ def test_hands_and_eyes_find_what_they_need(browser, site):
         found = json.loads(tab.value("JSON.stringify([...page.robot.wish])"))
         assert found == pytest.approx(wish)
     assert tab.value("location.hash") == "#policy=policy&robot=ideal&speed=0.5"
+    stick = "axes: [0, -0.575, 0, 0], buttons: []"  # half of what is not rest
+    tab.value(f"navigator.getGamepads = () => [{{ connected: true, {stick} }}]")
+    tab.wait("page.robot.wish[0] == 7.75", 20.0)
+    tab.value("delete navigator.getGamepads")
+    tab.value("page.held = {}; page.reset()")
     assert tab.value("page.press('G'), page.run(12, 15.5), page.finished")
     assert 8.0 < tab.value("page.best") < 12.0
     tab.value("page.reset(), page.run(2, 6), page.robot.look().qvel[3] = 30")

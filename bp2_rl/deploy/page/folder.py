@@ -2,7 +2,7 @@
 the robot in a browser.
 
 index.html       the page, with *.js and page.css
-mujoco.js        MuJoCo's official build for browsers, with mujoco.wasm.gz
+mujoco.js        MuJoCo's official build for browsers, with mujoco.wasm.gz and its licence
 page.wasm        the controller in C++, motors and operator
 policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml of each robot;
                  such folders of other pages may lie beside it: index.html#policy=FOLDER
@@ -10,6 +10,7 @@ policy/          page.json, controller.bin.gz, and NAME.bin and NAME.xml of each
 
 import dataclasses
 import gzip
+import importlib.metadata
 import itertools
 import json
 from collections.abc import Iterator
@@ -44,6 +45,8 @@ HERE, POLICY, INDEX = Path(__file__).parent, "policy", "index.html"
 SCRIPTS = ("linear.js", "shapes.js", "motion.js", "camera.js", "scene.js")
 FROM_PLAYER = [Path(player.__file__).parent / name for name in SCRIPTS]
 OWN = [HERE / name for name in ("robot.js", "page.js", "page.css", "page.wasm")]
+LICENSE = importlib.metadata.distribution("mujoco").read_text("licenses/LICENSE") or ""
+"""MuJoCo's, which goes where MuJoCo goes; npm's package is without."""
 SIDEWAYS = "max_lateral", "max_forward", "max_turn", "max_yaw_rate"
 RIVALS = {"Bolt": BOLT_SPLITS, "paper's BP2": [TIMES[PAPER_BP2]]}
 """Times over equal parts of 100 m, s."""
@@ -78,6 +81,7 @@ def write_page(
     files |= {
         INDEX: (HERE / "page.html").read_bytes().replace(b"VERSION", VERSION.encode()),
         "mujoco.js": script,
+        "mujoco.LICENSE": LICENSE.encode(),
         "mujoco.wasm.gz": gzip.compress(code, mtime=0),
         f"{POLICY}/controller.bin.gz": gzip.compress(
             pack(settings, arrays, to_records(policy)), mtime=0
@@ -94,6 +98,7 @@ def write_page(
         }
         told[name] = _describe(setup, robot)
     page = {
+        "name": env.hardware.anatomy.name,
         "command": settings["command"],
         "speed": settings["rehearsal"]["speed"],
         "fall": dataclasses.asdict(env.termination),

@@ -28,7 +28,9 @@ class Page {
   // Elements that depend on the policy, and what hands do to them all.
   build() {
     const { least, most } = this.content.command, names = Object.keys(this.content.robots);
+    document.title = `${this.content.name} runs`;
     find("[data-does=robot]").replaceChildren(...names.map((name) => new Option(name)));
+    find("[data-does=robot]").hidden = names.length < 2;
     document.querySelectorAll("[data-wish]").forEach((slider) => {
       const i = Number(slider.dataset.wish);
       [slider.min, slider.max, slider.value] = [least[i], most[i], 0];
@@ -198,7 +200,7 @@ class Page {
     shows("told").textContent = `${Math.abs(3.6 * speed).toFixed(0)} km/h, told ${robot.told[0].toFixed(1)} m/s`;
     shows("clock").textContent = sprint.toFixed(2);
     const best = this.best < Infinity ? `, best ${this.best.toFixed(2)} s` : "";
-    shows("run").textContent = this.finished ? `100 m done${best}` : `${x.toFixed(0)} m of ${content.track}${best}`;
+    shows("run").textContent = this.finished ? `100 m done${best}` : `${Math.max(x, 0).toFixed(0)} m of ${content.track}${best}`;
     WISHES.forEach(([name, unit], i) => {
       shows(`${name}-wish`).textContent = `${robot.wish[i].toFixed(2)} ${unit}`;
       const slider = find(`[data-wish="${i}"]`);
