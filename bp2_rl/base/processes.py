@@ -77,12 +77,24 @@ def without_gl_library() -> Generator[None]:
             os.environ["MUJOCO_GL"] = library
 
 
+def cache_folder() -> Path:
+    """Return the project's folder for files that can be made or fetched anew:
+    $BP2_CACHE, else the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
+
+    Raises:
+        RuntimeError: there is no home.
+    """
+    return Path(
+        os.environ.get("BP2_CACHE")
+        or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
+    )
+
+
 def keep_compiled() -> Path | None:
     """Let JAX keep compiled programs on disk; return the folder for traced programs, or
     None if it cannot be written.
 
-    Both lie in $BP2_CACHE, else in the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
-    Where JAX has been told a folder before, by $JAX_COMPILATION_CACHE_DIR for one, JAX
+    Both lie in the `cache_folder`. Where JAX has been told a folder before, by $JAX_COMPILATION_CACHE_DIR for one, JAX
     keeps its programs there.
     """
     import jax  # when XLA's threads have been set
@@ -90,10 +102,7 @@ def keep_compiled() -> Path | None:
     # Without a home or a disk that can be written, only the time of the next
     # compilation is lost.
     with contextlib.suppress(OSError, RuntimeError):
-        default = (
-            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
-        )
-        cache = Path(os.environ.get("BP2_CACHE") or default)
+        cache = cache_folder()
         (cache / "jax").mkdir(parents=True, exist_ok=True)
         if jax.config.values["jax_compilation_cache_dir"] is None:
             jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))

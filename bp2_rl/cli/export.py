@@ -2,8 +2,9 @@
 runs on a robot."""
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -13,6 +14,9 @@ from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import TaskWish
+
+if TYPE_CHECKING:
+    from bp2_rl.learning.policy import Policy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,19 +34,23 @@ class ExportConfig:
     """A training run's folder or a policy folder."""
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The copy's folder; a policy or a bundle that is there is replaced."""
-    format: Literal["policy", "onnx"] = "policy"
+    format: Literal["policy", "onnx", "page"] = "policy"
     """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network,
     the reference motion, a controller in Python and in C++, and a rehearsal in C MuJoCo
-    (docs/deploy.md)"""
+    (docs/deploy.md). page: a folder for a file server, whose page runs the policy in a
+    browser"""
     report: Annotated[
         tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")
     ] = ()
     """A folder that eval.py wrote of this policy; may be given several times. Not with
-    onnx, which has no card."""
+    onnx or page, which have no card."""
     task: TaskWish = None
     """The task that the policy was trained with, where the task adds to what the policy
     sees: a bundle holds its entries' code"""
     terrain: TerrainWish = "flat"
+    mujoco_package: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """The .tgz of npm's @mujoco/mujoco for --format page, where there is no network
+    from which to fetch it"""
     braking: float | None = None
     """m/s2, at which the forward command that the policy is told falls at most: the
     copy's `control.braking`"""
@@ -58,12 +66,17 @@ class ExportConfig:
 def export(config: ExportConfig) -> None:
     """Copy a policy or write its bundle, as `config` says; check all inputs before
     writing."""
-    if config.format == "onnx" and config.report:
+    if config.format != "policy" and config.report:
         raise UserError(
-            "--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx"
+            "--report adds to a policy's card, and only a copy has one: leave out --report or "
+            f"--format {config.format}"
         )
-    if config.format != "onnx" and config.terrain != "flat":
-        raise UserError("--terrain is of a bundle's rehearsal: give --format onnx, too")
+    if config.format == "policy" and config.terrain != "flat":
+        raise UserError(
+            "--terrain is of a bundle's rehearsal or a page: give --format onnx or page, too"
+        )
+    if config.format != "page" and config.mujoco_package:
+        raise UserError("--mujoco-package is of a page: give --format page, too")
     find_policy(config.run)
     # Imported here so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
@@ -81,21 +94,19 @@ def export(config: ExportConfig) -> None:
     # refuses what cannot be
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
-    if config.format == "onnx":
+    if config.format != "policy":
         from bp2_rl.deploy.bundle import write_bundle
+        from bp2_rl.deploy.page.folder import write_page
         from bp2_rl.simulation.world import World
 
-        write_bundle(config.to, policy, World(Terrain.of(config.terrain)))
-        print(f"exported {config.run} to {config.to}")
-        if policy.card.stage == "imitation":
-            print(
-                "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
-            )
-        if own := [name for name, _ in env.task.entries]:
-            print(f"cpp/ refuses {', '.join(own)}: the task's entries are Python")
-        print(
-            f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
-        )
+        world = World(Terrain.of(config.terrain))
+        if config.format == "page":
+            write_page(config.to, policy, world, config.mujoco_package)
+            lines = [f"see it: python -m http.server --directory {config.to}"]
+        else:
+            write_bundle(config.to, policy, world)
+            lines = _advice(config, policy)
+        print(f"exported {config.run} to {config.to}", *lines, sep="\n")
         return
     results = policy.card.results
     for folder in config.report:
@@ -117,6 +128,15 @@ def export(config: ExportConfig) -> None:
         print(
             f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR"
         )
+
+
+def _advice(config: ExportConfig, policy: "Policy") -> Iterator[str]:
+    """Yield what is to be known of a bundle, and the line that tries it."""
+    if policy.card.stage == "imitation":
+        yield "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
+    if own := [name for name, _ in policy.card.env.task.entries]:
+        yield f"cpp/ refuses {', '.join(own)}: the task's entries are Python"
+    yield f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
 
 
 main = Command("bp2 export", ExportConfig, export)

@@ -11,11 +11,13 @@ cpp/               the controller in C++ with its numbers in one file, and an ex
 requirements.txt   what to install, with versions that were tried together
 """
 
+import contextlib
 import dataclasses
 import importlib.metadata
 import json
 import math
 import re
+from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -135,48 +137,65 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
     settings, arrays = describe(policy, world)
     layout = {"observation": json.dumps(settings["observation"])}
     network = to_onnx(policy, layout | settings["policy"] | loader_metadata(settings))
+    with replaced(directory, "bundle", SETTINGS) as fresh:
+        write_bytes(fresh / NETWORK, network)
+        write_npz(fresh / REFERENCE, arrays)
+        write_text(
+            fresh / SETTINGS, json.dumps(settings, indent=1, allow_nan=False) + "\n"
+        )
+        write_text(
+            fresh / NEEDS,
+            "".join(
+                f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES
+            ),
+        )
+        for folder in (CODE, ROBOT_FOLDER, CPP):
+            (fresh / folder).mkdir()
+        for module in (
+            *sorted(Path(onboard.__file__).parent.glob("*.py")),
+            *map(Path, LAWS),
+        ):
+            write_text(
+                fresh / CODE / module.name,
+                FROM_PACKAGE.sub("from .", module.read_text()),
+            )
+        if isinstance(code := policy.card.env.task.code, TaskSources):
+            own = onboard_source(code, policy.card.env.task.task)
+            write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
+        for source in sorted((Path(__file__).parent / CPP).iterdir()):
+            write_text(fresh / CPP / source.name, source.read_text())
+        write_bytes(fresh / BINARY, pack(settings, arrays, to_records(policy)))
+        for name, hardware in robots_of(policy.card.env).items():
+            write_text(
+                fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
+            )
+        seal(fresh)
+
+
+@contextlib.contextmanager
+def replaced(directory: Path, kind: str, mark: str) -> Generator[Path]:
+    """Context manager that yields a new folder, which replaces `directory` when the
+    block ends, whole or not at all.
+
+    Args:
+        directory: a folder that is not there, is empty, or holds the file `mark`.
+        kind: what the folder is called in errors.
+        mark: the file by which a folder of this kind is known.
+
+    Raises:
+        UserError: the folder is of another kind, or cannot be written.
+    """
     try:
         place = Path(directory).resolve()
-        if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
+        if place.exists() and not (place / mark).is_file() and any(place.iterdir()):
             raise FileExistsError(
-                0, "the folder holds files that are no bundle's; choose another"
+                0, f"the folder holds files that are no {kind}'s; choose another"
             )
         with new_folder(place) as fresh:
-            write_bytes(fresh / NETWORK, network)
-            write_npz(fresh / REFERENCE, arrays)
-            write_text(
-                fresh / SETTINGS, json.dumps(settings, indent=1, allow_nan=False) + "\n"
-            )
-            write_text(
-                fresh / NEEDS,
-                "".join(
-                    f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES
-                ),
-            )
-            for folder in (CODE, ROBOT_FOLDER, CPP):
-                (fresh / folder).mkdir()
-            for module in (
-                *sorted(Path(onboard.__file__).parent.glob("*.py")),
-                *map(Path, LAWS),
-            ):
-                write_text(
-                    fresh / CODE / module.name,
-                    FROM_PACKAGE.sub("from .", module.read_text()),
-                )
-            if isinstance(code := policy.card.env.task.code, TaskSources):
-                own = onboard_source(code, policy.card.env.task.task)
-                write_text(fresh / CODE / "task.py", FROM_PACKAGE.sub("from .", own))
-            for source in sorted((Path(__file__).parent / CPP).iterdir()):
-                write_text(fresh / CPP / source.name, source.read_text())
-            write_bytes(fresh / BINARY, pack(settings, arrays, to_records(policy)))
-            for name, hardware in _robots(policy.card.env).items():
-                write_text(
-                    fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware, world.lay)
-                )
-            seal(fresh)
+            yield fresh
     except OSError as error:
         raise UserError(
-            f"cannot write bundle {directory}: {error.strerror or error}"
+            f"cannot write {kind} {directory}: {error.strerror or error}"
         ) from error
 
 
@@ -334,7 +353,7 @@ def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
     )
 
 
-def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
+def robots_of(env: EnvConfig) -> dict[str, HardwareSpec]:
     """Return the robots of a bundle's rehearsal, by name: `own`, if not a named BP2,
     and BP2's built and ideal."""
     if not env.hardware.is_bp2:
@@ -351,7 +370,7 @@ def _describe_robots(env: EnvConfig, world: World = LEVEL) -> dict[str, Settings
     """
     robots = {
         name: dataclasses.replace(env, hardware=hardware)
-        for name, hardware in _robots(env).items()
+        for name, hardware in robots_of(env).items()
     }
     stands = settled([RobotSetup(robot, world) for robot in robots.values()])
     described: dict[str, Settings] = {}

@@ -23,10 +23,10 @@ from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import foot_forces, foot_geom_ids
 from bp2_rl.robot.operator import (
-    COMMAND_ACCELERATION,
     HEADING_HOLD,
     HeadingHold,
     approach,
+    wish_rates,
 )
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.metrics import RIPPLE
@@ -34,9 +34,6 @@ from bp2_rl.simulation.policy_runner import PolicyRunner
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose, shove
 
-# m/s2, at which a slower speed is commanded where the controller does not ease stops
-# itself
-BRAKING = 1.5
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
 REMEMBERED = 250  # ms of torques and joint speeds
 Friction = Annotated[float, Within(0.05, 2.0)]
@@ -272,14 +269,8 @@ class Session:
         commands = self.config.commands
         control = self.config.control
         now = self._asked
-        turning = commands.turn_acceleration
         dt = conventions.CONTROL_STEP
-        launches = math.isfinite(control.launching)  # then the controller's law says
-        rise = np.array(
-            [math.inf if launches else COMMAND_ACCELERATION, *2 * [turning]]
-        )
-        braking = COMMAND_ACCELERATION if control.stopping_time else BRAKING
-        fall = np.array([braking, turning, turning])
+        rise, fall = wish_rates(control, commands.turn_acceleration)
         asked = approach(now, np.array(self.wish), rise * dt, fall * dt)
         asked = control.tell(now, asked)
         # as in training: less sideways at speed, and turns that friction holds

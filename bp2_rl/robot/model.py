@@ -77,10 +77,15 @@ def load_model(
         ) from error
 
 
-def model_xml(hardware: HardwareSpec, scene: Callable[[mujoco.MjSpec], None]) -> str:
+def model_xml(
+    hardware: HardwareSpec,
+    scene: Callable[[mujoco.MjSpec], None],
+    *,
+    weighed: bool = False,
+) -> str:
     """Write the model that `load_model` compiles as one text of MJCF, with numbers to
     six digits."""
-    spec = _scene(hardware).copy()
+    spec = _scene(hardware, weighed=weighed).copy()
     scene(spec)
     spec.compile()
     return spec.to_xml()

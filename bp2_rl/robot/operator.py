@@ -16,6 +16,8 @@ import dataclasses
 import math
 from typing import Annotated
 
+import numpy as np
+
 from bp2_rl.base.arrays import ArrayT, Number
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot.conventions import CONTROL_STEP
@@ -118,6 +120,33 @@ class CommandLaw(LaunchLaw):
 
 COMMAND_LIMITS = tuple(field.name for field in dataclasses.fields(CommandLaw))
 """Names of the fields of `CommandLaw`, in settings and on a robot's computer."""
+
+
+def wish_rates(
+    law: CommandLaw, turning: float, braking: float = 1.5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how fast what a person asks for rises and falls toward the wish: m/s2
+    forward and to the left, rad/s2.
+
+    Args:
+        law: of the controller; where it limits launches, a forward wish is asked for at
+            once.
+        turning: the last two rates.
+        braking: m/s2, at which less speed is asked for where the controller does not
+            ease stops itself.
+    """
+    return (
+        np.array(
+            [
+                math.inf if law.launching < math.inf else COMMAND_ACCELERATION,
+                turning,
+                turning,
+            ]
+        ),
+        np.array(
+            [COMMAND_ACCELERATION if law.stopping_time else braking, turning, turning]
+        ),
+    )
 
 
 @dataclasses.dataclass(frozen=True)

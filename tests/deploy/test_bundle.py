@@ -16,6 +16,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import _describe_robots, write_bundle
 from bp2_rl.deploy.onboard.contents import with_infinity
+from bp2_rl.deploy.page.folder import write_page
 from bp2_rl.learning.policy import save_policy
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.losses import Resistance
@@ -153,17 +154,20 @@ def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--to", "robot", "--report", "report"], "a bundle has none"),
-        (["--to", "run"], "holds files that are no bundle's"),
+        (["onnx", "--to", "robot", "--report", "report"], "only a copy has one"),
+        (["onnx", "--to", "run"], "holds files that are no bundle's"),
         (
-            ["--to", "run/policies/64/card.json"],
+            ["onnx", "--to", "run/policies/64/card.json"],
             "cannot write bundle run/policies/64/card.json",
         ),
+        (["onnx", "--to", "robot", "--mujoco-package", "x"], "give --format page, too"),
+        (["page", "--to", "robot", "--report", "report"], "only a copy has one"),
+        (["page", "--to", "robot", "--mujoco-package", "x"], "x cannot be read"),
     ],
 )
 def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
     save_policy(here / "run" / "policies" / "64", still_policy(make_card()))
-    assert command.main(["run", "--format", "onnx", *arguments]) == 2
+    assert command.main(["run", "--format", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert words in err
@@ -183,12 +187,12 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_ca
     )
 
 
-def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
-    layout = (*make_card().observation_layout, ("smell", 2))
+@pytest.mark.parametrize("write", [write_bundle, write_page])
+def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path, write):
+    layout = (*make_card().observation_layout, ("smell@5", 2))
+    policy = still_policy(make_card(observation_layout=layout))
     with pytest.raises(UserError, match="the policy sees smell, which"):
-        write_bundle(
-            tmp_path / "robot", still_policy(make_card(observation_layout=layout))
-        )
+        write(tmp_path / "robot", policy)
     assert not (tmp_path / "robot").exists()
 
 

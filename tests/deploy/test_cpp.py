@@ -10,14 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiler import CPP, build, build_with_clang
 from refusals import python
 
-from bp2_rl.deploy import bundle as package
-
-CPP, HERE = Path(package.__file__).parent / "cpp", Path(__file__).parent
+HERE = Path(__file__).parent
 PAGE = Path(__file__).parents[2] / "docs" / "deploy.md"
-WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror"
-STRICT = "-std=c++17", *WARNINGS, "-fno-exceptions", f"-I{CPP}"
 SANE = "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
 DT = 0.005
 # rad, rad/s: the network's float32 sums in another order, and the way to a stand is 15
@@ -33,18 +30,6 @@ ANSWER = np.dtype(
     ]
 )
 MEASURED, COMMANDED, RESET, WAITED = 1, 2, 4, 8
-
-
-def build(folder, source, *flags):
-    """Compile a program; skip the test without a compiler."""
-    compiler = shutil.which(os.environ.get("CXX", "c++"))
-    if compiler is None:
-        pytest.skip("there is no C++ compiler")
-    program = folder / Path(source).stem
-    command = compiler, *STRICT, *flags, str(source), "-o", str(program)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return program
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +128,11 @@ class Piped:
         (answer,) = np.frombuffer(self._out.read(ANSWER.itemsize), ANSWER)
         self.told, self.fault = WAITED, answer["fault"].decode()
         return self._targets(*answer["targets"])
+
+
+@pytest.mark.parametrize("source", [HERE / "drive.cpp", CPP / "main.cpp"])
+def test_clang_compiles_it_without_a_warning(tmp_path, source):
+    build_with_clang(tmp_path, source, "-O3")
 
 
 # --- Recorded runs --------------------------------------------------------------------

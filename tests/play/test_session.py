@@ -11,7 +11,7 @@ from runs import run_one
 from synthetic import still_policy
 
 from bp2_rl.play.pace import FRAMES, Pace, play_on
-from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish, readings
+from bp2_rl.play.session import RIPPLE, STEP, Session, Wish, readings
 from bp2_rl.robot.conventions import CONTROL_STEP
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.terrain import Terrain
@@ -87,7 +87,7 @@ def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
     assert 0.2 < session.velocity[2] < 1.2  # policies turn by less than they are told
     session.wish = Wish(1.0)
     commands = run(session, 0.5)
-    braking = COMMAND_ACCELERATION if session.config.control.stopping_time else BRAKING
+    braking = COMMAND_ACCELERATION if session.config.control.stopping_time else 1.5
     assert np.diff(commands[:, 0]).min() == pytest.approx(
         -braking * CONTROL_STEP, rel=1e-3
     )

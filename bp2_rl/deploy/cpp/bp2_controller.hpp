@@ -92,9 +92,11 @@ struct File {
     file ? parse() : blame("cannot be read");
   }
 
+  File(const unsigned char* bytes, std::size_t size) : bytes_(bytes, bytes + size) { parse(); }
+
   std::string text(const std::string& name) {
     const Record* record = find(name, 0);
-    return record ? std::string(reinterpret_cast<const char*>(record->data), record->count) : "";
+    return record ? std::string(reinterpret_cast<const char*>(record->data), length(*record)) : "";
   }
 
   std::vector<std::string> texts(const std::string& name) {
@@ -108,7 +110,7 @@ struct File {
   /// The number of numbers in an array; 0 where there is none.
   std::size_t size(const std::string& name) const {
     for (const Record& record : records_)
-      if (record.name == name) return record.count;
+      if (record.name == name) return length(record);
     return 0;
   }
 
@@ -154,6 +156,8 @@ struct File {
     std::string name;
     const unsigned char* data;
   };
+
+  static std::size_t length(const Record& record) { return static_cast<std::size_t>(record.count); }
 
   template <class T> T at(std::size_t offset) const {
     T value;
@@ -822,12 +826,13 @@ class Controller {
   static std::unique_ptr<Controller> load(const std::string& path, std::string& wrong,
                                           Convention convention = Convention::bundle) {
     detail::File file(path);
-    std::unique_ptr<Controller> controller;
-    if (file.wrong.empty()) controller.reset(new Controller(file, convention));
-    if (file.wrong.empty()) controller->try_all(file);
-    wrong = file.wrong.empty() ? "" : path + ": " + file.wrong + "; export the bundle anew";
-    if (!wrong.empty()) controller.reset();
-    return controller;
+    return load(file, path, wrong, convention);
+  }
+
+  /// Reads the content of a controller's file.
+  static std::unique_ptr<Controller> load(const unsigned char* bytes, std::size_t size, std::string& wrong) {
+    detail::File file(bytes, size);
+    return load(file, "controller.bin", wrong, Convention::bundle);
   }
 
   /// The joint targets for the next 5 ms, from the newest measurement (null: none) and
@@ -835,7 +840,7 @@ class Controller {
   Targets step(const Measurement* measurement, const double* command, double now) noexcept {
     if (!watchdog_.fault) {
       if (watchdog_.look(measurement, now, targets_.position, sign_, offset_)) {
-        obey(command);
+        command_ = tell(command);
         if (watchdog_.newest()) act(watchdog_.newest());
       }
       if (watchdog_.fault) stopped_at_ = targets_.position;
@@ -847,6 +852,30 @@ class Controller {
       told.velocity[i] = sign_[i] * targets_.velocity[i];
     }
     return told;
+  }
+
+  /// What the policy would be told next for a command, within the limits.
+  std::array<float, 3> tell(const double* command) const noexcept {
+    std::array<float, 3> asked;
+    if (command && std::all_of(command, command + 3, [](double x) { return std::isfinite(x); })) {
+      for (std::size_t i = 0; i < 3; ++i) asked[i] = static_cast<float>(detail::clip(command[i], least_[i], most_[i]));
+    } else {
+      const double speed = std::sqrt(command_[0] * command_[0] + command_[1] * command_[1]);
+      const double slower = std::max(speed - watchdog_.braking * dt_, 0.0);
+      const float factor = static_cast<float>(speed > 0.0 ? slower / speed : 0.0);
+      for (std::size_t i = 0; i < 3; ++i) asked[i] = command_[i] * factor;
+    }
+    const float before = command_[0], step = static_cast<float>(dt_);
+    if (std::isfinite(launching_)) {
+      const float rate = launching_ * detail::clip(1.0f - before / launching_speed_, 0.0f, 1.0f);
+      asked[0] = std::min(asked[0], std::max(before, 0.0f) + step * rate);
+    }
+    if (std::isfinite(braking_) || stopping_time_ > 0.0f) {
+      float rate = braking_;
+      if (stopping_time_ > 0.0f) rate = std::min(rate, (before + ease_) / stopping_time_);
+      if (before > 0.0f) asked[0] = std::max(asked[0], std::max(before - step * rate, 0.0f));
+    }
+    return asked;
   }
 
   /// Starts anew at a gait phase, the only way to go on after a fault.
@@ -867,12 +896,24 @@ class Controller {
   /// The largest share of each limit that was reached so far, by `Fault`.
   const std::array<double, kFaults>& used() const { return watchdog_.used; }
   const std::vector<std::string>& joint_names() const { return names_; }
+  /// The command that the policy was told last, m/s, m/s and rad/s.
+  const std::array<float, 3>& command() const { return command_; }
   double stiffness() const { return stiffness_; }  // of the drives, Nm/rad
   double damping() const { return damping_; }  // of the drives, Nm s/rad
 
  private:
   struct Change { std::size_t ticks, place, size; };
   using Moment = std::array<float, 47>;
+
+  static std::unique_ptr<Controller> load(detail::File& file, const std::string& path, std::string& wrong,
+                                          Convention convention) {
+    std::unique_ptr<Controller> controller;
+    if (file.wrong.empty()) controller.reset(new Controller(file, convention));
+    if (file.wrong.empty()) controller->try_all(file);
+    wrong = file.wrong.empty() ? "" : path + ": " + file.wrong + "; export the bundle anew";
+    if (!wrong.empty()) controller.reset();
+    return controller;
+  }
 
   Controller(detail::File& file, Convention convention)
       : names_(file.texts(convention == Convention::model ? "model_joints.name" : "joints")),
@@ -951,29 +992,6 @@ class Controller {
     for (int i = 0; i < ticks; ++i) act(reinterpret_cast<const double*>(&still));
     if (watchdog_.fault) file.blame(std::string("has a policy whose answer cannot be: ") + fault());
     reset();
-  }
-
-  void obey(const double* command) {
-    std::array<float, 3> asked;
-    if (command && std::all_of(command, command + 3, [](double x) { return std::isfinite(x); })) {
-      for (std::size_t i = 0; i < 3; ++i) asked[i] = static_cast<float>(detail::clip(command[i], least_[i], most_[i]));
-    } else {
-      const double speed = std::sqrt(command_[0] * command_[0] + command_[1] * command_[1]);
-      const double slower = std::max(speed - watchdog_.braking * dt_, 0.0);
-      const float factor = static_cast<float>(speed > 0.0 ? slower / speed : 0.0);
-      for (std::size_t i = 0; i < 3; ++i) asked[i] = command_[i] * factor;
-    }
-    const float before = command_[0], step = static_cast<float>(dt_);
-    if (std::isfinite(launching_)) {
-      const float rate = launching_ * detail::clip(1.0f - before / launching_speed_, 0.0f, 1.0f);
-      asked[0] = std::min(asked[0], std::max(before, 0.0f) + step * rate);
-    }
-    if (std::isfinite(braking_) || stopping_time_ > 0.0f) {
-      float rate = braking_;
-      if (stopping_time_ > 0.0f) rate = std::min(rate, (before + ease_) / stopping_time_);
-      if (before > 0.0f) asked[0] = std::max(asked[0], std::max(before - step * rate, 0.0f));
-    }
-    command_ = asked;
   }
 
   void act(const double* measured) {

@@ -122,7 +122,7 @@ int main(int argc, char** argv) {
   print("cpu_ms", cpu);
   const char *fault = controller->fault(), *joint = controller->fault_joint(), *comma = "";
   std::printf("\"fault\": \"%s%s%s\", \"used\": {", fault, *joint ? ": " : "", joint);
-  for (int i = 0; i < bp2::kFaults; ++i)
+  for (std::size_t i = 0; i < bp2::kFaults; ++i)
     if (const double used = controller->used()[i]; used > 0.0) {
       std::printf("%s\"%s\": %.6f", comma, bp2::kFaultNames[i], used);
       comma = ", ";

@@ -85,9 +85,26 @@ def pack(settings: Settings, arrays: Mapping[str, np.ndarray], network: bytes) -
     bounds = {name: limits[:2] for name, limits in NUMBERS.items()}
     bounds |= _declared("watchdog", WatchdogLimits) | _declared("control", CommandLaw)
     bounds["constants.huge"] = (1.0, HUGE)
+    return assemble(parts, network, bounds)
+
+
+def assemble(
+    parts: Mapping[str, object],
+    network: bytes = b"",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> bytes:
+    """Return the content of a file of this format.
+
+    Args:
+        parts: texts and numbers by name, in objects and lists of objects.
+        network: the network's records.
+        bounds: of the numbers, by dotted name; others are within `LARGEST`. None:
+            numbers have no bounds.
+    """
     content = HEAD.pack(SIGNATURE, VERSION, len(network)) + network
+    default = (-math.inf, math.inf) if bounds is None else (-LARGEST, LARGEST)
     for name, value in _flat(parts, ""):
-        content += record(name, value, bounds.get(name, (-LARGEST, LARGEST)))
+        content += record(name, value, (bounds or {}).get(name, default))
     return content + struct.pack("<Q", zlib.crc32(content))
 
 

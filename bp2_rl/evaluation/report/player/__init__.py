@@ -5,7 +5,8 @@ content        what the page is told: the robot's links and looks, and its motio
 linear.js      quaternions and matrices
 shapes.js      geoms as triangles
 motion.js      where the links are at an instant
+camera.js      the camera under a hand
 scene.js       track, shadow, robot and forces on the canvas
-controls.js    play, slow motion, scrubbing, the camera under a hand
+controls.js    play, slow motion, scrubbing
 player.html    the elements, player.css their look; `report/benchmark.html` puts all into the page
 """

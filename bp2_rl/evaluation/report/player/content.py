@@ -15,6 +15,7 @@ from jaxtyping import Float
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
 from bp2_rl.robot.ground import over_ground
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import (
     SOLE_SITES,
     field_of,
@@ -58,7 +59,7 @@ def describe(run: Trajectory) -> dict[str, Any]:
     flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)
     turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
     level = run.qpos - over_ground(run.qpos, World(run.terrain).ground)
-    return robot(run) | {
+    return describe_robot(run.hardware, World(run.terrain), run.qpos[:, :2]) | {
         "motion": {
             "rate": 1.0 / (step * run.dt),
             "count": len(turn),
@@ -79,13 +80,15 @@ def describe(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def robot(run: Trajectory) -> dict[str, Any]:
-    """Return a run's robot and uneven ground for the player; lengths in m.
+def describe_robot(
+    hardware: HardwareSpec, world: World, path: Float[np.ndarray, "K 2"]
+) -> dict[str, Any]:
+    """Return a robot and uneven ground for the player; lengths in m.
 
     Parents come before their children; the ground's geoms have the link -1. Of a field
-    of heights, what is near the run is told.
+    of heights, what is near the path is told.
     """
-    model = load_model(run.hardware, scene=World(run.terrain).lay)
+    model = load_model(hardware, scene=world.lay)
     links = []
     meshes = {}
     for body in range(1, model.nbody):
@@ -118,7 +121,7 @@ def robot(run: Trajectory) -> dict[str, Any]:
                 "position": _rounded(model.geom_pos[geom]),
                 "quaternion": _rounded(model.geom_quat[geom]),
                 "color": _rounded(color),
-                "field": _field(run, model, geom) if shape == "field" else None,
+                "field": _field(path, model, geom) if shape == "field" else None,
             }
         )
     feet = [
@@ -137,11 +140,13 @@ def robot(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def _field(run: Trajectory, model: mujoco.MjModel, geom: int) -> dict[str, object]:
+def _field(
+    path: Float[np.ndarray, "K 2"], model: mujoco.MjModel, geom: int
+) -> dict[str, object]:
     """Return the points of the field of heights that are at most `MARGIN` from the
-    run's ranges of x and y."""
+    path's ranges of x and y."""
     x, y, heights = field_of(model)
-    path = (run.qpos[:, :2] - model.geom_pos[geom, :2]).T
+    path = (path - model.geom_pos[geom, :2]).T
     columns, rows = (
         np.abs(points - np.clip(points, np.min(at), np.max(at))) <= MARGIN
         for points, at in zip((x, y), path, strict=True)

@@ -1,20 +1,12 @@
 // The page's elements and the hand on them.
 
-const VIEWS = {
-  side: { yaw: -Math.PI / 2 + 0.22, pitch: 0.15, distance: 2.5 },
-  front: { yaw: -0.75, pitch: 0.16, distance: 2.5 },
-  above: { yaw: -Math.PI / 2, pitch: 1.2, distance: 3 },
-};
-const NEAREST = 0.8, FURTHEST = 12; // m
-const RADIANS_A_PIXEL = 0.008;
-
 class Player {
   constructor(element, content) {
     this.find = (selector) => element.querySelector(selector);
     this.canvas = this.find("canvas");
     this.motion = new Motion(content);
     this.scene = new Scene(this.canvas, content);
-    this.camera = { ...VIEWS.side };
+    this.camera = new Camera();
     this.seconds = this.motion.best;
     this.playing = false;
     this.slow = 1;
@@ -47,39 +39,10 @@ class Player {
     on(".scrub input", "input", (event) => this.seek(Number(event.target.value)));
     on("[data-does=full]", "click", () => this.find(".stage").requestFullscreen?.());
     for (const button of element.querySelectorAll("[data-view]"))
-      button.addEventListener("click", () => { this.camera = { ...VIEWS[button.dataset.view] }; this.show(); });
+      button.addEventListener("click", () => { Object.assign(this.camera, VIEWS[button.dataset.view]); this.show(); });
     this.canvas.addEventListener("keydown", (event) => this.key(event));
-    this.canvas.addEventListener("wheel", (event) => {
-      if (!event.ctrlKey && !document.fullscreenElement) return; // or the page could not be scrolled past
-      event.preventDefault();
-      this.near(Math.exp(event.deltaY * 0.002));
-    }, { passive: false });
-    const held = new Map();
-    this.canvas.addEventListener("pointerdown", (event) => {
-      held.set(event.pointerId, event);
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    for (const end of ["pointerup", "pointercancel"])
-      this.canvas.addEventListener(end, (event) => held.delete(event.pointerId));
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (!held.has(event.pointerId)) return;
-      const before = held.get(event.pointerId), other = [...held.values()].find((e) => e.pointerId !== event.pointerId);
-      const far = (e) => Math.hypot(e.clientX - other.clientX, e.clientY - other.clientY);
-      if (other) this.near(far(before) / Math.max(far(event), 1));
-      else this.orbit(event.clientX - before.clientX, event.clientY - before.clientY);
-      held.set(event.pointerId, event);
-    });
-  }
-
-  orbit(right, down) {
-    this.camera.yaw -= RADIANS_A_PIXEL * right;
-    this.camera.pitch = Math.min(Math.max(this.camera.pitch + RADIANS_A_PIXEL * down, -0.1), 1.5);
-    this.show();
-  }
-
-  near(factor) {
-    this.camera.distance = Math.min(Math.max(this.camera.distance * factor, NEAREST), FURTHEST);
-    this.show();
+    // without Ctrl the page scrolls past
+    this.camera.follow(this.canvas, () => this.show(), (wheel) => wheel.ctrlKey || document.fullscreenElement);
   }
 
   key(event) {

@@ -13,8 +13,12 @@ void main() {
   at = place.xyz; facing = mat3(pose) * normal; paint = color;
   gl_Position = projection * camera * place;
 }`;
-const ROBOT_PAINT = `#version 300 es
+const FOG = `#version 300 es
 precision highp float;
+const vec3 HAZE = vec3(0.9, 0.94, 0.97);
+float fog(vec2 p) { return 1.0 - exp(-pow(length(p) / 32.0, 2.0)); }
+`;
+const ROBOT_PAINT = `${FOG}
 in vec3 at; in vec3 facing; in vec3 paint;
 uniform vec3 eye; uniform vec3 sun; uniform bool flat_on_ground; uniform bool glows;
 out vec4 color;
@@ -27,7 +31,7 @@ void main() {
   float rim = pow(1.0 - max(dot(n, toward), 0.0), 4.0);
   vec3 lit = base * (0.55 * sky + 0.85 * max(dot(n, light), 0.0)) + 0.18 * shine + 0.06 * rim * sky;
   if (glows) lit = base * (0.75 + 0.35 * max(dot(n, light), 0.0));
-  color = vec4(pow(lit, vec3(1.0 / 2.2)), 1.0);
+  color = vec4(mix(pow(lit, vec3(1.0 / 2.2)), HAZE, fog(at.xy)), 1.0);
 }`;
 const TRACK_SHADER = `#version 300 es
 in vec2 corner;
@@ -37,9 +41,8 @@ void main() {
   ray = transpose(mat3(camera)) * vec3(corner * tangent, -1.0);
   gl_Position = vec4(corner, 0.0, 1.0);
 }`;
-// Lanes of 1.22 m, a mark at every metre and a line at every ten, as in the MuJoCo scene.
-const TRACK_PAINT = `#version 300 es
-precision highp float;
+// Lanes of 1.22 m, a mark at every metre and a line at every ten, as in the MuJoCo scene; beside them mown grass.
+const TRACK_PAINT = `${FOG}
 in vec3 ray;
 uniform vec3 eye; uniform vec2 origin;
 out vec4 color;
@@ -59,9 +62,11 @@ void main() {
   float fine = smoothstep(0.02, 0.0, max(blur.x, blur.y)), rough = grain(at * 90.0) - 0.5;
   vec3 track = vec3(0.57, 0.25, 0.2) * (1.0 + 0.16 * fine * rough);
   track = mix(track, vec3(0.93, 0.93, 0.9), max(lanes, max(marks, tens)));
-  vec3 haze = vec3(0.9, 0.94, 0.97), sky = mix(haze, vec3(0.45, 0.62, 0.82), smoothstep(0.0, 0.6, normalize(ray).z));
-  float fog = 1.0 - exp(-pow(length(p) / 32.0, 2.0));
-  color = vec4(ray.z < 0.0 ? mix(track, haze, fog) : sky, 1.0);
+  vec3 grass = mix(vec3(0.36, 0.5, 0.24), vec3(0.42, 0.56, 0.28), smoothstep(-blur.x, blur.x, abs(mod(at.x, 10.0) - 5.0) - 2.5));
+  grass *= 1.0 + 0.25 * fine * rough;
+  track = mix(track, grass, smoothstep(-blur.y, blur.y, abs(at.y) - 3.6));
+  vec3 sky = mix(HAZE, vec3(0.45, 0.62, 0.82), smoothstep(0.0, 0.6, normalize(ray).z));
+  color = vec4(ray.z < 0.0 ? mix(track, HAZE, fog(p)) : sky, 1.0);
 }`;
 
 const SUN = [-0.3, -0.45, 1];

@@ -73,7 +73,7 @@ function field({ x, y, heights }) { // cells are split as MuJoCo splits them
 
 // Boxes of the ground reach into the track, which is drawn behind everything: they begin on it.
 function overTrack(geom) {
-  if (geom.shape !== "box") return geom;
+  if (geom.shape !== "box" || geom.position[2] > geom.size[2]) return geom;
   const half = (geom.position[2] + geom.size[2]) / 2, with_z = ([x, y]) => [x, y, half];
   return { ...geom, size: with_z(geom.size), position: with_z(geom.position) };
 }
