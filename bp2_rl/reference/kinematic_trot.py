@@ -12,7 +12,7 @@ no overshoot of the foot can leave the reach of the leg.
 
 Period and duty follow the command so that the sweep of a stance stays within reach at
 every speed, and everything grows smoothly out of standing still. How the defaults were
-found is in docs/notes/kinematic_gait.md.
+found is in docs/concepts/reference_motion.md.
 """
 
 import dataclasses
