@@ -11,8 +11,7 @@ the same at any speed. So the joint angles are continuously differentiable in ti
 no overshoot of the foot can leave the reach of the leg.
 
 Period and duty follow the command so that the sweep of a stance stays within reach at
-every speed, and everything grows smoothly out of standing still. How the defaults were
-found is in docs/notes/kinematic_gait.md.
+every speed, and everything grows smoothly out of standing still.
 """
 
 import dataclasses

@@ -339,8 +339,7 @@ def test_velocity_and_attitude_are_those_commanded():
     [(3.0, 9.6, 9.6), (6.0, 12.8, 11.0), (8.0, 15.1, 11.6), (10.0, 19.2, 11.3)],
 )
 def test_joint_speeds_stay_inside_the_motors(speed, hip, knee):
-    """Bounds just above what was found (docs/notes/kinematic_gait.md); the no-load
-    speed is 21.4 rad/s."""
+    """Bounds just above what was found; the no-load speed is 21.4 rad/s."""
     peak = np.abs(
         sample([speed, 0.0, 0.0], np.linspace(0.0, 1.0, 2001)).joint_velocity
     ).max(axis=(0, 1))

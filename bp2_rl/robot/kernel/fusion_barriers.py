@@ -58,6 +58,13 @@ def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
 
 
 def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
+    """Compute function(*inputs) in one Pallas kernel for Triton.
+
+    JAX 0.11 (July 2026) deprecates Pallas on Triton. Mosaic GPU, which replaces it,
+    cannot sum over the axis of the legs, but lowers all four kernels of the step with
+    the legs as four vectors of 128 robots in global memory. This function must change
+    so before a pin to a JAX without Triton.
+    """
     from jax.experimental import pallas
     from jax.experimental.pallas import triton
 

@@ -89,7 +89,7 @@ def test_daring_less_slows_the_road_and_the_race_alone():
     shown = np.exp(as_dared(logs, np.array([0.9])))[0]
     assert shown[:3] == pytest.approx([14.0, 1500.0, 10.8])
     assert shown[3] / 11.5 == pytest.approx(sprint_time(10.8) / sprint_time(12.0))
-    # docs/notes/paper.md, "The race": two straight lines
+    # two straight lines
     assert sprint_time(10.74) == pytest.approx(11.57, abs=0.005)
 
 
