@@ -15,6 +15,7 @@ from types import NoneType
 from typing import Annotated
 
 import jax
+import mujoco
 import numpy as np
 from jaxtyping import Float
 
@@ -275,8 +276,15 @@ class _SideBySide:
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
         self._finish = np.array([min(one.finish, one.world.end) for one in requests])
-        self._uneven = [i for i, one in enumerate(requests) if one.world.ground]
-        self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
+        self._grounds = {
+            i: _laid_out(self._simulator.models[i])
+            for i, one in enumerate(requests)
+            if one.world.ground
+        }
+        self._pushed: dict[int, list[int]] = {}
+        for i, one in enumerate(requests):
+            for step in one.world.push_steps:
+                self._pushed.setdefault(step, []).append(i)
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
         self._fell = np.zeros(len(requests), bool)
@@ -317,11 +325,9 @@ class _SideBySide:
         self._ended |= self._ticks <= tick + 1
 
     def _push(self, step: int) -> None:
-        for robot in self._pushed:
+        for robot in self._pushed.get(step, ()):
             if not self._ended[robot]:
-                world = self._requests[robot].world
-                world.push(self._simulator.data[robot], step)
-                self._simulator.read(robot)
+                self._simulator.push(robot, self._requests[robot].world, step)
 
     def _millisecond(
         self,
@@ -340,11 +346,10 @@ class _SideBySide:
         torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
-        pose = simulator.qpos.copy() if self._uneven else simulator.qpos
-        for robot in self._uneven:
-            pose[robot, 2] = height_over_ground(
-                simulator.models[robot], simulator.data[robot]
-            )
+        pose = simulator.qpos.copy() if self._grounds else simulator.qpos
+        for robot, ground in self._grounds.items():
+            ground.qpos[:] = simulator.qpos[robot]
+            pose[robot, 2] = height_over_ground(simulator.models[robot], ground)
         down = fall(pose, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch
@@ -354,6 +359,13 @@ class _SideBySide:
         self._lasted[over] = step + 1
         self._fell |= over & down
         self._ended |= over
+
+
+def _laid_out(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return MuJoCo's data with the ground in its place."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
 
 
 def draw_sensor_noise(
