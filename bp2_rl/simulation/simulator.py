@@ -8,13 +8,14 @@ ground and numerics. Compiled laws round otherwise than NumPy's.
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
-from mujoco.batch import Batch
+from mujoco.batch import MODEL_FIELDS, Batch
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot import conventions
@@ -145,8 +146,8 @@ class Alike:
 
     def __init__(self, models: Sequence[mujoco.MjModel], steps: int):
         self.steps = steps
-        self.batch = Batch(models[0], len(models), nthread=1, persistent=True)
-        self.batch.set_models(models)
+        self.batch = Batch(models[0], len(models), nthread=1, persistent=False)
+        _give(self.batch, models)
         stands = [model.key("stand").id for model in models]
         self.batch.reset(keyframe=stands, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.state = self.batch.state
@@ -219,7 +220,7 @@ class Simulator:
         )
         self._rows = None
         kinds = [
-            (robot.numerics.steps // robot.numerics.updates, layout_of_data(model))
+            (robot.numerics.steps // robot.numerics.updates, _layout(model))
             for robot, model in zip(robots, self.models, strict=True)
         ]
         self._members = [
@@ -455,8 +456,30 @@ def _unit(nv: int) -> Float[np.ndarray, "12 _"]:
     return np.eye(nv)[motor_indices(nv)]
 
 
-def layout_of_data(model: mujoco.MjModel) -> tuple[int, ...]:
+def _layout(model: mujoco.MjModel) -> tuple[int, ...]:
     """Return the sizes of a model; MuJoCo's data of two models with the same sizes have
     one layout."""
     sizes = (getattr(model, name) for name in dir(model) if name.startswith("n"))
     return tuple(size for size in sizes if isinstance(size, int))
+
+
+def _give(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
+    """Let a batch simulate these models: one model with the values in which they
+    differ, where it can be, as whole models crowd each other out of a processor's
+    cache."""
+    first = models[0]
+    names = [
+        name for name in dir(first) if isinstance(getattr(first, name), np.ndarray)
+    ]
+    names += [f"opt.{name}" for name in dir(first.opt) if name[0] != "_"]
+    read = {name: operator.attrgetter(name) for name in names}
+    differ = [
+        name
+        for name, value in read.items()
+        if any(not np.array_equal(value(first), value(model)) for model in models[1:])
+    ]
+    if differ and MODEL_FIELDS.issuperset(differ):
+        for name in differ:
+            batch.expand(name)[:] = [read[name](model) for model in models]
+    else:
+        batch.set_models(models)
