@@ -290,14 +290,15 @@ class _SideBySide:
         self._fell = np.zeros(len(requests), bool)
         self._ended = self._ticks == 0
 
-    def run(self) -> list[Trajectory]:
-        """Simulate all runs to their ends; return what was recorded."""
+    def run(self) -> Iterator[Trajectory]:
+        """Simulate all runs to their ends; yield what was recorded, run by run, as the
+        copies take as much memory as the recording."""
         for tick in range(self._longest):
             self._control_step(tick)
             if self._ended.all():
                 break
-        return [
-            self._recording.of(i).trajectory(
+        for i, request in enumerate(self._requests):
+            yield self._recording.of(i).trajectory(
                 request,
                 self._config,
                 self._simulator.backend,
@@ -305,8 +306,6 @@ class _SideBySide:
                 fell=bool(self._fell[i]),
                 mass=self._simulator.mass(i),
             )
-            for i, request in enumerate(self._requests)
-        ]
 
     def _control_step(self, tick: int) -> None:
         """Let the policy set the joints' targets, and simulate until it does again."""

@@ -6,6 +6,7 @@ robots, and MuJoCo steps each robot by itself, so that robots may differ in hard
 ground and numerics. Compiled laws round otherwise than NumPy's.
 """
 
+import abc
 import dataclasses
 import functools
 import operator
@@ -157,20 +158,19 @@ class Alike:
         self.sensed = self.batch.bind("sensordata")
         # of the mass matrix, at the start of the last step
         self._factors = self.batch.bind("qLD"), self.batch.bind("qLDiagInv")
-        self._model, self._unit = models[0], _unit(models[0].nv)
-        self._factored = mujoco.MjData(self._model)
+        self._model, self._into = models[0], mujoco.MjData(models[0])
 
-    def mobilities(self, at: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M 12"]:
-        """Return each joint's acceleration per unit torque at the start of the last
-        step, rad/s2/Nm, for the robots at these places."""
-        answers = np.empty((len(at), *self._unit.shape))
-        factored = self._factored
-        into = factored.qLD, factored.qLDiagInv
-        for place, answer in zip(at.tolist(), answers, strict=True):
-            for factor, values in zip(into, self._factors, strict=True):
-                factor[:] = values[place]
-            mujoco.mj_solveM(self._model, factored, answer, self._unit)
-        return answers[:, self._unit > 0.0]
+    def solve(
+        self, at: Int[np.ndarray, " M"], forces: Float[np.ndarray, "R nv"]
+    ) -> Float[np.ndarray, "M R nv"]:
+        """Return the accelerations that generalised forces give the robots at these
+        places, by their mass matrices at the start of the last step."""
+        answers = np.empty((len(at), *forces.shape))
+        into, (factors, inverses) = self._into, self._factors
+        for i, place in enumerate(at.tolist()):
+            into.qLD[:], into.qLDiagInv[:] = factors[place], inverses[place]
+            mujoco.mj_solveM(self._model, into, answers[i], forces)
+        return answers
 
 
 class Simulator:
@@ -293,6 +293,27 @@ class Simulator:
         self._show(np.array([robot]))
         self._look()
 
+    @property
+    def warmstart(self) -> Float[np.ndarray, "N nv"]:
+        """The accelerations from which the solver begins the robots' next step."""
+        values = np.empty_like(self.qvel)
+        for alike, its in zip(self._alike, self._members, strict=True):
+            values[its] = alike.warmstart
+        return values
+
+    def begin(
+        self,
+        qpos: Float[np.ndarray, "N nq"],
+        qvel: Float[np.ndarray, "N nv"],
+        torque: Float[np.ndarray, "N 12"],
+        warmstart: Float[np.ndarray, "N nv"],
+    ) -> None:
+        """Put all robots into these states."""
+        for alike, its in zip(self._alike, self._members, strict=True):
+            alike.qpos[:], alike.qvel[:] = qpos[its], qvel[its]
+            alike.ctrl[:], alike.warmstart[:] = torque[its], warmstart[its]
+        self._look()
+
     def set_motors(self, robot: int, motors: Actuator) -> None:
         """Give a robot other motors from the next millisecond on."""
         self.motors[robot] = motors
@@ -369,7 +390,7 @@ class Simulator:
         for trial in range(TRIALS if len(tried) else 0):
             # of the step's start, which all trials share
             for alike, at, its in self._of_a_kind(tried) if trial == 0 else ():
-                self._mobility[its] = alike.mobilities(at)
+                self._mobility[its] = self._mobilities(alike, at, its)
             again = laws.correct(
                 self._rows,
                 forces[:, :12],
@@ -414,8 +435,45 @@ class Simulator:
     ) -> Float[np.ndarray, "K _"]:
         """Take the physics steps of a torque update of robots of a kind, whose `state`
         then is the new one; return the forces on their feet, N."""
-        alike.batch.step(at, alike.steps)
+        # MuJoCo's batch checks indices for longer than it steps a robot
+        alike.batch.step(at if len(at) < len(alike.state) else None, alike.steps)
         return alike.sensed[at]
+
+    def _mobilities(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K 12"]:
+        """Return each joint's acceleration per unit torque at the start of the last
+        step of robots of a kind, rad/s2/Nm."""
+        unit = _unit(self.models[0].nv)
+        return alike.solve(at, unit)[:, unit > 0.0]
+
+
+class OneByOne(Simulator):
+    """A simulator whose physics another engine computes, robot by robot, in MuJoCo's
+    data."""
+
+    def _advance(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K _"]:
+        forces = np.empty((len(at), alike.sensed.shape[1]))
+        for robot, row, force in zip(
+            robots.tolist(), alike.state[at], forces, strict=True
+        ):
+            data, model = self._computed[robot], self.models[robot]
+            mujoco.mj_setState(model, data, row, STATE)
+            self._take_steps(robot, data, alike.steps)
+            mujoco.mj_getState(model, data, self._row(robot), STATE)
+            force[:] = data.sensordata
+        return forces
+
+    @functools.cached_property
+    def _computed(self) -> list[mujoco.MjData]:
+        return [mujoco.MjData(model) for model in self.models]
+
+    @abc.abstractmethod
+    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
+        """Take physics steps of a robot in `data`: its state, and the forces on its
+        feet in `sensordata`."""
 
 
 def settled(
