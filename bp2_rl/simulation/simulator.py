@@ -264,6 +264,7 @@ class Simulator:
         for robot in robots.tolist() if self._data else ():
             alike = self._alike[self._kind[robot]]
             alike.batch.get_data(int(self._place[robot]), self._data[robot])
+            self._data[robot].sensordata[:] = self.foot_force[robot].ravel()
 
     def read(self, robot: int) -> None:
         """Update a robot's state in the simulator after a change of its `data` from
