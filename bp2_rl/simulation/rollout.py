@@ -17,7 +17,7 @@ from typing import Annotated
 import jax
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
@@ -318,46 +318,64 @@ class _SideBySide:
             self._commands[:, tick + 1],
             *(drawn[:, tick] for drawn in self._noise),
         )
-        for step, target in enumerate(targets, tick * conventions.SUBSTEPS):
-            self._push(step)
-            self._millisecond(step, *target)
+        first = tick * conventions.SUBSTEPS
+        moving = np.flatnonzero(~self._ended)
+        enough = [
+            self._millisecond(step, moving, *target)
+            for step, target in enumerate(targets, first)
+        ]
+        self._end(first, np.stack(enough, axis=1))
         self._ended |= self._ticks <= tick + 1
-
-    def _push(self, step: int) -> None:
-        for robot in self._pushed.get(step, ()):
-            if not self._ended[robot]:
-                self._simulator.push(robot, self._requests[robot].world, step)
 
     def _millisecond(
         self,
         step: int,
+        moving: Int[np.ndarray, " M"],
         position: Float[np.ndarray, "N 12"],
         velocity: Float[np.ndarray, "N 12"],
-    ) -> None:
-        """Simulate and record a millisecond, and see which runs end with it."""
-        simulator = self._simulator
-        recording = self._recording
+    ) -> Bool[np.ndarray, " N"]:
+        """Simulate and record a millisecond of the runs that go on; return which have
+        come far enough, or end by their watch."""
+        simulator, recording = self._simulator, self._recording
+        for robot in self._pushed.get(step, ()):
+            if not self._ended[robot]:
+                simulator.push(robot, self._requests[robot].world, step)
         recording.qpos[:, step] = simulator.qpos
         recording.qvel[:, step] = simulator.qvel
         recording.target[:, step] = position
         recording.command[:, step] = self._runner.command
         enough = simulator.qpos[:, 0] >= self._finish
-        torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
+        torque = simulator.millisecond(position, velocity, moving)
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
-        pose = simulator.qpos.copy() if self._grounds else simulator.qpos
-        for robot, ground in self._grounds.items():
-            ground.qpos[:] = simulator.qpos[robot]
-            pose[robot, 2] = height_over_ground(simulator.models[robot], ground)
-        down = fall(pose, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch
             if watch and not self._ended[robot]:
                 enough[robot] |= watch(simulator, robot, recording.torque[robot, step])
-        over = ~self._ended & (down | enough)
-        self._lasted[over] = step + 1
-        self._fell |= over & down
-        self._ended |= over
+        return enough
+
+    def _end(self, first: int, enough: Bool[np.ndarray, "N K"]) -> None:
+        """End the runs that fell in the control step from millisecond `first` on, or in
+        which it is `enough`."""
+        simulator, recording = self._simulator, self._recording
+        later = slice(first + 1, first + enough.shape[1])
+        qpos, qvel = (
+            np.concatenate([before[:, later], now[:, None]], axis=1)
+            for before, now in (
+                (recording.qpos, simulator.qpos),
+                (recording.qvel, simulator.qvel),
+            )
+        )
+        for robot, ground in self._grounds.items():
+            for pose in qpos[robot]:
+                ground.qpos[:] = pose
+                pose[2] = height_over_ground(simulator.models[robot], ground)
+        down = fall(qpos, qvel, self._config.termination).happened
+        over = (down | enough) & ~self._ended[:, None]
+        runs, at = np.any(over, axis=1), np.argmax(over, axis=1)
+        self._lasted[runs] = first + 1 + at[runs]
+        self._fell[runs] = down[runs, at[runs]]
+        self._ended |= runs
 
 
 def _laid_out(model: mujoco.MjModel) -> mujoco.MjData:
