@@ -21,14 +21,14 @@ from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import POSE, TWIST, motor_indices
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.simulator import RobotSetup, Simulator
+from bp2_rl.simulation.simulator import Alike, OneByOne, RobotSetup
 
 try:
     from pydrake import geometry
@@ -59,12 +59,9 @@ _MODELS = {
 }
 
 
-class DrakeSimulator(Simulator):
+class DrakeSimulator(OneByOne):
     """N robots whose dynamics and contact Drake computes; all else is as in
     `Simulator`.
-
-    The states stay in MuJoCo's `data`, where controllers, pushes and watches look for
-    them.
 
     Raises:
         UserError: a robot stands on rough ground, which Drake has not.
@@ -93,14 +90,16 @@ class DrakeSimulator(Simulator):
             for model, robot in zip(self.models, robots, strict=True)
         ]
 
-    def _advance(self, robot: int) -> None:
-        data = self.data[robot]
-        for _ in range(self._steps[robot]):
+    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
+        for _ in range(steps):
             self._plants[robot].step(data)
 
-    def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
-        inverse = np.linalg.inv(self._plants[robot].mass_matrix())
-        return np.diag(inverse)[motor_indices(len(inverse))]
+    def _mobilities(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K 12"]:
+        masses = [self._plants[robot].mass_matrix() for robot in robots.tolist()]
+        inverse = np.diagonal(np.linalg.inv(np.stack(masses)), axis1=1, axis2=2)
+        return inverse[:, motor_indices(inverse.shape[1])]
 
 
 class DrakeRobot:

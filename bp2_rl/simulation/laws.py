@@ -27,7 +27,7 @@ from bp2_rl.robot.actuator import (
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 
-SIZES = 4, 24
+SIZES = 4, 24, 50, 100
 """Batch sizes for which programs are compiled; a smaller batch is filled with copies of
 its last robot."""
 RobotNumbers = Float[np.ndarray, " _"]

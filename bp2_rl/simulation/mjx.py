@@ -14,10 +14,10 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.simulator import RobotSetup, Simulator
+from bp2_rl.simulation.simulator import OneByOne, RobotSetup
 
 
-class MjxSimulator(Simulator):
+class MjxSimulator(OneByOne):
     """N robots whose states MJX advances, with training's solver settings, in float32
     on JAX's default device.
 
@@ -45,8 +45,7 @@ class MjxSimulator(Simulator):
         super().__init__(robots, models)
         self._physics = [_compiled_step(robot.config.hardware) for robot in robots]
 
-    def _advance(self, robot: int) -> None:
-        data = self.data[robot]
+    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
         mujoco.mj_forward(self.models[robot], data)  # for the forces on the feet
         before = data.qpos, data.qvel, data.qacc_warmstart, data.ctrl, data.qfrc_applied
         qpos, qvel, warm_start = self._physics[robot](*before)

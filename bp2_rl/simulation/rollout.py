@@ -15,8 +15,9 @@ from types import NoneType
 from typing import Annotated
 
 import jax
+import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
@@ -275,21 +276,29 @@ class _SideBySide:
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
         self._finish = np.array([min(one.finish, one.world.end) for one in requests])
-        self._uneven = [i for i, one in enumerate(requests) if one.world.ground]
-        self._pushed = [i for i, one in enumerate(requests) if one.world.pushes]
+        self._grounds = {
+            i: _laid_out(self._simulator.models[i])
+            for i, one in enumerate(requests)
+            if one.world.ground
+        }
+        self._pushed: dict[int, list[int]] = {}
+        for i, one in enumerate(requests):
+            for step in one.world.push_steps:
+                self._pushed.setdefault(step, []).append(i)
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
         self._fell = np.zeros(len(requests), bool)
         self._ended = self._ticks == 0
 
-    def run(self) -> list[Trajectory]:
-        """Simulate all runs to their ends; return what was recorded."""
+    def run(self) -> Iterator[Trajectory]:
+        """Simulate all runs to their ends; yield what was recorded, run by run, as the
+        copies take as much memory as the recording."""
         for tick in range(self._longest):
             self._control_step(tick)
             if self._ended.all():
                 break
-        return [
-            self._recording.of(i).trajectory(
+        for i, request in enumerate(self._requests):
+            yield self._recording.of(i).trajectory(
                 request,
                 self._config,
                 self._simulator.backend,
@@ -297,8 +306,6 @@ class _SideBySide:
                 fell=bool(self._fell[i]),
                 mass=self._simulator.mass(i),
             )
-            for i, request in enumerate(self._requests)
-        ]
 
     def _control_step(self, tick: int) -> None:
         """Let the policy set the joints' targets, and simulate until it does again."""
@@ -311,49 +318,71 @@ class _SideBySide:
             self._commands[:, tick + 1],
             *(drawn[:, tick] for drawn in self._noise),
         )
-        for step, target in enumerate(targets, tick * conventions.SUBSTEPS):
-            self._push(step)
-            self._millisecond(step, *target)
+        first = tick * conventions.SUBSTEPS
+        moving = np.flatnonzero(~self._ended)
+        enough = [
+            self._millisecond(step, moving, *target)
+            for step, target in enumerate(targets, first)
+        ]
+        self._end(first, np.stack(enough, axis=1))
         self._ended |= self._ticks <= tick + 1
-
-    def _push(self, step: int) -> None:
-        for robot in self._pushed:
-            if not self._ended[robot]:
-                world = self._requests[robot].world
-                world.push(self._simulator.data[robot], step)
-                self._simulator.read(robot)
 
     def _millisecond(
         self,
         step: int,
+        moving: Int[np.ndarray, " M"],
         position: Float[np.ndarray, "N 12"],
         velocity: Float[np.ndarray, "N 12"],
-    ) -> None:
-        """Simulate and record a millisecond, and see which runs end with it."""
-        simulator = self._simulator
-        recording = self._recording
+    ) -> Bool[np.ndarray, " N"]:
+        """Simulate and record a millisecond of the runs that go on; return which have
+        come far enough, or end by their watch."""
+        simulator, recording = self._simulator, self._recording
+        for robot in self._pushed.get(step, ()):
+            if not self._ended[robot]:
+                simulator.push(robot, self._requests[robot].world, step)
         recording.qpos[:, step] = simulator.qpos
         recording.qvel[:, step] = simulator.qvel
         recording.target[:, step] = position
         recording.command[:, step] = self._runner.command
         enough = simulator.qpos[:, 0] >= self._finish
-        torque = simulator.millisecond(position, velocity, np.flatnonzero(~self._ended))
+        torque = simulator.millisecond(position, velocity, moving)
         recording.torque[:, step] = torque
         recording.foot_force[:, step] = simulator.foot_force
-        pose = simulator.qpos.copy() if self._uneven else simulator.qpos
-        for robot in self._uneven:
-            pose[robot, 2] = height_over_ground(
-                simulator.models[robot], simulator.data[robot]
-            )
-        down = fall(pose, simulator.qvel, self._config.termination).happened
         for robot in self._watched:
             watch = self._requests[robot].watch
             if watch and not self._ended[robot]:
                 enough[robot] |= watch(simulator, robot, recording.torque[robot, step])
-        over = ~self._ended & (down | enough)
-        self._lasted[over] = step + 1
-        self._fell |= over & down
-        self._ended |= over
+        return enough
+
+    def _end(self, first: int, enough: Bool[np.ndarray, "N K"]) -> None:
+        """End the runs that fell in the control step from millisecond `first` on, or in
+        which it is `enough`."""
+        simulator, recording = self._simulator, self._recording
+        later = slice(first + 1, first + enough.shape[1])
+        qpos, qvel = (
+            np.concatenate([before[:, later], now[:, None]], axis=1)
+            for before, now in (
+                (recording.qpos, simulator.qpos),
+                (recording.qvel, simulator.qvel),
+            )
+        )
+        for robot, ground in self._grounds.items():
+            for pose in qpos[robot]:
+                ground.qpos[:] = pose
+                pose[2] = height_over_ground(simulator.models[robot], ground)
+        down = fall(qpos, qvel, self._config.termination).happened
+        over = (down | enough) & ~self._ended[:, None]
+        runs, at = np.any(over, axis=1), np.argmax(over, axis=1)
+        self._lasted[runs] = first + 1 + at[runs]
+        self._fell[runs] = down[runs, at[runs]]
+        self._ended |= runs
+
+
+def _laid_out(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return MuJoCo's data with the ground in its place."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
 
 
 def draw_sensor_noise(

@@ -6,14 +6,17 @@ robots, and MuJoCo steps each robot by itself, so that robots may differ in hard
 ground and numerics. Compiled laws round otherwise than NumPy's.
 """
 
+import abc
 import dataclasses
 import functools
-from collections.abc import Sequence
+import operator
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
+from mujoco.batch import MODEL_FIELDS, Batch
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot import conventions
@@ -21,11 +24,11 @@ from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.coordinates import joint_positions, motor_indices
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import foot_forces, let_converge, load_model
+from bp2_rl.robot.model import let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.world import LEVEL, Draw, World
+from bp2_rl.simulation.world import LEVEL, Draw, Moving, World
 
 DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
@@ -127,6 +130,49 @@ class RobotSetup:
         )
 
 
+class Alike:
+    """Robots whose MuJoCo data have one layout, and that take as many physics steps at
+    a time: one batch of MuJoCo's.
+
+    Args:
+        models: each robot's model.
+        steps: physics steps in each torque update.
+
+    Attributes:
+        state: (M, S), the robots' integration states in MuJoCo's order; a change of it,
+            or of the views below, is the robot's state from then on.
+        qpos, qvel, ctrl, qfrc_applied, warmstart: views of `state`.
+        sensed: (M, 12), N, the ground's forces on the feet in the last step.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel], steps: int):
+        self.steps = steps
+        self.batch = Batch(models[0], len(models), nthread=1, persistent=False)
+        _give(self.batch, models)
+        stands = [model.key("stand").id for model in models]
+        self.batch.reset(keyframe=stands, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self.state = self.batch.state
+        self.qpos, self.qvel, self.ctrl, self.qfrc_applied, self.warmstart = map(
+            self.batch.bind, ("qpos", "qvel", "ctrl", "qfrc_applied", "qacc_warmstart")
+        )
+        self.sensed = self.batch.bind("sensordata")
+        # of the mass matrix, at the start of the last step
+        self._factors = self.batch.bind("qLD"), self.batch.bind("qLDiagInv")
+        self._model, self._into = models[0], mujoco.MjData(models[0])
+
+    def solve(
+        self, at: Int[np.ndarray, " M"], forces: Float[np.ndarray, "R nv"]
+    ) -> Float[np.ndarray, "M R nv"]:
+        """Return the accelerations that generalised forces give the robots at these
+        places, by their mass matrices at the start of the last step."""
+        answers = np.empty((len(at), *forces.shape))
+        into, (factors, inverses) = self._into, self._factors
+        for i, place in enumerate(at.tolist()):
+            into.qLD[:], into.qLDiagInv[:] = factors[place], inverses[place]
+            mujoco.mj_solveM(self._model, into, answers[i], forces)
+        return answers
+
+
 class Simulator:
     """N robots in C MuJoCo and their states; each starts at its keyframe `stand`.
 
@@ -141,7 +187,6 @@ class Simulator:
 
     Attributes:
         models: each robot's model.
-        data: each robot's state in MuJoCo; call `read` after a change.
         qpos: (N, nq), the robots' positions.
         qvel: (N, nv), the robots' velocities.
         torque: (N, 12), Nm, last applied.
@@ -162,14 +207,10 @@ class Simulator:
         self.models = (
             [robot.model() for robot in robots] if models is None else list(models)
         )
-        self.data = [mujoco.MjData(model) for model in self.models]
         self.motors = [robot.motors() for robot in robots]
         self._resistance = [robot.resistance() for robot in robots]
         self._periods = [robot.numerics.period for robot in robots]
         self._updates = np.array([robot.numerics.updates for robot in robots])
-        self._steps = [
-            robot.numerics.steps // robot.numerics.updates for robot in robots
-        ]
         self._most_updates = int(np.max(self._updates))
         self._throughout = np.array(
             [
@@ -178,60 +219,112 @@ class Simulator:
             ]
         )
         self._rows = None
-        for model, data in zip(self.models, self.data, strict=True):
-            mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-        # Looking an array up in MuJoCo's data takes longer than writing it.
-        self._inputs = [(data.ctrl, data.qfrc_applied) for data in self.data]
-        self._outputs = [
-            (data.qpos, data.qvel, foot_forces(data)) for data in self.data
+        kinds = [
+            (robot.numerics.steps // robot.numerics.updates, _layout(model))
+            for robot, model in zip(robots, self.models, strict=True)
         ]
-        self._start = np.empty(
-            (len(robots), mujoco.mj_stateSize(self.models[0], STATE))
-        )
-        self._mobility = np.zeros((len(robots), conventions.NUM_MOTORS))
+        self._members = [
+            np.array([i for i, its in enumerate(kinds) if its == kind])
+            for kind in dict.fromkeys(kinds)
+        ]
+        self._alike = [
+            Alike([self.models[i] for i in members.tolist()], kinds[members[0]][0])
+            for members in self._members
+        ]
+        self._kind, self._place = np.zeros((2, len(robots)), int)
+        for kind, members in enumerate(self._members):
+            self._kind[members], self._place[members] = kind, np.arange(len(members))
+        self._data: list[mujoco.MjData] = []
         self._everyone = np.arange(len(robots))
-        self.qpos, self.qvel, self.foot_force = (
-            np.stack(values) for values in zip(*self._outputs, strict=True)
-        )
-        self.torque = np.zeros((len(robots), conventions.NUM_MOTORS))
+        size = len(robots), conventions.NUM_MOTORS
+        self.torque, self._mobility = np.zeros((2, *size))
+        self.foot_force = np.zeros((len(robots), 4, 3))
+        self.qpos = np.empty((len(robots), self.models[0].nq))
+        self.qvel = np.empty((len(robots), self.models[0].nv))
+        self._look()
 
     def __len__(self) -> int:
         """Number of robots."""
-        return len(self.data)
+        return len(self.models)
 
     def mass(self, robot: int) -> float:
         """Return a robot's mass, kg."""
         return float(np.sum(self.models[robot].body_mass))
 
+    @property
+    def data(self) -> list[mujoco.MjData]:
+        """Each robot's state in MuJoCo, up to date from the first call on, which takes
+        time; call `read` after a change."""
+        if not self._data:
+            self._data = [mujoco.MjData(model) for model in self.models]
+            self._show(self._everyone)
+        return self._data
+
+    def _show(self, robots: Int[np.ndarray, " M"]) -> None:
+        for robot in robots.tolist() if self._data else ():
+            alike = self._alike[self._kind[robot]]
+            alike.batch.get_data(int(self._place[robot]), self._data[robot])
+            self._data[robot].sensordata[:] = self.foot_force[robot].ravel()
+
     def read(self, robot: int) -> None:
         """Update a robot's state in the simulator after a change of its `data` from
         outside."""
-        self._copy(robot)
-        self.torque = self.torque.copy()  # a millisecond has returned it
-        self.torque[robot] = self.data[robot].ctrl
+        row = self._row(robot)
+        mujoco.mj_getState(self.models[robot], self.data[robot], row, STATE)
+        self._look()
 
-    def _copy(self, robot: int) -> None:
-        qpos, qvel, foot_force = self._outputs[robot]
-        self.qpos[robot] = qpos
-        self.qvel[robot] = qvel
-        self.foot_force[robot] = foot_force
+    def _row(self, robot: int) -> Float[np.ndarray, " S"]:
+        return self._alike[self._kind[robot]].state[self._place[robot]]
+
+    def _look(self) -> None:
+        """Read all robots' states after a change from outside."""
+        self.torque = self.torque.copy()  # a millisecond has returned it
+        for alike, members in zip(self._alike, self._members, strict=True):
+            self.qpos[members], self.qvel[members] = alike.qpos, alike.qvel
+            self.torque[members] = alike.ctrl
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
         """Return the full integration state of a robot, in MuJoCo's order."""
-        state = np.empty(self._start.shape[1])
-        mujoco.mj_getState(self.models[robot], self.data[robot], state, STATE)
-        return state
+        return self._row(robot).copy()
 
     def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
         """Set a robot to a state returned by `state`."""
-        mujoco.mj_setState(self.models[robot], self.data[robot], state, STATE)
-        self.data[robot].sensordata[:] = 0.0  # no step has been taken from here
-        self.read(robot)
+        self._row(robot)[:] = state
+        self.foot_force[robot] = 0.0  # no step has been taken from here
+        self._show(np.array([robot]))
+        self._look()
+
+    @property
+    def warmstart(self) -> Float[np.ndarray, "N nv"]:
+        """The accelerations from which the solver begins the robots' next step."""
+        values = np.empty_like(self.qvel)
+        for alike, its in zip(self._alike, self._members, strict=True):
+            values[its] = alike.warmstart
+        return values
+
+    def begin(
+        self,
+        qpos: Float[np.ndarray, "N nq"],
+        qvel: Float[np.ndarray, "N nv"],
+        torque: Float[np.ndarray, "N 12"],
+        warmstart: Float[np.ndarray, "N nv"],
+    ) -> None:
+        """Put all robots into these states."""
+        for alike, its in zip(self._alike, self._members, strict=True):
+            alike.qpos[:], alike.qvel[:] = qpos[its], qvel[its]
+            alike.ctrl[:], alike.warmstart[:] = torque[its], warmstart[its]
+        self._look()
 
     def set_motors(self, robot: int, motors: Actuator) -> None:
         """Give a robot other motors from the next millisecond on."""
         self.motors[robot] = motors
         self._rows = None
+
+    def push(self, robot: int, world: World, step: int) -> None:
+        """Apply a world's pushes that are due at this millisecond to a robot."""
+        alike, place = self._alike[self._kind[robot]], self._place[robot]
+        world.push(Moving(alike.qpos[place], alike.qvel[place]), step)
+        self._look()
 
     def settle(self) -> None:
         """Let all robots stand under the joint PD loop until they are at rest, then
@@ -243,14 +336,14 @@ class Simulator:
         still = np.zeros_like(stand)
         for _ in range(round(SETTLING_TIME / DT)):
             self.millisecond(stand, still)
-            for robot, data in enumerate(self.data):
-                data.qvel *= 1.0 - SETTLING_DAMPING * DT
-                self.qvel[robot] = data.qvel
-        for robot, data in enumerate(self.data):
-            data.qpos[:2] = 0.0
-            data.qvel[:] = 0.0
-            data.time = 0.0
-            self.read(robot)
+            for alike in self._alike:
+                alike.qvel *= 1.0 - SETTLING_DAMPING * DT
+            self._look()
+        for alike in self._alike:
+            alike.qpos[:, :2] = 0.0
+            alike.qvel[:] = 0.0
+            alike.batch.time = 0.0
+        self._look()
 
     def millisecond(
         self,
@@ -272,6 +365,7 @@ class Simulator:
         torque = self.torque  # each update makes an array of its own
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
+        self._show(robots)
         return torque
 
     def _update(
@@ -291,17 +385,13 @@ class Simulator:
         qpos = self.qpos.copy()
         qvel = self.qvel.copy()
         forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
-        throughout = self._throughout[robots]
-        tried = robots[throughout]
-        for robot in tried.tolist():
-            mujoco.mj_getState(
-                self.models[robot], self.data[robot], self._start[robot], STATE
-            )
+        tried = robots[self._throughout[robots]]
+        starts = [alike.state.copy() for alike in self._alike] if len(tried) else []
+        self._step(robots, forces)
         for trial in range(TRIALS if len(tried) else 0):
-            self._step(tried, forces)
             # of the step's start, which all trials share
-            for robot in tried.tolist() if trial == 0 else ():
-                self._mobility[robot] = self._mobilities(robot)
+            for alike, at, its in self._of_a_kind(tried) if trial == 0 else ():
+                self._mobility[its] = self._mobilities(alike, at, its)
             again = laws.correct(
                 self._rows,
                 forces[:, :12],
@@ -316,37 +406,75 @@ class Simulator:
                 break
             forces = forces.copy()
             forces[tried] = again[tried, :-1]
-            for robot in tried.tolist():
-                mujoco.mj_setState(
-                    self.models[robot], self.data[robot], self._start[robot], STATE
-                )
-        self._step(tried, forces)
-        self._step(robots[~throughout], forces)
+            for kind, at, _ in self._of_a_kind(tried):
+                kind.state[at] = starts[self._alike.index(kind)][at]
+            self._step(tried, forces)
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
     def _step(
         self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]
     ) -> None:
-        for robot in robots.tolist():
-            torque, force = self._inputs[robot]
-            torque[:] = forces[robot, :12]
-            force[:] = forces[robot, 12:]
-            self._advance(robot)
-            self._copy(robot)
+        for alike, at, its in self._of_a_kind(robots):
+            alike.ctrl[at] = forces[its, :12]
+            alike.qfrc_applied[at] = forces[its, 12:]
+            self.foot_force[its] = self._advance(alike, at, its).reshape(-1, 4, 3)
+            self.qpos[its], self.qvel[its] = alike.qpos[at], alike.qvel[at]
 
-    def _advance(self, robot: int) -> None:
-        """Take the physics steps of a torque update; `data` then holds the new state
-        and foot forces."""
-        mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
+    def _of_a_kind(
+        self, robots: Int[np.ndarray, " M"]
+    ) -> Iterator[tuple[Alike, Int[np.ndarray, " K"], Int[np.ndarray, " K"]]]:
+        """Yield these robots kind by kind: the kind, their places in it, and their
+        indices."""
+        for kind, alike in enumerate(self._alike):
+            its = robots[self._kind[robots] == kind] if self._alike[1:] else robots
+            if len(its):
+                yield alike, self._place[its], its
 
-    def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
+    def _advance(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K _"]:
+        """Take the physics steps of a torque update of robots of a kind, whose `state`
+        then is the new one; return the forces on their feet, N."""
+        # MuJoCo's batch checks indices for longer than it steps a robot
+        alike.batch.step(at if len(at) < len(alike.state) else None, alike.steps)
+        return alike.sensed[at]
+
+    def _mobilities(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K 12"]:
         """Return each joint's acceleration per unit torque at the start of the last
-        step, rad/s2/Nm."""
-        unit = _unit(self.models[robot].nv)
-        answer = np.empty_like(unit)
-        mujoco.mj_solveM(self.models[robot], self.data[robot], answer, unit)
-        return answer[unit > 0.0]
+        step of robots of a kind, rad/s2/Nm."""
+        unit = _unit(self.models[0].nv)
+        return alike.solve(at, unit)[:, unit > 0.0]
+
+
+class OneByOne(Simulator):
+    """A simulator whose physics another engine computes, robot by robot, in MuJoCo's
+    data."""
+
+    def _advance(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K _"]:
+        forces = np.empty((len(at), alike.sensed.shape[1]))
+        for robot, row, force in zip(
+            robots.tolist(), alike.state[at], forces, strict=True
+        ):
+            data, model = self._computed[robot], self.models[robot]
+            mujoco.mj_setState(model, data, row, STATE)
+            self._take_steps(robot, data, alike.steps)
+            mujoco.mj_getState(model, data, self._row(robot), STATE)
+            force[:] = data.sensordata
+        return forces
+
+    @functools.cached_property
+    def _computed(self) -> list[mujoco.MjData]:
+        return [mujoco.MjData(model) for model in self.models]
+
+    @abc.abstractmethod
+    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
+        """Take physics steps of a robot in `data`: its state, and the forces on its
+        feet in `sensordata`."""
 
 
 def settled(
@@ -385,3 +513,32 @@ _stands: dict[tuple[RobotSetup, float], np.ndarray] = {}
 def _unit(nv: int) -> Float[np.ndarray, "12 _"]:
     """Return a unit generalised force on each motor's joint, a row for each motor."""
     return np.eye(nv)[motor_indices(nv)]
+
+
+def _layout(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Return the sizes of a model; MuJoCo's data of two models with the same sizes have
+    one layout."""
+    sizes = (getattr(model, name) for name in dir(model) if name.startswith("n"))
+    return tuple(size for size in sizes if isinstance(size, int))
+
+
+def _give(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
+    """Let a batch simulate these models: one model with the values in which they
+    differ, where it can be, as whole models crowd each other out of a processor's
+    cache."""
+    first = models[0]
+    names = [
+        name for name in dir(first) if isinstance(getattr(first, name), np.ndarray)
+    ]
+    names += [f"opt.{name}" for name in dir(first.opt) if name[0] != "_"]
+    read = {name: operator.attrgetter(name) for name in names}
+    differ = [
+        name
+        for name, value in read.items()
+        if any(not np.array_equal(value(first), value(model)) for model in models[1:])
+    ]
+    if differ and MODEL_FIELDS.issuperset(differ):
+        for name in differ:
+            batch.expand(name)[:] = [read[name](model) for model in models]
+    else:
+        batch.set_models(models)

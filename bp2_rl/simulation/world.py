@@ -4,7 +4,7 @@ random properties."""
 import dataclasses
 import functools
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import jax
 import mujoco
@@ -81,14 +81,27 @@ class World(Bounded, path="world."):
                 [-np.sin(slope), 0.0, -np.cos(slope)]
             )
 
-    def push(self, data: mujoco.MjData, step: int) -> None:
+    def push(self, data: "mujoco.MjData | Moving", step: int) -> None:
         """Apply the pushes that are due at the physics step `step`."""
-        for push in self.pushes:
-            if round(push.time / conventions.PHYSICS_STEP) == step:
+        for push, due in zip(self.pushes, self.push_steps, strict=True):
+            if due == step:
                 shove(data, push.forward, push.left, push.turn)
+
+    @property
+    def push_steps(self) -> list[int]:
+        """The physics steps at which the pushes are due."""
+        return [round(push.time / conventions.PHYSICS_STEP) for push in self.pushes]
 
 
 LEVEL = World()
+
+
+class Moving(NamedTuple):
+    """A robot's positions and velocities in MuJoCo's coordinates, as its `MjData` has
+    them."""
+
+    qpos: Float[np.ndarray, " nq"]
+    qvel: Float[np.ndarray, " nv"]
 
 
 @functools.lru_cache(maxsize=16)
@@ -107,7 +120,9 @@ def _laid_out(terrain: Terrain) -> Ground:
     return HeightField(Grid(heights), terrain.size, cell, float(behind), float(right))
 
 
-def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:
+def shove(
+    data: mujoco.MjData | Moving, forward: float, left: float, turn: float = 0.0
+) -> None:
     """Change the robot's velocity in the frame of its heading (m/s), and its yaw rate
     (rad/s), at once."""
     yaw = yaw_of(data.qpos[3:7])

@@ -194,12 +194,7 @@ class RobotGroup:
     def _continued(self, state: GroupState) -> tuple[Simulator, PolicyRunner]:
         """Return a simulator and a policy runner that continue from `state`."""
         simulator = Simulator([self.robot] * len(state), [self._model] * len(state))
-        for i, data in enumerate(simulator.data):
-            data.qpos[:] = state.qpos[i]
-            data.qvel[:] = state.qvel[i]
-            data.ctrl[:] = state.torque[i]
-            data.qacc_warmstart[:] = state.warmstart[i]
-            simulator.read(i)
+        simulator.begin(state.qpos, state.qvel, state.torque, state.warmstart)
         runner = self._runner(state.command)
         remembered = state.phase, state.action, state.seen, state.steps
         with jax.default_device(jax.devices("cpu")[0]):
@@ -227,7 +222,7 @@ class RobotGroup:
             qpos=simulator.qpos.copy(),
             qvel=simulator.qvel.copy(),
             torque=simulator.torque.copy(),
-            warmstart=np.stack([data.qacc_warmstart for data in simulator.data]),
+            warmstart=simulator.warmstart,
             phase=remembered.phase,
             action=remembered.last_action,
             seen=remembered.past_frames,
