@@ -11,13 +11,13 @@ from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.operator import HeadingHold
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.mjx import MjxSimulator
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import CONVERGED, Numerics, RobotSetup, Simulator
-from bp2_rl.simulation.world import Push, World
+from bp2_rl.simulation.world import Draw, Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
 RAMP = Ramp(1.5, acceleration=10.0, hold=0.1)
@@ -138,6 +138,19 @@ def test_laws_and_steps_are_those_of_the_plain_robot(robots, numerics):
     np.testing.assert_allclose(
         simulator.qpos, np.tile(plain.data[0].qpos, (robots, 1)), atol=1e-9
     )
+
+
+def test_drawn_robots_run_side_by_side_as_each_does_alone():
+    """Together they are one model with each robot's numbers, alone a model each."""
+    requests = [
+        RunRequest(RAMP, BUILT, drawn=Draw(RandomizationConfig(), 0, i))
+        for i in range(2)
+    ]
+    together = list(simulate(answering, requests, CONFIG))
+    assert together[0].mass != together[1].mass
+    for one, run in zip(requests, together, strict=True):
+        [alone] = simulate(answering, [one], CONFIG)
+        np.testing.assert_allclose(run.qpos, alone.qpos, atol=1e-9)
 
 
 def test_robots_that_do_not_move_stay_as_they_are():
