@@ -9,6 +9,7 @@ import http.server
 import io
 import json
 import re
+import shutil
 import tarfile
 import threading
 from types import SimpleNamespace
@@ -219,43 +220,54 @@ def test_the_compiled_code_that_ships_is_of_these_sources(tmp_path):
     assert (tmp_path / "page.wasm").read_bytes() == page_build.CODE.read_bytes()
 
 
-def tarball(path, **files):
-    """Write a file like npm's, and return its SHA-512."""
+THEIRS = {"js": b"1", "wasm": b"2"}
+
+
+def package(path, **files):
+    """Write a file like npm's."""
     with tarfile.open(path, "w:gz") as archive:
         for name, content in files.items():
             member = tarfile.TarInfo(f"package/mujoco.{name}")
             member.size = len(content)
             archive.addfile(member, io.BytesIO(content))
-    return hashlib.sha512(path.read_bytes()).hexdigest()
+    return path
 
 
-def test_mujocos_package_is_fetched_once_and_never_used_unchecked(
-    tmp_path, monkeypatch
-):
-    theirs, other, cache = tmp_path / "theirs", tmp_path / "other", tmp_path / "cache"
+def test_mujocos_files_are_fetched_once_and_never_used_unchecked(tmp_path, monkeypatch):
+    cache, network = tmp_path / "cache", tmp_path / "network"
+    network.mkdir()
     monkeypatch.setenv("BP2_CACHE", str(cache))
-    monkeypatch.setattr(mujoco_wasm, "SHA512", tarball(theirs, js=b"1", wasm=b"2"))
-    tarball(other, js=b"not theirs", wasm=b"2")
-    monkeypatch.setattr(mujoco_wasm, "URL", other.as_uri())
-    with pytest.raises(
-        UserError, match=r"file:.* is not npm's @mujoco/mujoco 3\.14\.0"
-    ):
+    monkeypatch.setenv("PATH", "")  # without npm
+    pinned = {
+        f"mujoco.{name}": hashlib.sha512(content).hexdigest()
+        for name, content in THEIRS.items()
+    }
+    monkeypatch.setattr(mujoco_wasm, "SHA512", pinned)
+    monkeypatch.setattr(mujoco_wasm, "NETWORK", network.as_uri())
+    with pytest.raises(UserError, match=r"cannot fetch @mujoco.*with --mujoco-package"):
+        mujoco_wasm.mujoco_files(None)
+    for name, content in THEIRS.items():
+        (network / f"mujoco.{name}").write_bytes(content + b" ")
+    with pytest.raises(UserError, match=r"mujoco\.js is not that of npm's @mujoco"):
         mujoco_wasm.mujoco_files(None)
     assert not cache.exists()
-    with pytest.raises(UserError, match=r"other is not npm's @mujoco/mujoco 3\.14\.0"):
-        mujoco_wasm.mujoco_files(other)
-    assert mujoco_wasm.mujoco_files(theirs) == (b"1", b"2")
-    monkeypatch.setattr(mujoco_wasm, "URL", (tmp_path / "none").as_uri())
-    with pytest.raises(UserError, match=r"cannot fetch file:.*give that file with"):
-        mujoco_wasm.mujoco_files(None)
-    monkeypatch.setattr(mujoco_wasm, "URL", theirs.as_uri())
+    for name, content in THEIRS.items():
+        (network / f"mujoco.{name}").write_bytes(content)
     assert mujoco_wasm.mujoco_files(None) == (b"1", b"2")
-    theirs.unlink()
+    shutil.rmtree(network)
     assert mujoco_wasm.mujoco_files(None) == (b"1", b"2")
-    (kept,) = cache.iterdir()
-    kept.write_bytes(kept.read_bytes()[:-1])
-    with pytest.raises(UserError, match="is not npm's"):
+    next(cache.rglob("mujoco.wasm")).write_bytes(b"3")
+    with pytest.raises(UserError, match=r"mujoco\.wasm is not that of npm's"):
         mujoco_wasm.mujoco_files(None)
+
+
+def test_a_given_package_is_checked(tmp_path):
+    given = package(tmp_path / "given", js=b"not theirs", wasm=b"2")
+    with pytest.raises(UserError, match=r"given: mujoco\.js is not that of npm's"):
+        mujoco_wasm.mujoco_files(given)
+    given.write_bytes(b"no archive")
+    with pytest.raises(UserError, match="given is not npm's @mujoco/mujoco@3"):
+        mujoco_wasm.mujoco_files(given)
 
 
 # --- In a browser ---------------------------------------------------------------------

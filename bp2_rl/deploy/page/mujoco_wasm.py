@@ -4,7 +4,10 @@ file."""
 import contextlib
 import hashlib
 import io
+import shutil
+import subprocess
 import tarfile
+import tempfile
 import urllib.request
 from pathlib import Path
 
@@ -13,54 +16,77 @@ from bp2_rl.base.files import read_bytes, write_bytes
 from bp2_rl.base.processes import cache_folder
 
 VERSION = "3.14.0"
-SHA512 = (
-    "58f51889dbb8171f3eb8ce2142ff3448e03489fa561abb0d260b8ab3c24157c4"
-    "824f18ca436febaac87cf349d41f4fd5c1af2fb9e7e086f090924a1e7776e452"
-)
-"""Of the package's file, as npm has published it."""
-URL = f"https://registry.npmjs.org/@mujoco/mujoco/-/mujoco-{VERSION}.tgz"
+SHA512 = {
+    "mujoco.js": (
+        "c0f6aa8da6db5930eea2eb630810809e390154789894e929ee5a1bf7a62286d1"
+        "dfa7f4aa7ee19c0b5d50ca1b3b4cdba489c4006c49a9be66905ffe0186871430"
+    ),
+    "mujoco.wasm": (
+        "74b30a35982f4890a078fdc7e2ddfb9e85a148691ab538d5ce7930a4d41b17d4"
+        "c64562b5161a9fe85304707d61b6db02307b9fa939a89b279b43716354246eed"
+    ),
+}
+"""Of the package's files that a page needs, as npm has published them."""
+PACKAGE = f"@mujoco/mujoco@{VERSION}"
+NETWORK = f"https://cdn.jsdelivr.net/npm/{PACKAGE}"
+"""The folder of npm's packages that browsers load from; asked where npm is not
+installed."""
 LARGEST = 32 << 20  # bytes
 PATIENCE = 60.0  # s, for which a silent network is waited for
+Files = dict[str, bytes]
 
 
 def mujoco_files(given: Path | None) -> tuple[bytes, bytes]:
     """Return mujoco.js and mujoco.wasm from the package's file: `given`, or from the
-    cache, or else from the network.
+    cache, or else by npm or from the network.
 
     Raises:
-        UserError: the file cannot be had, or is another than the pinned one.
+        UserError: the files cannot be had, or are others than the pinned ones.
     """
-    kept = cache_folder() / f"mujoco-wasm-{VERSION}.tgz"
-    place = given or (kept if kept.is_file() else None)
-    content = read_bytes(place, LARGEST) if place else _fetch()
-    _require_pinned(content, str(place or URL))
-    if place is None:
-        with contextlib.suppress(OSError):  # then it is fetched again the next time
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(kept, content)
-    with tarfile.open(fileobj=io.BytesIO(content)) as archive:
-        members = [
-            archive.extractfile(f"package/mujoco.{end}") for end in ("js", "wasm")
-        ]
-        script, code = (member.read() for member in members if member)
-    return script, code
+    kept = cache_folder() / f"mujoco-wasm-{VERSION}"
+    if given is not None:
+        files = _unpacked(given)
+    elif all((kept / name).is_file() for name in SHA512):
+        files = {name: read_bytes(kept / name, LARGEST) for name in SHA512}
+    else:
+        files = _fetch()
+    for name, pinned in SHA512.items():
+        if hashlib.sha512(files.get(name, b"")).hexdigest() != pinned:
+            raise UserError(
+                f"{given or kept}: {name} is not that of npm's {PACKAGE}; remove it, or give the package with "
+                "--mujoco-package FILE"
+            )
+    if given is None:
+        with contextlib.suppress(OSError):  # then they are fetched again the next time
+            kept.mkdir(parents=True, exist_ok=True)
+            for name, content in files.items():
+                write_bytes(kept / name, content)
+    return files["mujoco.js"], files["mujoco.wasm"]
 
 
-def _fetch() -> bytes:
+def _unpacked(package: Path) -> Files:
     try:
-        with urllib.request.urlopen(URL, timeout=PATIENCE) as answer:
-            return answer.read(LARGEST)
-    except (OSError, ValueError) as error:  # of the network, or of a proxy's address
+        with tarfile.open(fileobj=io.BytesIO(read_bytes(package, LARGEST))) as archive:
+            members = {name: archive.extractfile(f"package/{name}") for name in SHA512}
+            return {name: member.read() for name, member in members.items() if member}
+    except (tarfile.TarError, KeyError) as error:
+        raise UserError(f"{package} is not npm's {PACKAGE}: {error}") from error
+
+
+def _fetch() -> Files:
+    try:
+        if npm := shutil.which("npm"):
+            with tempfile.TemporaryDirectory() as folder:
+                pack = npm, "pack", PACKAGE, "--silent", "--pack-destination", folder
+                subprocess.run(pack, check=True, capture_output=True, timeout=PATIENCE)
+                return _unpacked(next(Path(folder).iterdir()))
+        files = {}
+        for name in SHA512:
+            with urllib.request.urlopen(f"{NETWORK}/{name}", timeout=PATIENCE) as found:
+                files[name] = found.read(LARGEST)
+        return files
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
         raise UserError(
-            f"cannot fetch {URL}: {getattr(error, 'reason', None) or error}; where there is no network, "
-            "give that file with --mujoco-package FILE"
+            f"cannot fetch {PACKAGE}: {getattr(error, 'reason', None) or error}; where there is no network, "
+            f"give the file that `npm pack {PACKAGE}` writes elsewhere with --mujoco-package FILE"
         ) from error
-
-
-def _require_pinned(content: bytes, source: str) -> None:
-    found = hashlib.sha512(content).hexdigest()
-    if found != SHA512:
-        raise UserError(
-            f"{source} is not npm's @mujoco/mujoco {VERSION}: its SHA-512 begins with {found[:12]}, not with "
-            f"{SHA512[:12]}; remove the file, or give another one with --mujoco-package FILE"
-        )
