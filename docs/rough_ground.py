@@ -32,5 +32,5 @@ def picture(place: Path, policy: str, ground: str, speed: float) -> None:
 
 if __name__ == "__main__":
     place, *chosen = sys.argv[1:]
-    policy, ground, speed = chosen or ("built", "rough:0.05:0.4", "6")
+    policy, ground, speed = chosen or ("rough", "rough:0.06:0.25", "6")
     picture(Path(place), policy, ground, float(speed))

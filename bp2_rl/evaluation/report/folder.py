@@ -130,6 +130,7 @@ def card_results(evaluation: Evaluation) -> dict[str, Any]:
 
 _CARD_CONDITIONS = (
     "robot",
+    "ground",
     "schedule",
     "sprint",
     "simulator",
