@@ -94,8 +94,8 @@ def keep_compiled() -> Path | None:
     """Let JAX keep compiled programs on disk; return the folder for traced programs, or
     None if it cannot be written.
 
-    Both lie in the `cache_folder`. Where JAX has been told a folder before, by $JAX_COMPILATION_CACHE_DIR for one, JAX
-    keeps its programs there.
+    Both lie in the `cache_folder`. Where JAX has been told a folder before, by
+    $JAX_COMPILATION_CACHE_DIR for one, JAX keeps its programs there.
     """
     import jax  # when XLA's threads have been set
 

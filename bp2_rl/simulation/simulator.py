@@ -2,8 +2,8 @@
 laws of motors and losses.
 
 The physics is float64 with a converged solver. The laws are compiled once for all
-robots, and MuJoCo steps each robot by itself, so that robots may differ in hardware,
-ground and numerics. Compiled laws round otherwise than NumPy's.
+robots. MuJoCo steps robots whose data have one layout in a batch; robots may differ in
+hardware, ground and numerics. Compiled laws round otherwise than NumPy's.
 """
 
 import abc

@@ -44,9 +44,10 @@ def mujoco_files(given: Path | None) -> tuple[bytes, bytes]:
         UserError: the files cannot be had, or are others than the pinned ones.
     """
     kept = cache_folder() / f"mujoco-wasm-{VERSION}"
+    cached = all((kept / name).is_file() for name in SHA512)
     if given is not None:
         files = _unpacked(given)
-    elif all((kept / name).is_file() for name in SHA512):
+    elif cached:
         files = {name: read_bytes(kept / name, LARGEST) for name in SHA512}
     else:
         files = _fetch()
@@ -56,7 +57,7 @@ def mujoco_files(given: Path | None) -> tuple[bytes, bytes]:
                 f"{given or kept}: {name} is not that of npm's {PACKAGE}; remove it, or give the package with "
                 "--mujoco-package FILE"
             )
-    if given is None:
+    if given is None and not cached:
         with contextlib.suppress(OSError):  # then they are fetched again the next time
             kept.mkdir(parents=True, exist_ok=True)
             for name, content in files.items():
@@ -77,8 +78,12 @@ def _fetch() -> Files:
     try:
         if npm := shutil.which("npm"):
             with tempfile.TemporaryDirectory() as folder:
-                pack = npm, "pack", PACKAGE, "--silent", "--pack-destination", folder
-                subprocess.run(pack, check=True, capture_output=True, timeout=PATIENCE)
+                subprocess.run(
+                    [npm, "pack", PACKAGE, "--silent", "--pack-destination", folder],
+                    check=True,
+                    capture_output=True,
+                    timeout=PATIENCE,
+                )
                 return _unpacked(next(Path(folder).iterdir()))
         files = {}
         for name in SHA512:
