@@ -76,7 +76,7 @@ class Filmed:
         self._closed = False
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
-    def submit(self, policy: Path) -> Future[JudgeResult]:
+    def submit(self, policy: Path, *, slower: bool) -> Future[JudgeResult]:
         """Queue the policy folder for the judge, and film its launch; return the
         judge's future result."""
         if self._results is None:
@@ -86,7 +86,7 @@ class Filmed:
                 for one in read_judged(self._run_dir).policies
             }
         if not policy.name.isdecimal():  # one that a killed process has set aside
-            return self._workers.submit(policy)
+            return self._workers.submit(policy, slower=slower)
         kept = None
         if not self._no_film:
             (self._run_dir / FILMS).mkdir(exist_ok=True)
@@ -101,7 +101,8 @@ class Filmed:
             except Exception as error:
                 shown.set_exception(error)
 
-        self._workers.submit(policy, kept, SHOT.length).add_done_callback(show)
+        workers = self._workers.submit(policy, kept, SHOT.length, slower=slower)
+        workers.add_done_callback(show)
         return shown
 
     def close(self, *, wait: bool) -> None:

@@ -170,20 +170,22 @@ def judge_policy(
     env: EnvConfig,
     kept: Path | None = None,
     length: float = 0.0,
+    *,
+    slower: bool = True,
 ) -> JudgeResult:
     """Make the judge's launches of a policy; where the robot falls in the first, make
-    the slower ones, too.
+    the slower ones, too, unless not `slower`.
 
     All slower launches run side by side, since 18 robots take less than twice as long
     as three. `kept` and `length` are those of `measure_launches`, for the launches to
     the fastest command.
     """
     launches = measure_launches(policy, env, JUDGED_LAUNCHES, kept, length)
-    if not launches[0].fell:
+    if not (slower and launches[0].fell):
         return combine(launches)
-    slower = measure_launches(policy, env, SLOWER_LAUNCHES)
+    others = measure_launches(policy, env, SLOWER_LAUNCHES)
     count = len(launches)
-    groups = [slower[k : k + count] for k in range(0, len(slower), count)]
+    groups = [others[k : k + count] for k in range(0, len(others), count)]
     upright = (one for one in groups if not any(launch.fell for launch in one))
     return combine(launches, next(upright, ()))
 
@@ -218,7 +220,9 @@ def combine(
 
 
 @contextlib.contextmanager
-def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses"]:
+def open_judge(
+    card: PolicyCard, cache: str | None, *, slower: bool = True
+) -> Generator["JudgeProcesses"]:
     """Start the judge processes of a training; launches still running at the end of the
     block are killed.
 
@@ -226,13 +230,14 @@ def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses
         card: of the training's policies, for whose network the processes compile before
             there is any.
         cache: where JAX keeps compiled programs, if anywhere.
+        slower: whether the processes compile for slower launches, too.
     """
     count = min(max(processors() - 1, 1), AT_A_TIME)
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
         # The processes end with the thread that submits the first task, so this thread
         # does.
         for _ in range(count):
-            pool.submit(_warm_up, card)
+            pool.submit(_warm_up, card, slower)
         yield JudgeProcesses(pool, count, card.env.task)
 
 
@@ -249,11 +254,16 @@ class JudgeProcesses:
         self.places = count
 
     def submit(
-        self, policy: Path, kept: Path | None = None, length: float = 0.0
+        self,
+        policy: Path,
+        kept: Path | None = None,
+        length: float = 0.0,
+        *,
+        slower: bool = True,
     ) -> Future[JudgeResult]:
-        """Queue the policy folder for its launches; save the first launch's last
-        `length` seconds in `kept`."""
-        return self._pool.submit(_judge, policy, kept, length, self._task)
+        """Queue the policy folder for its launches, with the slower ones where it falls
+        if `slower`; save the first launch's last `length` seconds in `kept`."""
+        return self._pool.submit(_judge, policy, kept, length, slower, self._task)
 
 
 # --- In the workers -------------------------------------------------------------------
@@ -270,9 +280,9 @@ def _begin(cache: str | None) -> None:
     jax.config.update("jax_compilation_cache_dir", cache)
 
 
-def _warm_up(card: PolicyCard) -> None:
+def _warm_up(card: PolicyCard, slower: bool) -> None:
     """Compile the launches, and simulate the standing robots from which they begin."""
-    for launches in (JUDGED_LAUNCHES, SLOWER_LAUNCHES):
+    for launches in (JUDGED_LAUNCHES, SLOWER_LAUNCHES)[: 1 + slower]:
         brief = [
             dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3)
             for one in launches
@@ -281,7 +291,7 @@ def _warm_up(card: PolicyCard) -> None:
 
 
 def _judge(
-    policy: Path, kept: Path | None, length: float, task: TaskConfig
+    policy: Path, kept: Path | None, length: float, slower: bool, task: TaskConfig
 ) -> JudgeResult:
     loaded = load_policy(policy, layout_of=layout_of, task=task.code)
-    return judge_policy(loaded, loaded.card.env, kept, length)
+    return judge_policy(loaded, loaded.card.env, kept, length, slower=slower)

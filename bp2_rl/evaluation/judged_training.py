@@ -99,7 +99,8 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
     if not (config.run.judged and cluster.is_first()):
         yield None
         return
-    with open_judge(card, jax.config.values["jax_compilation_cache_dir"]) as judge:
+    cache = jax.config.values["jax_compilation_cache_dir"]
+    with open_judge(card, cache, slower=config.run.until is None) as judge:
         if not config.run.films:
             yield judge
             return

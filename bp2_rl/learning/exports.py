@@ -36,9 +36,13 @@ class Judge(Protocol):
 
     places: int  # policies that are measured at a time
 
-    def submit(self, policy: Path) -> Future[JudgeResult]:
+    def submit(self, policy: Path, *, slower: bool) -> Future[JudgeResult]:
         """Queue the policy in this folder behind those submitted before; return at
-        once."""
+        once.
+
+        Where the robot falls under the fastest command, `slower` asks for the speed
+        that it holds.
+        """
         ...
 
 
@@ -117,7 +121,19 @@ class ExportedPolicies:
 
     def wait(self, enough: Callable[[], bool]) -> None:
         """Wait until the judge's last result is there, `enough` says so, or a policy
-        has reached the run's speed."""
+        has reached the run's speed.
+
+        Where all policies fell under the fastest command, wait for what the newest of
+        them hold, too.
+        """
+        self._wait(enough)
+        fell = all(one.result.speed == 0.0 for one in self._judged.values())
+        if self._judge is not None and self._until is not None and fell:
+            for steps in sorted(self._judged)[-self._judge.places :]:
+                self._submit(steps, slower=True)
+            self._wait(enough)
+
+    def _wait(self, enough: Callable[[], bool]) -> None:
         if self._pending and not self.reached and not enough():
             self._monitor.note(
                 f"waiting for the judge: {len(self._pending)} of the policies are left"
@@ -126,11 +142,14 @@ class ExportedPolicies:
             time.sleep(PAUSE)
             self.collect()
 
-    def _submit(self, steps: int) -> None:
+    def _submit(self, steps: int, *, slower: bool | None = None) -> None:
+        """Submit a policy to the judge; in a run that ends at a speed without slower
+        launches, which take longer than the fastest."""
+        slower = self._until is None if slower is None else slower
         if self._judge is not None:
             try:
                 folder = policy_folder(self._run_dir, steps)
-                self._pending[steps] = self._judge.submit(folder)
+                self._pending[steps] = self._judge.submit(folder, slower=slower)
             except Exception as error:
                 self._go_on_without_judge(error)
 

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from bp2_rl.base import arrays
@@ -26,6 +27,8 @@ from bp2_rl.simulation.laws import filled
 # observation -> action, deterministic; arrays of NumPy or JAX
 ActionFunction: TypeAlias = Callable[[arrays.Array], arrays.Array]
 StepResult = tuple[ControllerState, Targets, Reference, Array]
+RESULTS = np.cumsum([3, conventions.NUM_MOTORS, conventions.NUM_MOTORS]).tolist()
+"""Ends of the next command, the position and the velocity in a row of results."""
 JointTargets = tuple[Float[np.ndarray, "N 12"], Float[np.ndarray, "N 12"]]  # rad, rad/s
 
 
@@ -50,8 +53,6 @@ class PolicyRunner:
         position: (N, D, 12), rad, the joint targets issued last that may still come
             into force, newest last.
         velocity: (N, D, 12), rad/s, the rates of these targets.
-        reference: the reference motion at the end of the last control step; its first N
-            rows are the robots'.
     """
 
     def __init__(
@@ -79,34 +80,44 @@ class PolicyRunner:
             function, weights = _apart(policy)
             self._weights = jax.device_put(weights)
             self._control = _compiled_control_step(function, config, noise)
-            start = Controller(config).init()
-            self._state = jax.tree.map(
-                lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0),
-                start,
-            )
+            self._controller = Controller(config)
+            start, self._unpacked = ravel_pytree(self._controller.init())
+            self._state = jnp.tile(start, (len(self._filled), 1))
         depth = int(np.max(self._behind)) + 1
         self.position = np.tile(
             np.array(config.hardware.anatomy.stand), (robots, depth, 1)
         )
         self.velocity = np.zeros_like(self.position)
         self.next_command = self.command = commands.astype(np.float32)
-        self.reference: Reference | None = None
+        self._reference: Float[np.ndarray, "P _"] | None = None
 
     @property
     def state(self) -> ControllerState:
         """Return the internal states of the controllers, a row for each robot."""
         with jax.default_device(self._device):
-            return jax.tree.map(lambda x: x[: len(self._each)], self._state)
+            return jax.vmap(self._unpacked)(self._state[: len(self._each)])
 
     @state.setter
     def state(self, state: ControllerState) -> None:
         with jax.default_device(self._device):
-            self._state = jax.tree.map(lambda x: x[self._filled], state)
+            self._state = jax.vmap(_packed)(state)[self._filled]
 
     @property
     def phase(self) -> Float[np.ndarray, " N"]:
         """The gait phases of the controllers, cycles."""
-        return np.asarray(self._state.phase, np.float64)[self._each]
+        return np.asarray(self.state.phase, np.float64)
+
+    @property
+    def reference(self) -> Reference | None:
+        """The reference motion at the end of the last control step, a row for each
+        robot; None before it."""
+        if self._reference is None:
+            return None
+        motion = self._controller.reference
+        one = jax.eval_shape(motion, np.zeros(3, np.float32), np.zeros((), np.float32))
+        _, unpacked = ravel_pytree(jax.tree.map(lambda x: np.zeros(x.shape), one))
+        with jax.default_device(self._device):
+            return jax.vmap(unpacked)(self._reference[self._each])
 
     def tick(
         self,
@@ -132,20 +143,22 @@ class PolicyRunner:
                 asked[its], qpos[its, 1], yaw_of(qpos[its, 3:7])
             )
         self.command = self.next_command
-        inputs = (np.asarray(x, np.float32) for x in (self.command, qpos, qvel, asked))
+        inputs = np.concatenate(
+            [self.command, qpos, qvel, asked], axis=1, dtype=np.float32
+        )
         with jax.default_device(self._device):
-            self._state, targets, self.reference, told = self._control(
+            self._state, results = self._control(
                 self._weights,
                 self._state,
-                *(x[self._filled] for x in (*inputs, *drawn)),
+                *(x[self._filled] for x in (inputs, *drawn)),
             )
-        self.next_command = np.asarray(told)[self._each]
-        for issued, new in (
-            (self.position, targets.position),
-            (self.velocity, targets.velocity),
-        ):
+        told, position, velocity, self._reference = np.split(
+            np.asarray(results), RESULTS, axis=1
+        )
+        self.next_command = told[self._each]
+        for issued, new in ((self.position, position), (self.velocity, velocity)):
             issued[:, :-1] = issued[:, 1:]
-            issued[:, -1] = np.asarray(new)[self._each]
+            issued[:, -1] = new[self._each]
         return [
             (
                 self.position[self._each, -1 - behind],
@@ -220,12 +233,33 @@ def _apart(
 @functools.lru_cache(maxsize=8)
 def _compiled_control_step(
     function: Callable[..., Array], config: EnvConfig, noise: RandomizationConfig | None
-) -> Callable[..., StepResult]:
-    control = control_step(config, noise)
+) -> Callable[..., tuple[Array, Array]]:
+    """Compile the control step of many robots, with rows of numbers for structures: a
+    call takes as long for each array as for the robots.
 
-    def all_robots(weights: tuple[object, ...], *rows: object) -> StepResult:
-        return jax.vmap(
-            functools.partial(control, functools.partial(function, *weights))
-        )(*rows)
+    (weights, packed states, inputs, keys, shares) -> (packed states, results); a row of
+    inputs is command, qpos, qvel and the command asked for, one of results the next
+    command, position, velocity and the reference.
+    """
+    control = control_step(config, noise)
+    _, unpacked = ravel_pytree(Controller(config).init())
+    nq = config.hardware.anatomy.nq
+    at = np.cumsum([3, nq, nq - 1]).tolist()
+
+    def one_robot(
+        weights: tuple[object, ...], state: Array, inputs: Array, *drawn: Array
+    ) -> tuple[Array, Array]:
+        policy = functools.partial(function, *weights)
+        state, targets, reference, told = control(
+            policy, unpacked(state), *jnp.split(inputs, at), *drawn
+        )
+        return _packed(state), _packed((told, targets, reference))
+
+    def all_robots(weights: tuple[object, ...], *rows: Array) -> tuple[Array, Array]:
+        return jax.vmap(functools.partial(one_robot, weights))(*rows)
 
     return jax.jit(all_robots)
+
+
+def _packed(values: object) -> Array:
+    return ravel_pytree(values)[0]

@@ -28,7 +28,7 @@ class Fleet(JudgeProcesses):
     def __init__(self, results):
         self.results, self.places = results, 1
 
-    def submit(self, policy, kept=None, length=0.0):
+    def submit(self, policy, kept=None, length=0.0, *, slower=True):
         if kept is not None:
             kept.write_bytes(b"the launch's last seconds")
         result = self.results[int(policy.name)]
@@ -55,7 +55,8 @@ def camera(monkeypatch):
 
 
 def hear(judge, run_dir, *steps):
-    return [judge.submit(run_dir / "policies" / str(step)).result() for step in steps]
+    policies = [run_dir / "policies" / str(step) for step in steps]
+    return [judge.submit(policy, slower=True).result() for policy in policies]
 
 
 def page(run_dir):
@@ -141,7 +142,7 @@ def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
 def test_a_run_whose_folder_is_gone_gets_no_new_one(tmp_path, camera):
     run_dir = tmp_path / "gone"
     with filming(Fleet({64: FAST}), print) as judge, pytest.raises(FileNotFoundError):
-        judge.submit(run_dir / "policies" / "64")
+        judge.submit(run_dir / "policies" / "64", slower=True)
     assert not run_dir.exists()
 
 
@@ -161,7 +162,7 @@ def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera
     judge = Fleet({64: FAST, 128: late})
     with filming(judge, print) as filmed:
         hear(filmed, tmp_path, 64)
-        shown = filmed.submit(tmp_path / "policies" / "128")
+        shown = filmed.submit(tmp_path / "policies" / "128", slower=True)
     before = page(tmp_path)
     threading.Thread(target=late.set_result, args=[FAST]).start()
     assert shown.result(timeout=10) == FAST

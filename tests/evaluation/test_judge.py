@@ -244,12 +244,12 @@ def test_a_judge_compiles_before_the_first_policy(slow_policy):
     policy = load_policy(slow_policy)
     compiled = policy_runner._compiled_control_step
     compiled.cache_clear()
-    judging._warm_up(policy.card)
+    judging._warm_up(policy.card, True)
     control: Any = compiled(
         NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
     )
     assert control._cache_size() == 2  # a batch, and that of slower launches
-    judging._judge(slow_policy, None, 0.0, policy.card.env.task)
+    judging._judge(slow_policy, None, 0.0, True, policy.card.env.task)
     judging.measure_launches(policy, policy.card.env, judging.SLOWER_LAUNCHES)
     assert compiled.cache_info().misses == 1
     assert control._cache_size() == 2

@@ -1,6 +1,7 @@
 """The policies that a run exports: judged beside the training, and the best kept as the
 run's own."""
 
+import dataclasses
 import functools
 import shutil
 import signal
@@ -46,11 +47,14 @@ class Fake:
 
     def __init__(self, results, after=0.0):
         self.results, self.after, self.asked = results, after, []
+        self.held = {}
 
-    def submit(self, policy: Path):
+    def submit(self, policy: Path, *, slower: bool):
         assert load_policy(policy)
         self.asked.append(int(policy.name))
-        heard, future = self.results[int(policy.name)], Future()
+        known = self.held if slower else {}
+        heard = {**self.results, **known}[int(policy.name)]
+        future = Future()
         tell = functools.partial(
             future.set_exception if isinstance(heard, Exception) else future.set_result,
             heard,
@@ -187,6 +191,17 @@ def test_a_runs_own_policy_ends_the_run_or_is_the_fastest_over_all_launches(
     assert load_policy(run).card.results["judged"]["control_steps"] == best * PER_STEP
     assert latest_step(run) == last
     assert ("reached" in log(run)) is (last < STEPS)
+
+
+def test_where_all_fell_on_the_way_to_a_speed_the_newest_is_launched_slower(tmp_path):
+    fell = JudgeResult(0.0, 3, 3, 0.0, fell_told=4.0)
+    judge = Fake(dict.fromkeys(range(PER_STEP, (STEPS + 1) * PER_STEP, PER_STEP), fell))
+    newest = STEPS * PER_STEP
+    judge.held[newest] = dataclasses.replace(fell, mean=0.5, held=1.5)
+    run = training.start(short(until=10.5), tmp_path / "run", judge=judge)
+    assert judge.asked == [*range(PER_STEP, newest + 1, PER_STEP), newest]
+    judged = load_policy(run).card.results["judged"]
+    assert (judged["control_steps"], judged["held"]) == (newest, 1.5)
 
 
 @pytest.mark.parametrize("results_before", [0, 3, STEPS - 1])
