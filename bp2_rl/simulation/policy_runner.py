@@ -114,10 +114,10 @@ class PolicyRunner:
         if self._reference is None:
             return None
         motion = self._controller.reference
-        one = jax.eval_shape(motion, np.zeros(3, np.float32), np.zeros((), np.float32))
+        one = jax.eval_shape(motion, jnp.zeros(3), jnp.zeros(()))
         _, unpacked = ravel_pytree(jax.tree.map(lambda x: np.zeros(x.shape), one))
         with jax.default_device(self._device):
-            return jax.vmap(unpacked)(self._reference[self._each])
+            return jax.vmap(unpacked)(jnp.asarray(self._reference)[self._each])
 
     def tick(
         self,
@@ -250,10 +250,10 @@ def _compiled_control_step(
         weights: tuple[object, ...], state: Array, inputs: Array, *drawn: Array
     ) -> tuple[Array, Array]:
         policy = functools.partial(function, *weights)
-        state, targets, reference, told = control(
+        after, targets, reference, told = control(
             policy, unpacked(state), *jnp.split(inputs, at), *drawn
         )
-        return _packed(state), _packed((told, targets, reference))
+        return _packed(after), _packed((told, targets, reference))
 
     def all_robots(weights: tuple[object, ...], *rows: Array) -> tuple[Array, Array]:
         return jax.vmap(functools.partial(one_robot, weights))(*rows)
