@@ -37,6 +37,9 @@ AT_A_TIME = 8  # most policies that are judged side by side
 # the training gets three times the share; at 19 a training on all processors would
 # starve the judge
 NICE = 5
+OVER = 1.1
+"""Factor from the speed that ends a training to the fastest command of its judge's
+launches: robots run a little slower than they are told."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,19 +174,29 @@ def judge_policy(
     kept: Path | None = None,
     length: float = 0.0,
     *,
+    until: float | None = None,
     slower: bool = True,
 ) -> JudgeResult:
     """Make the judge's launches of a policy; where the robot falls in the first, make
-    the slower ones, too, unless not `slower`.
+    the slower ones, too, if `slower`.
 
     All slower launches run side by side, since 18 robots take less than twice as long
     as three. `kept` and `length` are those of `measure_launches`, for the launches to
-    the fastest command.
+    the fastest command. For a training that ends at the speed `until`, m/s, the fastest
+    command is no more than `OVER` times that.
     """
-    launches = measure_launches(policy, env, JUDGED_LAUNCHES, kept, length)
+    share = min(OVER * until / env.commands.max_forward, 1.0) if until else 1.0
+
+    def launched(
+        launches: Sequence[JudgedLaunch], kept: Path | None = None
+    ) -> list[LaunchResult]:
+        told = [dataclasses.replace(one, share=share * one.share) for one in launches]
+        return measure_launches(policy, env, told, kept, length)
+
+    launches = launched(JUDGED_LAUNCHES, kept)
     if not (slower and launches[0].fell):
         return combine(launches)
-    others = measure_launches(policy, env, SLOWER_LAUNCHES)
+    others = launched(SLOWER_LAUNCHES)
     count = len(launches)
     groups = [others[k : k + count] for k in range(0, len(others), count)]
     upright = (one for one in groups if not any(launch.fell for launch in one))
@@ -221,7 +234,7 @@ def combine(
 
 @contextlib.contextmanager
 def open_judge(
-    card: PolicyCard, cache: str | None, *, slower: bool = True
+    card: PolicyCard, cache: str | None, until: float | None = None
 ) -> Generator["JudgeProcesses"]:
     """Start the judge processes of a training; launches still running at the end of the
     block are killed.
@@ -230,15 +243,15 @@ def open_judge(
         card: of the training's policies, for whose network the processes compile before
             there is any.
         cache: where JAX keeps compiled programs, if anywhere.
-        slower: whether the processes compile for slower launches, too.
+        until: the speed that ends the training, m/s, if one does.
     """
     count = min(max(processors() - 1, 1), AT_A_TIME)
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
         # The processes end with the thread that submits the first task, so this thread
         # does.
         for _ in range(count):
-            pool.submit(_warm_up, card, slower)
-        yield JudgeProcesses(pool, count, card.env.task)
+            pool.submit(_warm_up, card, slower=until is None)
+        yield JudgeProcesses(pool, count, card.env.task, until)
 
 
 class JudgeProcesses:
@@ -248,9 +261,14 @@ class JudgeProcesses:
     one.
     """
 
-    def __init__(self, pool: ProcessPoolExecutor, count: int, task: TaskConfig):
-        self._pool = pool
-        self._task = task
+    def __init__(
+        self,
+        pool: ProcessPoolExecutor,
+        count: int,
+        task: TaskConfig,
+        until: float | None,
+    ):
+        self._pool, self._task, self._until = pool, task, until
         self.places = count
 
     def submit(
@@ -263,7 +281,8 @@ class JudgeProcesses:
     ) -> Future[JudgeResult]:
         """Queue the policy folder for its launches, with the slower ones where it falls
         if `slower`; save the first launch's last `length` seconds in `kept`."""
-        return self._pool.submit(_judge, policy, kept, length, slower, self._task)
+        asked = self._task, kept, length, self._until, slower
+        return self._pool.submit(_judge, policy, *asked)
 
 
 # --- In the workers -------------------------------------------------------------------
@@ -280,7 +299,7 @@ def _begin(cache: str | None) -> None:
     jax.config.update("jax_compilation_cache_dir", cache)
 
 
-def _warm_up(card: PolicyCard, slower: bool) -> None:
+def _warm_up(card: PolicyCard, *, slower: bool) -> None:
     """Compile the launches, and simulate the standing robots from which they begin."""
     for launches in (JUDGED_LAUNCHES, SLOWER_LAUNCHES)[: 1 + slower]:
         brief = [
@@ -291,7 +310,13 @@ def _warm_up(card: PolicyCard, slower: bool) -> None:
 
 
 def _judge(
-    policy: Path, kept: Path | None, length: float, slower: bool, task: TaskConfig
+    policy: Path,
+    task: TaskConfig,
+    kept: Path | None,
+    length: float,
+    until: float | None,
+    slower: bool,
 ) -> JudgeResult:
     loaded = load_policy(policy, layout_of=layout_of, task=task.code)
-    return judge_policy(loaded, loaded.card.env, kept, length, slower=slower)
+    env = loaded.card.env
+    return judge_policy(loaded, env, kept, length, until=until, slower=slower)

@@ -100,7 +100,7 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
         yield None
         return
     cache = jax.config.values["jax_compilation_cache_dir"]
-    with open_judge(card, cache, slower=config.run.until is None) as judge:
+    with open_judge(card, cache, config.run.until) as judge:
         if not config.run.films:
             yield judge
             return

@@ -110,6 +110,15 @@ def test_no_slower_command_is_tried_where_the_first_launch_stays_up(
     assert result.held == pytest.approx(6.0, rel=0.1)
 
 
+def test_in_a_training_that_ends_at_a_speed_robots_are_told_little_more(slower):
+    nimble = judging.judge_policy(slower, slower.card.env, until=3.0)
+    assert nimble.held == pytest.approx(3.3, rel=0.05)
+    wild = clumsy(slower, 2.0)
+    fell = judging.judge_policy(wild, slower.card.env, until=3.0, slower=False)
+    assert (fell.falls, fell.mean, fell.held) == (3, 0.0, 0.0)
+    assert 2.0 < fell.fell_told < 3.3
+
+
 def fell(told=0.0):
     return LaunchResult(True, 0.0, fell_told=told)
 
@@ -244,12 +253,12 @@ def test_a_judge_compiles_before_the_first_policy(slow_policy):
     policy = load_policy(slow_policy)
     compiled = policy_runner._compiled_control_step
     compiled.cache_clear()
-    judging._warm_up(policy.card, True)
+    judging._warm_up(policy.card, slower=True)
     control: Any = compiled(
         NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
     )
     assert control._cache_size() == 2  # a batch, and that of slower launches
-    judging._judge(slow_policy, None, 0.0, True, policy.card.env.task)
+    judging._judge(slow_policy, policy.card.env.task, None, 0.0, None, True)
     judging.measure_launches(policy, policy.card.env, judging.SLOWER_LAUNCHES)
     assert compiled.cache_info().misses == 1
     assert control._cache_size() == 2
