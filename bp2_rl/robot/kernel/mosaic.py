@@ -1,12 +1,13 @@
-"""A function over legs and robots as one GPU kernel, by Mosaic GPU: in JAX's Pallas it
-follows Triton.
+"""A function over legs and robots as one GPU kernel by Mosaic GPU, which follows Triton
+in JAX's Pallas.
 
-A block of threads has a warp for each leg and a lane for each robot, so a sum over the
-legs is one over four warps. Mosaic GPU broadcasts an array only into a layout that is
-named, and it lacks `floor`. So the function is traced first, and its operations are
-then issued one by one.
+A block of threads has a warp for each leg and a lane for each robot: a sum over the
+legs is a sum over four warps. Mosaic GPU broadcasts an array only into a layout that is
+named, and does not know `floor`. So JAX traces the function, and its operations are
+issued one by one.
 """
 
+import importlib
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -15,41 +16,61 @@ import jax.numpy as jnp
 from jax.extend import core
 
 T = TypeVar("T")
-Cast = Callable[[Any], Any]
 LEGS, LANES = 4, 32
 ELEMENTWISE = frozenset(
-    """abs add and convert_element_type cos div eq exp ge gt integer_pow le log lt max
-    min mul ne neg not or pow rem rsqrt select_n sign sin sqrt square sub tanh""".split()
+    {
+        "abs",
+        "add",
+        "and",
+        "convert_element_type",
+        "cos",
+        "div",
+        "eq",
+        "ge",
+        "gt",
+        "integer_pow",
+        "le",
+        "le",
+        "lt",
+        "max",
+        "min",
+        "mul",
+        "ne",
+        "ne",
+        "neg",
+        "or",
+        "rsqrt",
+        "select_n",
+        "sin",
+        "sqrt",
+        "square",
+        "sub",
+    }
 )
-"""Operations of which a result's element depends on the same elements of the inputs."""
+"""Operations on arrays of one shape, element by element."""
 
 
 def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
-    """Compute function(*inputs) in one Pallas kernel for Mosaic GPU.
-
-    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the
-    four legs'. The function may sum over the legs, and call and loop.
+    """Compute function(*inputs) in one Pallas kernel for Mosaic GPU, from JAX 0.11 on.
 
     Args:
-        function: as `in_one_kernel` takes it.
+        function: as `fusion_barriers.in_one_kernel` takes it. It may sum over the four
+            legs, compute element by element, call and loop.
         inputs: its arguments.
         block: robots in a block of threads, a multiple of 32.
 
     Raises:
-        NotImplementedError: the function does something else with an axis.
+        NotImplementedError: the function has another operation.
     """
     from jax.experimental import pallas
-    from jax.experimental.pallas import mosaic_gpu
 
+    mosaic_gpu: Any = importlib.import_module("jax.experimental.pallas.mosaic_gpu")
     leaves, structure = jax.tree.flatten(inputs)
     leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
     robots = max(leaf.shape[-1] for leaf in leaves)
     blocks = -(-robots // block)
     leaves = [_padded(leaf, robots, blocks * block) for leaf in leaves]
-    traced, shapes = jax.make_jaxpr(
-        lambda *leaves: function(*jax.tree.unflatten(structure, leaves)),
-        return_shape=True,
-    )(*leaves)
+    traced, shapes = traced_flat(function, structure, leaves)
     shapes, results = jax.tree.flatten(shapes)
     written = [
         jax.ShapeDtypeStruct(
@@ -77,7 +98,8 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
         return mosaic_gpu.load(part(ref), layout=layout, optimized=False)
 
     def kernel(*refs: Any) -> None:
-        found = evaluate(traced.jaxpr, [load(ref) for ref in refs[: len(leaves)]], cast)
+        given = [load(ref) for ref in refs[: len(leaves)]]
+        found = Evaluation(block, cast).results(traced, given)
         for ref, x in zip(refs[len(leaves) :], found, strict=True):
             if ref.shape == (1,):
                 ref[0] = x
@@ -91,7 +113,7 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
         grid_names=("block",),
         compiler_params=mosaic_gpu.CompilerParams(
             lowering_semantics=mosaic_gpu.LoweringSemantics.Lane,
-            unsafe_no_auto_barriers=True,  # no thread reads what one has written
+            unsafe_no_auto_barriers=True,  # no memory is both read and written
         ),
     )
     found = [
@@ -101,27 +123,35 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
     return jax.tree.unflatten(results, found)
 
 
-def evaluate(
-    program: Any, inputs: Sequence[Any], cast: Cast = lambda x: x
-) -> list[Any]:
-    """Return a traced function's results, of any number of robots.
+def traced_flat(
+    function: Callable[..., Any], structure: Any, leaves: list[Any]
+) -> tuple[Any, Any]:
+    """Return the jaxpr of a function of the leaves of its arguments, and the shapes of
+    its results."""
+    closed, shapes = jax.make_jaxpr(
+        lambda *leaves: function(*jax.tree.unflatten(structure, leaves)),
+        return_shape=True,
+    )(*leaves)
+    return closed.jaxpr, shapes
+
+
+class Evaluation:
+    """Evaluates jaxprs for a number of robots, which they need not be traced for.
+
+    A value is an array (4, robots) or (robots,). It is () where the jaxpr has 1, or
+    may be so where all elements are equal.
 
     Args:
-        program: a jaxpr.
-        inputs: for each of its inputs (4, robots) or (robots,), or () in place of 1
-            or of (1,).
+        robots: their number.
         cast: gives an array that was broadcast its layout.
     """
-    robots = next((x.shape[-1] for x in inputs if jnp.shape(x)), 1)
-    return _Evaluation(robots, cast).results(program, inputs)
 
-
-class _Evaluation:
-    def __init__(self, robots: int, cast: Cast):
+    def __init__(self, robots: int, cast: Callable[[Any], Any] = lambda x: x):
         self.robots, self.cast = robots, cast
 
     def results(self, program: Any, inputs: Sequence[Any]) -> list[Any]:
-        """Return the results of a jaxpr, each of its own axes."""
+        """Return a jaxpr's results, in the shapes that it gives them but for (4, 1),
+        which is (4, robots)."""
         values = dict(zip(program.invars, inputs, strict=True))
 
         def read(variable: Any) -> Any:
@@ -129,66 +159,65 @@ class _Evaluation:
             return variable.val if literal else values[variable]
 
         for equation in program.eqns:
-            given = [read(variable) for variable in equation.invars]
-            values.update(
-                zip(equation.outvars, self.results_of(equation, given), strict=True)
-            )
-        return [self.like(variable, read(variable)) for variable in program.outvars]
+            found = self._computed(equation, [read(x) for x in equation.invars])
+            values.update(zip(equation.outvars, found, strict=True))
+        return [self._like(variable, read(variable)) for variable in program.outvars]
 
-    def results_of(self, equation: Any, given: list[Any]) -> list[Any]:
-        """Return the results of one operation of a jaxpr."""
+    def _computed(self, equation: Any, given: list[Any]) -> list[Any]:
         name, parameters = equation.primitive.name, equation.params
-        shape = equation.outvars[0].aval.shape
         if name in ELEMENTWISE:
             axes = max(jnp.ndim(x) for x in given)
-            given = [self.spread(x, axes) for x in given]
+            given = [self._spread(x, axes) for x in given]
             return [equation.primitive.bind(*given, **parameters)]
         if name == "floor":
             nearest = jnp.round(given[0])
             return [jax.lax.select(nearest > given[0], nearest - 1.0, nearest)]
-        if name == "reduce_sum" and parameters["axes"] == (0,) and len(shape) == 1:
-            return [jnp.sum(self.spread(given[0], 2), axis=0)]
-        if name == "broadcast_in_dim":
-            last = range(len(shape) - len(parameters["broadcast_dimensions"]), len(shape))
-            if parameters["broadcast_dimensions"] == tuple(last):
-                return given
+        if name == "reduce_sum" and parameters["axes"] == (0,):
+            return [jnp.sum(self._spread(given[0], 2), axis=0)]
+        if name == "broadcast_in_dim" and _adds_first_axes(parameters):
+            return given
         if name == "jit":
             return self.results(parameters["jaxpr"].jaxpr, given)
         if name == "scan":
-            return self.looped(equation, given)
-        raise NotImplementedError(f"{name} to {shape} in a kernel over legs and robots")
+            return self._looped(equation, given)
+        raise NotImplementedError(f"{name} in a kernel over legs and robots")
 
-    def looped(self, equation: Any, given: list[Any]) -> list[Any]:
-        """Return the results of a loop that counts to a number."""
+    def _looped(self, equation: Any, given: list[Any]) -> list[Any]:
         body, times = equation.params["jaxpr"].jaxpr, equation.params["length"]
         constants = len(given) - len(equation.outvars)
         kept, first = given[:constants], given[constants:]
         start = [
-            self.like(*pair) for pair in zip(equation.outvars, first, strict=True)
+            self._like(*pair) for pair in zip(equation.outvars, first, strict=True)
         ]
         return jax.lax.fori_loop(
             0, times, lambda _, state: self.results(body, [*kept, *state]), start
         )
 
-    def like(self, variable: Any, x: Any) -> Any:
-        """Return a number with the axes of a variable of the jaxpr."""
+    def _like(self, variable: Any, x: Any) -> Any:
         shape = variable.aval.shape
         if shape in ((), (1,)):
             return x
-        return self.spread(x, 2 if len(shape) == 2 and shape[0] == LEGS else 1)
+        return self._spread(x, 2 if len(shape) == 2 and shape[0] == LEGS else 1)
 
-    def spread(self, x: Any, axes: int) -> Any:
-        """Return a number with at least so many axes, over robots and over legs."""
-        shape = (LEGS, self.robots)[2 - axes :]
-        if jnp.ndim(x) == axes:
+    def _spread(self, x: Any, axes: int) -> Any:
+        """Return a value as an array with these axes: the robots' or, of two, the legs'
+        too."""
+        has = jnp.ndim(x)
+        if has == axes:
             return x
-        dimensions = range(axes - jnp.ndim(x), axes)
-        return self.cast(jax.lax.broadcast_in_dim(x, shape, tuple(dimensions)))
+        shape = (LEGS, self.robots)[2 - axes :]
+        last = tuple(range(axes - has, axes))
+        return self.cast(jax.lax.broadcast_in_dim(x, shape, last))
+
+
+def _adds_first_axes(parameters: dict[str, Any]) -> bool:
+    axes, given = len(parameters["shape"]), parameters["broadcast_dimensions"]
+    return given == tuple(range(axes - len(given), axes))
 
 
 def _layouts(mosaic_gpu: Any) -> tuple[dict[int, Any], Any]:
     """Return the layouts of arrays over robots and over legs and robots, by the number
-    of their axes, and that of an array over legs."""
+    of their axes, and the layout of an array over legs."""
     layout, tiling = mosaic_gpu.Layout.TILED, mosaic_gpu.Tiling
     legs, lanes = mosaic_gpu.Replicated(LEGS), mosaic_gpu.Replicated(LANES)
     layouts = {
