@@ -226,15 +226,14 @@ MOSAIC = pytest.mark.skipif(
 
 
 @pytest.mark.parametrize(
-    "kernel",
+    ("kernel", "ground"),
     [
-        functools.partial(fusion_barriers._pallas, interpret=True),
-        evaluated,
-        pytest.param(interpreted, marks=MOSAIC),
+        (functools.partial(fusion_barriers._pallas, interpret=True), None),
+        (evaluated, STAIRS),
+        pytest.param(interpreted, STAIRS, marks=MOSAIC),
     ],
     ids=["triton", "evaluated", "mosaic"],
 )
-@pytest.mark.parametrize("ground", [None, STAIRS], ids=["floor", "stairs"])
 def test_in_programs_or_in_kernels_the_step_is_the_same(
     states, monkeypatch, kernel, ground
 ):
