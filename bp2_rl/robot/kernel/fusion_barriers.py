@@ -6,15 +6,18 @@ each loop that needs it. It does not see how much that is in long chains of prod
 sums: on a CPU the step took twice as long as without fusion. A fusion barrier is a
 conditional whose condition always holds, which XLA cannot know: it does not fuse what
 is inside a conditional with what is outside. On GPUs the step is divided into a few
-kernels (Pallas, on Triton) instead.
+kernels of Pallas instead, by Triton where JAX still has it, else by Mosaic GPU.
 """
 
+import importlib.util
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
+
+from bp2_rl.robot.kernel.mosaic import mosaic
 
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
@@ -54,17 +57,13 @@ def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
     """
     if jax.default_backend() != "gpu":
         return function(*inputs)
-    return _pallas(function, *inputs)
+    triton = importlib.util.find_spec("jax.experimental.pallas.triton")
+    return (_pallas if triton else mosaic)(function, *inputs)
 
 
 def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
-    """Compute function(*inputs) in one Pallas kernel for Triton.
-
-    JAX 0.11 (July 2026) deprecates Pallas on Triton. Mosaic GPU, which replaces it,
-    cannot sum over the axis of the legs, but lowers all four kernels of the step with
-    the legs as four vectors of 128 robots in global memory. This function must change
-    so before a pin to a JAX without Triton.
-    """
+    """Compute function(*inputs) in one Pallas kernel for Triton, which JAX 0.11
+    deprecates."""
     from jax.experimental import pallas
     from jax.experimental.pallas import triton
 

@@ -1,6 +1,7 @@
 """The kernel's step beside C MuJoCo's, which shares no code with it."""
 
 import functools
+import importlib
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +13,9 @@ from landing import converged, random_states
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.physics.kernel import randomize_design
 from bp2_rl.env.randomization import Randomization, draw
+from bp2_rl.robot.ground import Ground, Stairs
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
-from bp2_rl.robot.kernel import constraints, fusion_barriers
+from bp2_rl.robot.kernel import constraints, fusion_barriers, mosaic
 from bp2_rl.robot.kernel import step as step_module
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.step import MuJoCoState, step
@@ -37,6 +39,7 @@ DESIGNED = RandomizationConfig()
 VARIED = RandomizationConfig(
     armature=(0.5, 2.0), spring_stiffness=(0.5, 1.5), spring_damping=(0.0, 20.0)
 )
+STAIRS = Stairs(0.1, 0.3, 7.0)  # frozen: `stepped` keeps its program
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +62,11 @@ def drawn(hardware: HardwareSpec, ranges: RandomizationConfig):
 
 
 @functools.cache
-def stepped(hardware: HardwareSpec, ranges: RandomizationConfig = DESIGNED):
+def stepped(
+    hardware: HardwareSpec,
+    ranges: RandomizationConfig = DESIGNED,
+    ground: Ground | None = None,
+):
     """(qpos, qvel, torque), a robot a row -> (qpos, qvel, acceleration, heights of
     feet) after, from no first guess."""
     nominal = Design.of(load_model(hardware, visual=False, feet_only=True))
@@ -71,7 +78,12 @@ def stepped(hardware: HardwareSpec, ranges: RandomizationConfig = DESIGNED):
         masses = Masses.of(design, robots.mass.T, robots.com_offset.T)
         force = jnp.zeros((NV, len(qpos))).at[MOTOR_QVEL].set(torque.T)
         before = MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, len(qpos))))
-        after, heights = step(Robots(design, masses, robots.friction), before, force)
+        after, heights = step(
+            Robots(design, masses, robots.friction),
+            before,
+            force,
+            jax.tree.map(lambda x: jnp.full(len(qpos), x), ground),
+        )
         return after.qpos.T, after.qvel.T, after.qacc_warmstart.T, heights.T
 
     return run
@@ -178,24 +190,57 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
     np.testing.assert_array_equal(once, twice)
 
 
-def as_on_a_gpu(monkeypatch, **options):
+def as_on_a_gpu(monkeypatch, kernel):
     monkeypatch.setattr(
         fusion_barriers.FusionBarriers,
         "of",
         lambda friction: fusion_barriers.FusionBarriers(None),
     )
-    monkeypatch.setattr(
-        step_module,
-        "in_one_kernel",
-        functools.partial(fusion_barriers._pallas, **options),
-    )
+    monkeypatch.setattr(step_module, "in_one_kernel", kernel)
 
 
-def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
+def evaluated(function, *inputs):
+    """Return function(*inputs) by the evaluation inside a kernel for Mosaic GPU."""
+    leaves, structure = jax.tree.flatten(inputs)
+    leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
+    program, shapes = mosaic.traced_flat(function, structure, leaves)
+    given = [
+        x[0] if x.shape == (1,) else jnp.broadcast_to(x, (*x.shape[:-1], ROBOTS))
+        for x in leaves
+    ]
+    found = mosaic.Evaluation(ROBOTS).results(program, given)
+    return jax.tree.unflatten(jax.tree.structure(shapes), found)
+
+
+def interpreted(function, *inputs):
+    """Return function(*inputs) by a kernel for Mosaic GPU in which JAX plays the
+    GPU."""
+    mosaic_gpu = importlib.import_module("jax.experimental.pallas.mosaic_gpu")
+    with mosaic_gpu.force_gpu_interpret_mode():
+        return mosaic.mosaic(function, *inputs)
+
+
+MOSAIC = pytest.mark.skipif(
+    jax.__version_info__ < (0, 11), reason="the kernels for Mosaic GPU ask for JAX 0.11"
+)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "ground"),
+    [
+        (functools.partial(fusion_barriers._pallas, interpret=True), None),
+        (evaluated, STAIRS),
+        pytest.param(interpreted, STAIRS, marks=MOSAIC),
+    ],
+    ids=["triton", "evaluated", "mosaic"],
+)
+def test_in_programs_or_in_kernels_the_step_is_the_same(
+    states, monkeypatch, kernel, ground
+):
     """Only what the compiler fuses differs, and with it the rounding of float32."""
-    in_programs = stepped(BUILT, VARIED)(*states)
-    as_on_a_gpu(monkeypatch, interpret=True)
-    in_kernels = stepped.__wrapped__(BUILT, VARIED)(*states)
+    in_programs = stepped(BUILT, VARIED, ground)(*states)
+    as_on_a_gpu(monkeypatch, kernel)
+    in_kernels = stepped.__wrapped__(BUILT, VARIED, ground)(*states)
     for ours, theirs in zip(in_programs, in_kernels, strict=True):
         scale = np.max(np.abs(theirs), axis=1, keepdims=True)
         np.testing.assert_allclose(ours / scale, theirs / scale, rtol=0, atol=1e-4)
@@ -211,10 +256,18 @@ def thought_of_gpu():
 
 
 @pytest.mark.parametrize("ranges", [DESIGNED, VARIED], ids=["designed", "varied"])
-def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch, ranges):
-    """As far as that can be told without one: it is handed to Triton, and little else
-    is left around it."""
-    as_on_a_gpu(monkeypatch)
+@pytest.mark.parametrize(
+    ("kernel", "call"),
+    [
+        (fusion_barriers._pallas, "xla.gpu.triton"),
+        pytest.param(mosaic.mosaic, "@mosaic_gpu_v2", marks=MOSAIC),
+    ],
+    ids=["triton", "mosaic"],
+)
+def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch, ranges, kernel, call):
+    """As far as that can be told without one: it is handed to Triton or Mosaic GPU, and
+    little else is left around it."""
+    as_on_a_gpu(monkeypatch, kernel)
     with thought_of_gpu():
         program = (
             stepped.__wrapped__(BUILT, ranges)
@@ -222,7 +275,7 @@ def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch, ranges):
             .lower(lowering_platforms=("cuda",))
             .as_text()
         )
-    assert program.count("xla.gpu.triton") == 4
+    assert program.count(call) == 4
     assert program.count("stablehlo.multiply") < 50
 
 
