@@ -6,7 +6,7 @@ each loop that needs it. It does not see how much that is in long chains of prod
 sums: on a CPU the step took twice as long as without fusion. A fusion barrier is a
 conditional whose condition always holds, which XLA cannot know: it does not fuse what
 is inside a conditional with what is outside. On GPUs the step is divided into a few
-kernels of Pallas instead, by Triton where JAX still has it, else by Mosaic GPU.
+kernels of Pallas instead, by Mosaic GPU or, on older GPUs and JAX, by Triton.
 """
 
 import importlib.util
@@ -57,8 +57,17 @@ def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
     """
     if jax.default_backend() != "gpu":
         return function(*inputs)
-    triton = importlib.util.find_spec("jax.experimental.pallas.triton")
-    return (_pallas if triton else mosaic)(function, *inputs)
+    return (mosaic if _has_mosaic() else _pallas)(function, *inputs)
+
+
+def _has_mosaic() -> bool:
+    """Return whether Mosaic GPU makes the kernels: from JAX 0.11 on, on GPUs of compute
+    capability 9, where it has been tried, or later, or where JAX has no Triton."""
+    if not importlib.util.find_spec("jax.experimental.pallas.triton"):
+        return True
+    major, *_ = getattr(jax.devices()[0], "compute_capability", "0").split(".")
+    new = jax.__version_info__ >= (0, 11)
+    return new and major.isdecimal() and int(major) >= 9
 
 
 def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
