@@ -21,6 +21,7 @@ from bp2_rl.base.files import ArraySpec, read_npz, write_npz
 from bp2_rl.base.processes import IMPORTED_AT
 from bp2_rl.base.serialization import config_hash, package_versions
 from bp2_rl.learning.ppo import PPO, Programs, TrainState
+from bp2_rl.robot.kernel.fusion_barriers import find_runtime
 from bp2_rl.settings.training import TrainConfig
 
 FLOORS = ("base", "robot", "settings", "reference", "env", "learning")
@@ -56,6 +57,7 @@ def use_kept(
     several = learner.mesh.size > 1 and learner.mesh.devices.flat[0].platform != "cpu"
     if several or jax.process_count() > 1 or config.impl == "warp":
         return
+    find_runtime()
     key, newest = _key(learner, config, robot)
     path = folder / f"{key}.programs"
     kept = _read(path)

@@ -9,6 +9,7 @@ is inside a conditional with what is outside. On GPUs the step is divided into a
 kernels of Pallas instead, by Mosaic GPU or, on older GPUs and JAX, by Triton.
 """
 
+import importlib
 import importlib.util
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -58,6 +59,13 @@ def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
     if jax.default_backend() != "gpu":
         return function(*inputs)
     return (mosaic if _has_mosaic() else _pallas)(function, *inputs)
+
+
+def find_runtime() -> None:
+    """Let programs that were compiled before run: those with kernels of Mosaic GPU call
+    its runtime, which JAX finds once the module has been imported."""
+    if jax.default_backend() == "gpu" and _has_mosaic():
+        importlib.import_module("jax.experimental.pallas.mosaic_gpu")
 
 
 def _has_mosaic() -> bool:
