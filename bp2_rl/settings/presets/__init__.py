@@ -108,6 +108,7 @@ FIRST: Differences = {
 """From `CPU`: a first training, in which a robot learns to trot at 2 m/s before one's
 eyes."""
 SECONDS: Differences = {
+    "commands": {"max_forward": 2.0},
     "ppo": {"num_envs": 256, "critic_steps": 4, "averaging": 0.8},
     "run": {"steps": 1_200_000, "checkpoints": 2, "judged": 12},
 }
