@@ -1,4 +1,4 @@
-"""Train a slow trot: two minutes on two processors that have nothing else to do.
+"""Train a slow trot: one to two minutes on two processors that have nothing else to do.
 
     python examples/slow_trot.py
 
@@ -15,9 +15,9 @@ from bp2_rl.settings.training import TrainConfig
 
 
 def settings() -> TrainConfig:
-    """The preset `first`, with commands of at most 2 m/s instead of 2.5."""
+    """The preset `first`, with commands of at most 1.5 m/s instead of 2."""
     config = bp2.preset("imitation", "first")
-    slow = dataclasses.replace(config.env.commands, max_forward=2.0)
+    slow = dataclasses.replace(config.env.commands, max_forward=1.5)
     return dataclasses.replace(
         config, env=dataclasses.replace(config.env, commands=slow)
     )

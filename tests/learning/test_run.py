@@ -83,7 +83,7 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
 
 def test_the_example_of_a_slow_trot_trains_a_run_and_reads_what_came_of_it(tmp_path):
     """Here, where runs of its size share their compiled programs."""
-    assert slow_trot.settings().env.commands.max_forward == 2.0
+    assert slow_trot.settings().env.commands.max_forward == 1.5
     lines = slow_trot.train(tiny(), tmp_path / "slow_trot")
     assert [line["step"] for line in lines] == [64, 128, 192, 256]
     assert all(np.isfinite(line["reward/tracking"]) for line in lines)
