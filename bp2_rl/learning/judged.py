@@ -53,8 +53,8 @@ class JudgeResult:
         return f"{self.falls} of {self.launches} launches fell{told}"
 
     def reaches(self, speed: float | None) -> bool:
-        """Return whether the policy reaches this speed, m/s, and holds it."""
-        return speed is not None and self.speed >= speed
+        """Return whether the policy holds this speed, m/s, in the first launch."""
+        return speed is not None and min(self.speed, self.held) >= speed
 
 
 @dataclasses.dataclass(frozen=True)

@@ -173,7 +173,10 @@ def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera
 @pytest.mark.parametrize(("until", "best"), [(None, "64"), (10.5, "128")])
 def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera, until, best):
     """One that ends the run comes before one that falls less, as in `judged.json`."""
-    slow, reaching = JudgeResult(9.0, 0, 3, 9.0), JudgeResult(11.0, 2, 3, 4.0)
+    slow, reaching = (
+        JudgeResult(9.0, 0, 3, 9.0),
+        JudgeResult(11.0, 2, 3, 4.0, held=10.8),
+    )
     with filming(Fleet({64: slow, 128: reaching}), print, until=until) as judge:
         hear(judge, tmp_path, 64, 128)
     assert re.findall(r"the best at (\d+) control", page(tmp_path)) == [best]

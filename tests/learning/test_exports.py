@@ -72,7 +72,7 @@ def steady(*speeds):
     """Return results without a fall for the policies of every train step, by control
     step."""
     return {
-        (k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed)
+        (k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed, held=speed)
         for k, speed in enumerate(speeds)
     }
 
@@ -106,7 +106,7 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
         "launches": 3,
         "mean": 9.0,
         "fell_told": 0.0,
-        "held": 0.0,
+        "held": 9.0,
     }
     assert card.physics_steps == 5 * PER_STEP * 5
     assert judged_lines(run)[2 * PER_STEP] == (5.0, 0.0)
@@ -174,8 +174,10 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
         # heard of during the train step after it
         (
             10.5,
-            {1: JudgeResult(1.0, 0, 3, 1.0), 2: JudgeResult(9.0, 0, 3, 9.0)}
-            | dict.fromkeys(range(3, STEPS + 1), JudgeResult(11.0, 2, 3, 11.0 / 3)),
+            {1: JudgeResult(1.0, 0, 3, 1.0), 2: JudgeResult(11.0, 0, 3, 9.0, held=10.4)}
+            | dict.fromkeys(
+                range(3, STEPS + 1), JudgeResult(11.0, 2, 3, 11.0 / 3, held=10.6)
+            ),
             3,
             4,
         ),
