@@ -229,6 +229,7 @@ def combine(
         mean / len(launches) if fell else mean,
         min(fallen, default=0.0),
         min(counted[0].held, counted[0].command) if counted else 0.0,
+        launches[0].command,
     )
 
 

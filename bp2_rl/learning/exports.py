@@ -123,8 +123,8 @@ class ExportedPolicies:
         """Wait until the judge's last result is there, `enough` says so, or a policy
         has reached the run's speed.
 
-        Where all policies fell under the fastest command, wait for what the newest of
-        them hold, too.
+        Where all policies fell on the way to that speed, the newest make slower
+        launches.
         """
         self._wait(enough)
         fell = all(one.result.speed == 0.0 for one in self._judged.values())
@@ -142,10 +142,10 @@ class ExportedPolicies:
             time.sleep(PAUSE)
             self.collect()
 
-    def _submit(self, steps: int, *, slower: bool | None = None) -> None:
+    def _submit(self, steps: int, *, slower: bool = False) -> None:
         """Submit a policy to the judge; in a run that ends at a speed without slower
-        launches, which take longer than the fastest."""
-        slower = self._until is None if slower is None else slower
+        launches, which take longer than the fastest, unless they are asked for."""
+        slower = slower or self._until is None
         if self._judge is not None:
             try:
                 folder = policy_folder(self._run_dir, steps)

@@ -31,6 +31,7 @@ class JudgeResult:
     # m/s, held for 5 s in the first launch, or, where that fell, under the fastest of
     # the slower commands at which no robot falls; no more than the command
     held: float = 0.0
+    told: float = 0.0  # m/s, the fastest command
 
     def __str__(self) -> str:
         """Return the result in words."""

@@ -107,6 +107,7 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
         "mean": 9.0,
         "fell_told": 0.0,
         "held": 9.0,
+        "told": 0.0,
     }
     assert card.physics_steps == 5 * PER_STEP * 5
     assert judged_lines(run)[2 * PER_STEP] == (5.0, 0.0)

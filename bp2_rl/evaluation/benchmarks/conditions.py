@@ -35,14 +35,14 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
     A robot may run slower than it is told.
 
     A card without a result of this benchmark gives the one of its top speed. One
-    without either gives the fastest command of the training, or, where that fells the
-    robot or is far beyond it, the speed that the judge of the training measured.
+    without either gives the judge's fastest command, or, where that fells the robot or
+    is far beyond it, the speed that the judge of the training measured.
     """
     for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
-    fastest = policy.card.env.commands.max_forward
+    fastest = _fastest(policy)
     own = top_speed(policy)
     fell = own < fastest and on_card(policy, "judged", "speed") is None
     return round(own, 2) if fell or BEYOND[0] <= own / fastest < BEYOND[1] else fastest
@@ -54,11 +54,17 @@ def top_speed(policy: Policy) -> float:
 
     Of a policy that fell under the fastest command it is the speed held under a slower
     one. A policy that nobody measured, or that always fell, gives the fastest command
-    of its training.
+    of the judge or of its training.
     """
     found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "held"))
     measured = (on_card(policy, *each) for each in found)
-    return next(filter(None, measured), policy.card.env.commands.max_forward)
+    return next(filter(None, measured), _fastest(policy))
+
+
+def _fastest(policy: Policy) -> float:
+    """Return the fastest command that the judge gave a policy, m/s, else the fastest of
+    its training."""
+    return on_card(policy, "judged", "told") or policy.card.env.commands.max_forward
 
 
 def cruising_speed(policy: Policy) -> float:
