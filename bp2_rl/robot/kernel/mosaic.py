@@ -8,14 +8,19 @@ issued one by one.
 """
 
 import importlib
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.extend import core
+from jax.typing import ArrayLike
+from jaxtyping import Array
 
 T = TypeVar("T")
+Ref: TypeAlias = (
+    Any  # an array in the GPU's memory, for which Pallas has no public type
+)
 LEGS, LANES = 4, 32
 ELEMENTWISE = frozenset(
     {
@@ -78,15 +83,15 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
     ]
     layouts, of_legs = _layouts(mosaic_gpu)
 
-    def cast(x: jax.Array) -> jax.Array:
+    def cast(x: Array) -> Array:
         return mosaic_gpu.layout_cast(x, layouts[x.ndim])
 
-    def part(ref: Any) -> Any:
+    def part(ref: Ref) -> Ref:
         """Return a block's part of an array."""
         here = pallas.ds(jax.lax.axis_index("block") * block, block)
         return ref.at[here] if len(ref.shape) == 1 else ref.at[:, here]
 
-    def load(ref: Any) -> Any:
+    def load(ref: Ref) -> Array:
         if ref.shape == (1,):
             return ref[0]
         if ref.shape == (LEGS, 1):
@@ -95,7 +100,7 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
         layout = layouts[len(ref.shape)]
         return mosaic_gpu.load(part(ref), layout=layout, optimized=False)
 
-    def kernel(*refs: Any) -> None:
+    def kernel(*refs: Ref) -> None:
         given = [load(ref) for ref in refs[: len(leaves)]]
         found = Evaluation(block, cast).results(traced, given)
         for ref, x in zip(refs[len(leaves) :], found, strict=True):
@@ -122,8 +127,8 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
 
 
 def traced_flat(
-    function: Callable[..., Any], structure: Any, leaves: list[Any]
-) -> tuple[Any, Any]:
+    function: Callable[..., T], structure: Any, leaves: list[Array]
+) -> tuple[core.Jaxpr, Any]:
     """Return the jaxpr of a function of the leaves of its arguments, and the shapes of
     its results."""
     closed, shapes = jax.make_jaxpr(
@@ -144,15 +149,17 @@ class Evaluation:
         cast: gives an array that was broadcast its layout.
     """
 
-    def __init__(self, robots: int, cast: Callable[[Any], Any] = lambda x: x):
+    def __init__(self, robots: int, cast: Callable[[Array], Array] = lambda x: x):
         self.robots, self.cast = robots, cast
 
-    def results(self, program: Any, inputs: Sequence[Any]) -> list[Any]:
+    def results(
+        self, program: core.Jaxpr, inputs: Sequence[ArrayLike]
+    ) -> list[ArrayLike]:
         """Return a jaxpr's results, in the shapes that it gives them but for (4, 1),
         which is (4, robots)."""
         values = dict(zip(program.invars, inputs, strict=True))
 
-        def read(variable: Any) -> Any:
+        def read(variable: core.Var | core.Literal) -> ArrayLike:
             literal = isinstance(variable, core.Literal)
             return variable.val if literal else values[variable]
 
@@ -161,7 +168,9 @@ class Evaluation:
             values.update(zip(equation.outvars, found, strict=True))
         return [self._like(variable, read(variable)) for variable in program.outvars]
 
-    def _computed(self, equation: Any, given: list[Any]) -> list[Any]:
+    def _computed(
+        self, equation: core.JaxprEqn, given: list[ArrayLike]
+    ) -> list[ArrayLike]:
         name, parameters = equation.primitive.name, equation.params
         if name in ELEMENTWISE:
             axes = max(jnp.ndim(x) for x in given)
@@ -180,7 +189,9 @@ class Evaluation:
             return self._looped(equation, given)
         raise NotImplementedError(f"{name} in a kernel over legs and robots")
 
-    def _looped(self, equation: Any, given: list[Any]) -> list[Any]:
+    def _looped(
+        self, equation: core.JaxprEqn, given: list[ArrayLike]
+    ) -> list[ArrayLike]:
         body, times = equation.params["jaxpr"].jaxpr, equation.params["length"]
         constants = len(given) - len(equation.outvars)
         kept, first = given[:constants], given[constants:]
@@ -191,13 +202,13 @@ class Evaluation:
             0, times, lambda _, state: self.results(body, [*kept, *state]), start
         )
 
-    def _like(self, variable: Any, x: Any) -> Any:
+    def _like(self, variable: Any, x: ArrayLike) -> ArrayLike:
         shape = variable.aval.shape
         if shape in ((), (1,)):
             return x
         return self._spread(x, 2 if len(shape) == 2 and shape[0] == LEGS else 1)
 
-    def _spread(self, x: Any, axes: int) -> Any:
+    def _spread(self, x: ArrayLike, axes: int) -> ArrayLike:
         """Return a value as an array with these axes: the robots' or, of two, the legs'
         too."""
         has = jnp.ndim(x)
@@ -208,7 +219,7 @@ class Evaluation:
         return self.cast(jax.lax.broadcast_in_dim(x, shape, last))
 
 
-def _adds_first_axes(parameters: dict[str, Any]) -> bool:
+def _adds_first_axes(parameters: Mapping[str, Any]) -> bool:
     axes, given = len(parameters["shape"]), parameters["broadcast_dimensions"]
     return given == tuple(range(axes - len(given), axes))
 
@@ -225,7 +236,7 @@ def _layouts(mosaic_gpu: Any) -> tuple[dict[int, Any], Any]:
     return layouts, layout(tiling(((LEGS,), (1,))), (-2,), (lanes,), -1)
 
 
-def _padded(x: jax.Array, robots: int, whole: int) -> jax.Array:
+def _padded(x: Array, robots: int, whole: int) -> Array:
     """Repeat the last robot up to a whole number of blocks, in what differs between
     robots."""
     if x.shape[-1] != robots:
