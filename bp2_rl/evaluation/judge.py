@@ -37,7 +37,7 @@ AT_A_TIME = 8  # most policies that are judged side by side
 # the training gets three times the share; at 19 a training on all processors would
 # starve the judge
 NICE = 5
-OVER = 1.1
+HEADROOM = 1.1
 """Factor from the speed that ends a training to the fastest command of its judge's
 launches: robots run a little slower than they are told."""
 
@@ -183,9 +183,9 @@ def judge_policy(
     All slower launches run side by side, since 18 robots take less than twice as long
     as three. `kept` and `length` are those of `measure_launches`, for the launches to
     the fastest command. For a training that ends at the speed `until`, m/s, the fastest
-    command is no more than `OVER` times that.
+    command is no more than `HEADROOM` times that.
     """
-    share = min(OVER * until / env.commands.max_forward, 1.0) if until else 1.0
+    share = min(HEADROOM * until / env.commands.max_forward, 1.0) if until else 1.0
 
     def launched(
         launches: Sequence[JudgedLaunch], kept: Path | None = None

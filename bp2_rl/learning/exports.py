@@ -127,8 +127,11 @@ class ExportedPolicies:
         launches.
         """
         self._wait(enough)
-        fell = all(one.result.speed == 0.0 for one in self._judged.values())
-        if self._judge is not None and self._until is not None and fell:
+        fell = all(
+            one.result.falls and not one.result.speed for one in self._judged.values()
+        )
+        late = self._until is not None and fell and not enough()
+        if self._judge is not None and late:
             for steps in sorted(self._judged)[-self._judge.places :]:
                 self._submit(steps, slower=True)
             self._wait(enough)
@@ -169,7 +172,8 @@ class ExportedPolicies:
         self._show(steps)
         if self.reached and not late:
             when = f"after {steps:,} control steps, known {seconds:.1f} s after the run began"
-            self._monitor.note(f"reached {self._until:g} m/s: {result} {when}")
+            held = f"holds {result.held:.1f} m/s"
+            self._monitor.note(f"reached {self._until:g} m/s: {held}, {result} {when}")
 
     @property
     def _best(self) -> int | None:

@@ -25,7 +25,8 @@ class JudgeResult:
     launches: int
     # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the
     # command taken off; after a fall in the first launch, the mean under the slower
-    # command over the number of launches: the better policy has more
+    # command over the number of launches, 0 where none was tried: the better policy
+    # has more
     mean: float
     fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
     # m/s, held for 5 s in the first launch, or, where that fell, under the fastest of

@@ -57,7 +57,8 @@ def use_kept(
     several = learner.mesh.size > 1 and learner.mesh.devices.flat[0].platform != "cpu"
     if several or jax.process_count() > 1 or config.impl == "warp":
         return
-    find_runtime()
+    if config.impl == "kernel":
+        find_runtime()
     key, newest = _key(learner, config, robot)
     path = folder / f"{key}.programs"
     kept = _read(path)

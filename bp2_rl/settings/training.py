@@ -86,6 +86,16 @@ class TrainConfig(Bounded):
     impl: Impl = "jax"
     parent: Parent | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse a speed that no policy can hold, as no command is so fast."""
+        super().__post_init__()
+        fastest = self.env.commands.max_forward
+        if self.run.until is not None and self.run.until > fastest:
+            raise UserError(
+                f"--until {self.run.until:g} cannot be reached: the fastest command of this training is {fastest:g} "
+                "m/s (--env.commands.max-forward)"
+            )
+
 
 def load_run_config(run_dir: Path | str) -> TrainConfig:
     """Return the settings of the run in a folder; raise `UserError` if there is no

@@ -105,7 +105,8 @@ class PolicyRunner:
     @property
     def phase(self) -> Float[np.ndarray, " N"]:
         """The gait phases of the controllers, cycles."""
-        return np.asarray(self.state.phase, np.float64)
+        # the first number of a packed state
+        return np.asarray(self._state, np.float64)[self._each, 0]
 
     @property
     def reference(self) -> Reference | None:
@@ -113,11 +114,14 @@ class PolicyRunner:
         robot; None before it."""
         if self._reference is None:
             return None
-        motion = self._controller.reference
-        one = jax.eval_shape(motion, jnp.zeros(3), jnp.zeros(()))
-        _, unpacked = ravel_pytree(jax.tree.map(lambda x: np.zeros(x.shape), one))
         with jax.default_device(self._device):
-            return jax.vmap(unpacked)(jnp.asarray(self._reference)[self._each])
+            rows = jnp.asarray(self._reference)[self._each]
+            return jax.vmap(self._unpacked_reference)(rows)
+
+    @functools.cached_property
+    def _unpacked_reference(self) -> Callable[[Array], Reference]:
+        one = jax.eval_shape(self._controller.reference, jnp.zeros(3), jnp.zeros(()))
+        return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape), one))[1]
 
     def tick(
         self,

@@ -153,7 +153,7 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     assert is_finished(run)
     assert load_policy(run).card.results["judged"]["control_steps"] == 4 * PER_STEP
     assert (
-        f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known "
+        f"reached 10.5 m/s: holds 11.0 m/s, 11.0 m/s after {4 * PER_STEP} control steps, known "
         in log(run)
     )
     # there is nothing left to do, and nothing to judge
@@ -182,7 +182,7 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
             3,
             4,
         ),
-        (20.0, dict.fromkeys(range(1, STEPS + 1), JudgeResult(9, 0, 3, 9)), 8, STEPS),
+        (12.0, dict.fromkeys(range(1, STEPS + 1), JudgeResult(9, 0, 3, 9)), 8, STEPS),
     ],
     ids=["fastest over all launches", "ends the run", "never gets there"],
 )

@@ -2,7 +2,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig
-from bp2_rl.settings.training import ClusterConfig, RunConfig
+from bp2_rl.settings.training import ClusterConfig, RunConfig, TrainConfig
 
 
 @pytest.mark.parametrize(
@@ -57,3 +57,10 @@ def test_commands_that_no_controller_tells_are_refused():
         match=r"commands\.max_forward \(20\) must be below control\.launching_speed \(18\)",
     ):
         EnvConfig(control=control, commands=CommandConfig(max_forward=20.0))
+
+
+def test_a_run_cannot_end_at_a_speed_beyond_its_fastest_command():
+    env = EnvConfig(commands=CommandConfig(max_forward=2.0))
+    TrainConfig(env=env, run=RunConfig(judged=1, until=2.0))
+    with pytest.raises(UserError, match=r"--until 2.1 cannot be reached: .* is 2 m/s"):
+        TrainConfig(env=env, run=RunConfig(judged=1, until=2.1))

@@ -64,7 +64,8 @@ def top_speed(policy: Policy) -> float:
 def _fastest(policy: Policy) -> float:
     """Return the fastest command that the judge gave a policy, m/s, else the fastest of
     its training."""
-    return on_card(policy, "judged", "told") or policy.card.env.commands.max_forward
+    told = on_card(policy, "judged", "told")
+    return round(told or policy.card.env.commands.max_forward, 2)
 
 
 def cruising_speed(policy: Policy) -> float:

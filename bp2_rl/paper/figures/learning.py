@@ -93,7 +93,12 @@ def read_curve(run: Path) -> Curve:
             damaged.
     """
     judged = [
-        CurvePoint(one.control_steps, one.seconds, one.result.speed, one.result.falls)
+        CurvePoint(
+            one.control_steps,
+            one.seconds,
+            min(one.result.speed, one.result.held),
+            one.result.falls,
+        )
         for one in read_judged(run).policies
     ]
     if not judged:

@@ -6,7 +6,7 @@ each loop that needs it. It does not see how much that is in long chains of prod
 sums: on a CPU the step took twice as long as without fusion. A fusion barrier is a
 conditional whose condition always holds, which XLA cannot know: it does not fuse what
 is inside a conditional with what is outside. On GPUs the step is divided into a few
-kernels of Pallas instead, by Mosaic GPU or, on older GPUs and JAX, by Triton.
+kernels of Pallas instead, by Mosaic GPU or by Triton.
 """
 
 import importlib
@@ -22,8 +22,8 @@ from bp2_rl.robot.kernel.mosaic import mosaic
 
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
-"""Robots in a block of threads on a GPU, and the block's warps: a thread for each
-leg."""
+"""Robots in a block of Triton's threads on a GPU, and the block's warps: a thread for
+each leg."""
 
 
 class FusionBarriers(NamedTuple):
@@ -69,13 +69,12 @@ def find_runtime() -> None:
 
 
 def _has_mosaic() -> bool:
-    """Return whether Mosaic GPU makes the kernels: from JAX 0.11 on, on GPUs of compute
-    capability 9, where it has been tried, or later, or where JAX has no Triton."""
+    """Return whether Mosaic GPU makes the kernels: where it has been tried, by JAX 0.11
+    on GPUs of compute capability 9, or where JAX has no Triton."""
     if not importlib.util.find_spec("jax.experimental.pallas.triton"):
         return True
-    major, *_ = getattr(jax.devices()[0], "compute_capability", "0").split(".")
-    new = jax.__version_info__ >= (0, 11)
-    return new and major.isdecimal() and int(major) >= 9
+    capability = getattr(jax.devices()[0], "compute_capability", "")
+    return jax.__version_info__[:2] == (0, 11) and capability == "9.0"
 
 
 def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:

@@ -53,14 +53,13 @@ ELEMENTWISE = frozenset(
 """Operations on arrays of one shape, element by element."""
 
 
-def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
+def mosaic(function: Callable[..., T], *inputs: Any) -> T:
     """Compute function(*inputs) in one Pallas kernel for Mosaic GPU, from JAX 0.11 on.
 
     Args:
         function: as `fusion_barriers.in_one_kernel` takes it. It may sum over the four
             legs, compute element by element, call and loop.
         inputs: its arguments.
-        block: robots in a block of threads, a multiple of 32.
 
     Raises:
         NotImplementedError: the function has another operation.
@@ -71,13 +70,14 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
     leaves, structure = jax.tree.flatten(inputs)
     leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
     robots = max(leaf.shape[-1] for leaf in leaves)
-    blocks = -(-robots // block)
-    leaves = [_padded(leaf, robots, blocks * block) for leaf in leaves]
+    blocks = -(-robots // LANES)
+    whole = blocks * LANES
+    leaves = [_padded(leaf, robots, whole) for leaf in leaves]
     traced, shapes = traced_flat(function, structure, leaves)
     shapes, results = jax.tree.flatten(shapes)
     written = [
         jax.ShapeDtypeStruct(
-            (LEGS, blocks * block) if x.shape == (LEGS, 1) else x.shape or (1,), x.dtype
+            (LEGS, whole) if x.shape == (LEGS, 1) else x.shape or (1,), x.dtype
         )
         for x in shapes
     ]
@@ -88,7 +88,7 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
 
     def part(ref: Ref) -> Ref:
         """Return a block's part of an array."""
-        here = pallas.ds(jax.lax.axis_index("block") * block, block)
+        here = pallas.ds(jax.lax.axis_index("block") * LANES, LANES)
         return ref.at[here] if len(ref.shape) == 1 else ref.at[:, here]
 
     def load(ref: Ref) -> Array:
@@ -96,13 +96,13 @@ def mosaic(function: Callable[..., T], *inputs: Any, block: int = LANES) -> T:
             return ref[0]
         if ref.shape == (LEGS, 1):
             each = mosaic_gpu.load(ref.at[:, 0], layout=of_legs, optimized=False)
-            return cast(jax.lax.broadcast_in_dim(each, (LEGS, block), (0,)))
+            return cast(jax.lax.broadcast_in_dim(each, (LEGS, LANES), (0,)))
         layout = layouts[len(ref.shape)]
         return mosaic_gpu.load(part(ref), layout=layout, optimized=False)
 
     def kernel(*refs: Ref) -> None:
         given = [load(ref) for ref in refs[: len(leaves)]]
-        found = Evaluation(block, cast).results(traced, given)
+        found = Evaluation(LANES, cast).results(traced, given)
         for ref, x in zip(refs[len(leaves) :], found, strict=True):
             if ref.shape == (1,):
                 ref[0] = x
@@ -185,7 +185,7 @@ class Evaluation:
             return given
         if name == "jit":
             return self.results(parameters["jaxpr"].jaxpr, given)
-        if name == "scan":
+        if name == "scan" and parameters["num_carry"] == len(equation.outvars):
             return self._looped(equation, given)
         raise NotImplementedError(f"{name} in a kernel over legs and robots")
 
@@ -193,7 +193,7 @@ class Evaluation:
         self, equation: core.JaxprEqn, given: list[ArrayLike]
     ) -> list[ArrayLike]:
         body, times = equation.params["jaxpr"].jaxpr, equation.params["length"]
-        constants = len(given) - len(equation.outvars)
+        constants = equation.params["num_consts"]
         kept, first = given[:constants], given[constants:]
         start = [
             self._like(*pair) for pair in zip(equation.outvars, first, strict=True)

@@ -112,8 +112,8 @@ SECONDS: Differences = {
     "ppo": {"num_envs": 256, "critic_steps": 4, "averaging": 0.8},
     "run": {"steps": 1_200_000, "checkpoints": 2, "judged": 12},
 }
-"""From `FIRST`: half as many robots learn from half the control steps, since they take
-as many train steps; more policies are judged, so that `--until` ends a run sooner."""
+"""From `FIRST`: half the robots and half the control steps make as many train steps;
+more policies are judged, so that `--until` ends a run sooner."""
 REFINED: Differences = {"ppo": {"learning_rate": 1e-4, "entropy_cost": 1e-3}}
 """A relaxed stage of `CPU` or `FIRST`, which goes on from trained networks."""
 

@@ -28,6 +28,8 @@ from bp2_rl.settings.env import CommandConfig, EnvConfig
         ({"judged": {"speed": 0.0, "held": 5.256}}, 5.26),
         ({"judged": {"speed": 0.0, "held": 1.2}}, 1.2),
         ({"judged": {"speed": 6.0, "held": 5.9}}, 7.5),
+        # the judge of a training that ends at a speed tells no more than a little over
+        ({"judged": {"speed": 6.0, "told": 6.6000000000000005}}, 6.6),
     ],
 )
 def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(

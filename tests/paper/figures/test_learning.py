@@ -12,7 +12,7 @@ from bp2_rl.paper.figures.settings import LearningFigureSettings
 def run_in(folder, *verdicts):
     folder.mkdir()
     judged = [
-        JudgedPolicy(step, seconds, JudgeResult(speed, falls, 3, speed))
+        JudgedPolicy(step, seconds, JudgeResult(speed, falls, 3, speed, held=speed))
         for step, seconds, speed, falls in verdicts
     ]
     save_config(folder / JUDGED, Judged(1795383470.0, tuple(judged)))
