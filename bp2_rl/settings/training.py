@@ -87,7 +87,7 @@ class TrainConfig(Bounded):
     parent: Parent | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a speed that no policy can hold, as no command is so fast."""
+        """Refuse an `until` above the fastest command, which no policy reaches."""
         super().__post_init__()
         fastest = self.env.commands.max_forward
         if self.run.until is not None and self.run.until > fastest:

@@ -102,7 +102,7 @@ def mosaic(function: Callable[..., T], *inputs: Any) -> T:
 
     def kernel(*refs: Ref) -> None:
         given = [load(ref) for ref in refs[: len(leaves)]]
-        found = Evaluation(LANES, cast).results(traced, given)
+        found = BlockEvaluation(LANES, cast).results(traced, given)
         for ref, x in zip(refs[len(leaves) :], found, strict=True):
             if ref.shape == (1,):
                 ref[0] = x
@@ -138,7 +138,7 @@ def traced_flat(
     return closed.jaxpr, shapes
 
 
-class Evaluation:
+class BlockEvaluation:
     """Evaluates jaxprs for a number of robots, which they need not be traced for.
 
     A value is an array (4, robots) or (robots,). It is () where the jaxpr has 1, or

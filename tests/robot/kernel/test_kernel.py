@@ -210,7 +210,7 @@ def evaluated(function, *inputs):
         x[0] if x.shape == (1,) else jnp.broadcast_to(x, (*x.shape[:-1], ROBOTS))
         for x in leaves
     ]
-    found = mosaic.Evaluation(ROBOTS).results(program, given)
+    found = mosaic.BlockEvaluation(ROBOTS).results(program, given)
     return jax.tree.unflatten(jax.tree.structure(shapes), found)
 
 
