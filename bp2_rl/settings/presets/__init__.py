@@ -147,7 +147,7 @@ PRESETS: dict[Preset, dict[Stage, tuple[Differences, ...]]] = {
     },
     "cpu": {
         "imitation": (
-            *(SLOW_TROT, EASY, CPU, {"ppo": {"critic_steps": 12}}),
+            *(SLOW_TROT, EASY, CPU, {"ppo": {"critic_steps": 6, "averaging": 0.8}}),
             {"commands": {"max_forward": 13.0, "acceleration": (1.0, 5.0)}},
         ),
         "relaxed": (SLOW_TROT, ALL_COMMANDS, CPU, REFINED),
