@@ -376,19 +376,20 @@ def test_equality_constraints_are_refused_by_name():
 
 
 @pytest.mark.parametrize(
-    ("capability", "jax_version", "by_mosaic"),
+    ("gpus", "jax_version", "by_mosaic"),
     [
-        ("9.0", (0, 11, 2), True),
-        ("9.0", (0, 10, 2), False),
-        ("8.9", (0, 11, 2), False),
-        ("gfx942", (0, 11, 2), False),
+        (["9.0"], (0, 11, 2), True),
+        (["9.0", "9.0"], (0, 11, 2), False),
+        (["9.0"], (0, 10, 2), False),
+        (["8.9"], (0, 11, 2), False),
+        (["gfx942"], (0, 11, 2), False),
     ],
 )
 def test_mosaic_gpu_makes_the_kernels_where_it_was_tried(
-    capability, jax_version, by_mosaic, monkeypatch
+    gpus, jax_version, by_mosaic, monkeypatch
 ):
-    gpu = types.SimpleNamespace(compute_capability=capability)
-    monkeypatch.setattr(jax, "devices", lambda: [gpu])
+    found = [types.SimpleNamespace(compute_capability=one) for one in gpus]
+    monkeypatch.setattr(jax, "devices", lambda: found)
     monkeypatch.setattr(jax, "__version_info__", jax_version)
     assert fusion_barriers._has_mosaic() is by_mosaic
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
