@@ -25,9 +25,16 @@ from bp2_rl.learning.writers import read_metrics
 PER_STEP = 16 * 4  # control steps
 STEPS = 8
 
-short = functools.partial(
-    small, steps=STEPS * PER_STEP, checkpoints=4, logs=4, judged=STEPS
-)
+
+def short(**run):
+    """Return the settings of a short run whose fastest command is 15 m/s."""
+    config = small(steps=STEPS * PER_STEP, checkpoints=4, logs=4, judged=STEPS)
+    commands = dataclasses.replace(config.env.commands, max_forward=15.0)
+    return dataclasses.replace(
+        config,
+        env=dataclasses.replace(config.env, commands=commands),
+        run=dataclasses.replace(config.run, **run),
+    )
 
 
 @pytest.fixture(autouse=True, scope="module")

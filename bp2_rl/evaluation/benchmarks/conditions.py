@@ -58,14 +58,14 @@ def top_speed(policy: Policy) -> float:
     """
     found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "held"))
     measured = (on_card(policy, *each) for each in found)
-    return next(filter(None, measured), _fastest(policy))
+    return next(filter(None, measured), None) or _fastest(policy)
 
 
 def _fastest(policy: Policy) -> float:
     """Return the fastest command that the judge gave a policy, m/s, else the fastest of
     its training."""
     told = on_card(policy, "judged", "told")
-    return round(told or policy.card.env.commands.max_forward, 2)
+    return round(told, 2) if told else policy.card.env.commands.max_forward
 
 
 def cruising_speed(policy: Policy) -> float:
