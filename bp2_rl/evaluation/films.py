@@ -101,8 +101,8 @@ class Filmed:
             except Exception as error:
                 shown.set_exception(error)
 
-        workers = self._workers.submit(policy, kept, SHOT.length, slower=slower)
-        workers.add_done_callback(show)
+        judged = self._workers.submit(policy, kept, SHOT.length, slower=slower)
+        judged.add_done_callback(show)
         return shown
 
     def close(self, *, wait: bool) -> None:
