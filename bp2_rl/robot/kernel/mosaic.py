@@ -185,7 +185,7 @@ class BlockEvaluation:
             return given
         if name == "jit":
             return self.results(parameters["jaxpr"].jaxpr, given)
-        if name == "scan" and parameters["num_carry"] == len(equation.outvars):
+        if name == "scan" and _only_carries(equation):
             return self._looped(equation, given)
         raise NotImplementedError(f"{name} in a kernel over legs and robots")
 
@@ -193,7 +193,7 @@ class BlockEvaluation:
         self, equation: core.JaxprEqn, given: list[ArrayLike]
     ) -> list[ArrayLike]:
         body, times = equation.params["jaxpr"].jaxpr, equation.params["length"]
-        constants = equation.params["num_consts"]
+        constants = len(given) - len(equation.outvars)
         kept, first = given[:constants], given[constants:]
         start = [
             self._like(*pair) for pair in zip(equation.outvars, first, strict=True)
@@ -217,6 +217,14 @@ class BlockEvaluation:
         shape = (LEGS, self.robots)[2 - axes :]
         last = tuple(range(axes - has, axes))
         return self.cast(jax.lax.broadcast_in_dim(x, shape, last))
+
+
+def _only_carries(scan: core.JaxprEqn) -> bool:
+    """Return whether a loop takes nothing from arrays step by step, and stacks nothing:
+    inside it, then, everything has the shape that it has outside."""
+    body = scan.params["jaxpr"]
+    outside = [variable.aval for variable in (*scan.invars, *scan.outvars)]
+    return outside == [*body.in_avals, *body.out_avals]
 
 
 def _adds_first_axes(parameters: Mapping[str, Any]) -> bool:
