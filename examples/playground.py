@@ -4,6 +4,7 @@ Brax's learner, on one device.
     pip install -c constraints.txt -e ".[playground]"
     python examples/playground.py           # Playground's own 8192 robots
     python examples/playground.py 4096      # another number
+    python examples/playground.py 8192 jax  # MJX in JAX where Playground's choice is Warp
 
 Our training beside it: `bp2 bench --devices 1 --robots 8192 --parts training`.
 """
@@ -37,7 +38,9 @@ class _TimedEnoughError(Exception):
     beforehand."""
 
 
-def measure_playground(robots: int | None = None, seconds: float = 2.0) -> float:
+def measure_playground(
+    robots: int | None = None, seconds: float = 2.0, impl: str | None = None
+) -> float:
     """Train Playground's Go1 for some seconds; return the control steps per second, all
     robots together.
 
@@ -47,6 +50,7 @@ def measure_playground(robots: int | None = None, seconds: float = 2.0) -> float
     Args:
         robots: a multiple of Playground's 32 minibatches; by default its own number.
         seconds: of training that is timed.
+        impl: `jax` or `warp`; by default `choose_physics()`.
     """
     settings = brax_ppo_config(TASK).to_dict()
     robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
@@ -76,7 +80,7 @@ def measure_playground(robots: int | None = None, seconds: float = 2.0) -> float
 
     with _removed_from_jax(), contextlib.suppress(_TimedEnoughError):
         ppo_train.train(
-            make_env(choose_physics()),
+            make_env(impl or choose_physics()),
             **settings,
             wrap_env_fn=wrapper.wrap_for_brax_training,
             max_devices_per_host=1,
@@ -139,8 +143,10 @@ def _removed_from_jax() -> Generator[None]:
 
 
 if __name__ == "__main__":
-    rate = measure_playground(int(sys.argv[1]) if len(sys.argv) > 1 else None)
+    fleet = int(sys.argv[1]) if len(sys.argv) > 1 else None
+    physics = sys.argv[2] if len(sys.argv) > 2 else choose_physics()
+    rate = measure_playground(fleet, impl=physics)
     period: Any = locomotion.get_default_config(TASK)
     print(
-        f"MuJoCo Playground's Go1, MJX {choose_physics()}: {rate:,.0f} control steps/s of {1000 * period.ctrl_dt:g} ms"
+        f"MuJoCo Playground's Go1, MJX {physics}: {rate:,.0f} control steps/s of {1000 * period.ctrl_dt:g} ms"
     )
