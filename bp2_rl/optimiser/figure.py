@@ -21,9 +21,10 @@ from bp2_rl.optimiser.cycle import (
     leg_points,
     whole_cycle,
 )
-from bp2_rl.optimiser.problem import PER_LEG, TRUNK
+from bp2_rl.optimiser.problem import TRUNK
 from bp2_rl.optimiser.solution import Solution, resample
-from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
+from bp2_rl.robot.conventions import LEGS
 
 LEFT, RIGHT, ARROW = "#0072B2", "#D55E00", "#D55E00"
 FRAMES = 8  # stick figures in a cycle
@@ -66,13 +67,14 @@ def trajectory_figure(solution: Solution) -> Figure:
     motors, limited = Actuator.from_hardware(problem.hardware), legs[-1]
     dashed = {"color": QUIET, "linewidth": 1.1, "linestyle": (0, (4, 2))}
     for leg, name in enumerate(legs):
-        style, block = leg_style(name), TRUNK + PER_LEG * leg
+        style, block = leg_style(name), TRUNK + cycle.problem.stride.per_leg * leg
         stands = np.array([[name in feet] for feet in cycle.standing])
         for joint in (0, 1):
             speed, column = motion.v[..., block + joint], 2 * leg + joint
             force = np.where(stands, motion.force[..., column], np.nan)
             if name == limited:
-                for limit in torque_limits(motors, speed):
+                motor = of_joint(motors, 3 * LEGS.index(name) + 1 + joint)
+                for limit in torque_limits(motor, speed):
                     _along(panels[6 + joint], share, limit, **dashed)
             _along(panels[2 + joint], share, speed, **style)
             _along(panels[6 + joint], share, motion.tau[..., column], **style)

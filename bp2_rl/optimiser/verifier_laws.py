@@ -28,10 +28,12 @@ def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
         * (1.0 - losses.gear_efficiency)
         * _smooth_sign(tau, GEAR_ROUNDING * size.torque)
     )
-    dry = _motors(at_joints(losses.joint_friction), tau.shape[-1])
+    dry = at_motors(at_joints(losses.joint_friction), tau.shape[-1])
     friction = (in_gear + dry) * _smooth_sign(qd, JOINT_ROUNDING * size.rate)
     return (
-        tau - friction - _motors(at_joints(losses.joint_viscosity), tau.shape[-1]) * qd
+        tau
+        - friction
+        - at_motors(at_joints(losses.joint_viscosity), tau.shape[-1]) * qd
     )
 
 
@@ -58,7 +60,7 @@ def bus_power(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Each:
     no-load speed, into heat; heat goes with the square of torque.
     """
     count = tau.shape[-1]
-    no_load = _motors(hardware.joint_no_load_speed, count)
+    no_load = at_motors(hardware.joint_no_load_speed, count)
     stall = _stall(hardware, no_load)
     return np.sum(tau * qd, axis=-1) + np.sum(
         (tau / stall) ** 2 * stall * no_load, axis=-1
@@ -88,7 +90,7 @@ def torque_excess(
         hardware.joint_no_load_speed,
         hardware.joint_braking_speed,
     )
-    peak, no_load, brake = (_motors(limit, tau.shape[-1]) for limit in limits)
+    peak, no_load, brake = (at_motors(limit, tau.shape[-1]) for limit in limits)
     drawn = np.maximum(bus_power(hardware, qd, tau), 0.0) / share  # W, of a whole robot
     voltage = 1.0 - hardware.losses.bus_sag * drawn[..., None] / 1e3
     over = [np.abs(tau) - peak]
@@ -108,13 +110,13 @@ def _stall(
     """Torque at standstill of the line that passes the corner of the envelope and is
     zero at the speed `zero`, Nm."""
     peak, corner = (
-        _motors(x, len(zero))
+        at_motors(x, len(zero))
         for x in (hardware.joint_peak_torque, hardware.joint_corner_speed)
     )
     return peak * zero / (zero - corner)
 
 
-def _motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
+def at_motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
     """Return the hips' and knees' entries of a number of the twelve joints, repeated
     for the model's legs."""
     return np.tile(np.broadcast_to(value, 12)[1:3], count // 2)

@@ -16,8 +16,12 @@ from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motion_of
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.family import FamilyConfig, build_family
+from bp2_rl.optimiser.figure import trajectory_figure
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.verify import failures
+from bp2_rl.paper.trajectories.comparison import summarise_gait
+from bp2_rl.paper.trajectories.coupling import account_coupling
+from bp2_rl.paper.trajectories.decomposition import decompose
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.robot import kinematics
 from bp2_rl.robot.conventions import LEGS
@@ -155,6 +159,19 @@ def test_a_rigid_robots_trots_are_sound(library):
         assert [
             line for line in failures(solution.checks) if "_error" not in line
         ] == []
+
+
+def test_a_rigid_robots_trot_is_drawn_and_split_into_its_forces(library):
+    """Motors' and contacts' forces are the inertial and other terms; what is split by
+    springs is refused."""
+    solution = library[0][0]
+    trajectory_figure(solution)
+    assert summarise_gait(solution).speed == solution.problem.speed
+    terms = decompose(solution)
+    assert terms.coordinates[-2:] == ("RL hip", "RL knee")
+    assert terms.closure < 1e-6  # as BP2's, in test_decomposition.py
+    with pytest.raises(UserError, match="rigid shanks"):
+        account_coupling(solution)
 
 
 def test_a_rigid_robots_library_survives_the_disk(library):

@@ -31,7 +31,6 @@ from bp2_rl.optimiser.problem import (
     Intervals,
     Problem,
     Starts,
-    motor_coordinates,
 )
 from bp2_rl.optimiser.solution import (
     NotSolved,
@@ -308,8 +307,8 @@ def start_chain(settings: CodesignSettings, seed: int) -> Chain:
 
 def describe_design(best: Solution) -> DesignRow:
     """Return the design and the gait of a solution."""
-    hardware, legs = best.problem.hardware, best.problem.stride.legs
-    speed = float(np.max(np.abs(best.motion.v[..., motor_coordinates(legs)])))
+    hardware, motors = best.problem.hardware, best.problem.stride.motors
+    speed = float(np.max(np.abs(best.motion.v[..., motors])))
     return DesignRow(
         intervals=best.problem.intervals,
         **{name: float(hardware.parameter(name)) for name in PARAMETERS},

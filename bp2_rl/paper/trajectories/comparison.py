@@ -19,11 +19,12 @@ from bp2_rl.base import serialization as config
 from bp2_rl.base.metric import Table, metric, metrics_of
 from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
-from bp2_rl.optimiser.problem import CostWeights, Problem, motor_coordinates
+from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import (
     Solution,
     speed_name,
 )
+from bp2_rl.optimiser.verifier_laws import at_motors
 from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.paper.trajectories.codesign import keep_best
 from bp2_rl.robot.hardware import HardwareSpec
@@ -54,7 +55,7 @@ def summarise_gait(solution: Solution) -> GaitSummary:
     def mean(values: Float[np.ndarray, "segments points"]) -> float:
         return float(np.sum(weights * values))
 
-    qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
+    qd = motion.v[..., cycle.problem.stride.motors]
     R = running_cost(
         motion.tau,
         qd,
@@ -80,9 +81,10 @@ def running_cost(
 ) -> Float[np.ndarray, "..."]:
     """Return the running cost R (paper, Eq. R) at each instant without its smoothness:
     powers, torques and forces as shares of the greatest."""
-    tau = torque / hardware.joint_peak_torque
+    count = torque.shape[-1]
+    tau = torque / at_motors(hardware.joint_peak_torque, count)
     load = force / weights.force
-    power = tau * qd / hardware.joint_no_load_speed
+    power = tau * qd / at_motors(hardware.joint_no_load_speed, count)
     return weights.power * _squares(power) + weights.load * (
         _squares(tau) + _squares(load)
     )

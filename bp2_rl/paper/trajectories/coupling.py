@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.cycle import Cycle
 from bp2_rl.optimiser.solution import Solution
@@ -146,7 +147,16 @@ class CouplingAccount:
 
 
 def account_coupling(solution: Solution) -> CouplingAccount:
-    """Return the effects of inertial coupling in a solution."""
+    """Return the effects of inertial coupling in a solution.
+
+    Raises:
+        UserError: the robot's shanks are rigid; the sources are those of a leg with a
+            spring.
+    """
+    if not solution.problem.hardware.anatomy.sprung:
+        raise UserError(
+            f"{solution.problem.hardware.anatomy.name} has rigid shanks: coupling is split for legs whose shanks are springs"
+        )
     terms = decompose(solution)
     sources = split_planar(terms)
     cycle = terms.cycle

@@ -29,7 +29,7 @@ from scipy.signal import find_peaks
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.cycle import Cycle, whole_cycle
-from bp2_rl.optimiser.problem import motor_coordinates
+from bp2_rl.optimiser.problem import Stride
 from bp2_rl.optimiser.solution import Solution
 
 TERMS = (
@@ -148,7 +148,7 @@ def decompose(solution: Solution) -> Decomposition:
     from bp2_rl.optimiser import sagittal
 
     cycle = whole_cycle(solution)
-    problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
+    problem, motion = cycle.problem, cycle.motion
     p = sagittal.design_vector(problem.hardware)
     model = sagittal.model_of(problem)
 
@@ -167,7 +167,7 @@ def decompose(solution: Solution) -> Decomposition:
         evaluate(model.coriolis, q, v, p)[..., 0],
         evaluate(model.gravity, q, p)[..., 0],
         (tau - evaluate(model.resistance, v, tau, p)[..., 0])
-        @ np.eye(n)[motor_coordinates(legs)],
+        @ np.eye(n)[cycle.problem.stride.motors],
         evaluate(model.passive, q, v, p)[..., 0],
         np.einsum("kci,kc->ki", evaluate(model.contact_jacobian, q, p), F),
     )
@@ -179,16 +179,22 @@ def decompose(solution: Solution) -> Decomposition:
     impulses[-1] = np.einsum(
         "kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse
     )
-    return Decomposition(cycle, coordinate_names(legs), mass, forces, impulses)
+    return Decomposition(
+        cycle, coordinate_names(cycle.problem.stride), mass, forces, impulses
+    )
 
 
-def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
+def coordinate_names(stride: Stride) -> tuple[str, ...]:
     """Return the names of the sagittal model's coordinates, such as "FR hip"."""
     return (
         "x",
         "z",
         "pitch",
-        *(f"{leg} {joint}" for leg in legs for joint in ("hip", "knee", "spring")),
+        *(
+            f"{leg} {joint}"
+            for leg in stride.legs
+            for joint in ("hip", "knee", "spring")[: stride.per_leg]
+        ),
     )
 
 

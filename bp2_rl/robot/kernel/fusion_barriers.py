@@ -70,11 +70,11 @@ def find_runtime() -> None:
 
 def _has_mosaic() -> bool:
     """Return whether Mosaic GPU makes the kernels: where it has been tried, by JAX 0.11
-    on one GPU of compute capability 9, or where JAX has no Triton."""
+    on GPUs of compute capability 9, or where JAX has no Triton."""
     if not importlib.util.find_spec("jax.experimental.pallas.triton"):
         return True
-    found = [getattr(gpu, "compute_capability", "") for gpu in jax.devices()]
-    return jax.__version_info__[:2] == (0, 11) and found == ["9.0"]
+    found = {getattr(gpu, "compute_capability", "") for gpu in jax.devices()}
+    return jax.__version_info__[:2] == (0, 11) and found == {"9.0"}
 
 
 def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
