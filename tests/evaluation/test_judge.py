@@ -255,7 +255,7 @@ def test_a_judge_compiles_before_the_first_policy(slow_policy):
         NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization
     )
     assert control._cache_size() == 2  # a batch, and that of slower launches
-    judging._judge(slow_policy, policy.card.env.task, None, 0.0, None, True)
+    judging._judge(slow_policy, policy.card.env.task, None, True)
     judging.measure_launches(policy, policy.card.env, judging.SLOWER_LAUNCHES)
     assert compiled.cache_info().misses == 1
     assert control._cache_size() == 2
