@@ -3,7 +3,6 @@
 import dataclasses
 import datetime
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -26,8 +25,6 @@ from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
 
 PROG = "bp2 bench"
-FIRST_STEP = "from bp2_rl.cli import bench; bench.first_step()"
-"""Program whose start the flag `--startup` times."""
 Size = Annotated[int, Within(1, 2**24)]
 Part = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
 """`tools.throughput.PartName`, which can be imported only once JAX is set up."""
@@ -44,8 +41,6 @@ flags:
   --robots INT ...      numbers of robots, all devices together [the preset's]
   --devices INT ...     numbers of devices [all there are]
   --parts NAME ...      physics, environment, resets, policy, sgd, training [all]
-  --startup             also time fresh processes up to their first policy, with an
-                        empty compilation cache and with a full one
   --seconds FLOAT       of timed calls, for each part [2]
   --out DIR             the report's folder [reports/bench-DATE-TIME]
 
@@ -77,9 +72,6 @@ class BenchArguments(Bounded, path="--"):
     """numbers of devices; by default all there are"""
     parts: tuple[Part, ...] = get_args(Part)
     """what to measure"""
-    startup: bool = False
-    """also time fresh processes up to their first policy, with an empty compilation
-    cache and with a full one"""
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
     """of timed calls, for each part"""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -103,16 +95,16 @@ def _bench(words: list[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
-    _import_jax(flags)
+    with unused_left_out(flags):
+        from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
+    use_processors(flags)
     from bp2_rl.base.processes import keep_compiled
-    from bp2_rl.cli.runtime import find_backend, require_accelerator
     from bp2_rl.tools.bench import run_bench
 
     keep_compiled()
-    find_backend()
+    runtime.find_backend()
     arguments = arguments or read_arguments(words, flags)
-    if not arguments.startup:  # whose training refuses by itself
-        require_accelerator(arguments.preset)
+    runtime.require_accelerator(arguments.preset)
     now = datetime.datetime.now()
     run_bench(
         arguments.config,
@@ -120,7 +112,6 @@ def _bench(words: list[str]) -> None:
         arguments.parts,
         arguments.seconds,
         arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
-        start=(sys.executable, "-c", FIRST_STEP, *words) if arguments.startup else (),
     )
 
 
@@ -151,30 +142,3 @@ def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
         for devices in arguments.devices or (there,)
     }
     return tuple(sizes)
-
-
-def first_step() -> None:
-    """Start a training from the command line's flags as train.py does; print the time
-    of each stage."""
-    words = sys.argv[1:]
-    flags = app.parse_known(EarlyFlags, words, PROG)
-    _import_jax(flags)
-    from bp2_rl.base.processes import keep_compiled
-    from bp2_rl.cli.runtime import wake_device
-
-    keep_compiled()
-    wake_device()
-    from bp2_rl.tools.bench import start_training
-
-    imported = time.time()
-    arguments = read_arguments(words, flags)
-    robots, _ = choose_sizes(arguments)[0]
-    ppo = dataclasses.replace(arguments.ppo, num_envs=robots)
-    start_training(dataclasses.replace(arguments.config, ppo=ppo), imported)
-
-
-def _import_jax(flags: EarlyFlags) -> None:
-    """Import JAX and MuJoCo as a training with these flags does."""
-    with unused_left_out(flags):
-        from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    use_processors(flags)

@@ -16,7 +16,7 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import require_one_of
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
@@ -49,9 +49,8 @@ what is run:
                         one that BP2 may be [the policy's; built for ideal]
   --task FILE[:NAME]    the task that the policy was trained with, where the task
                         adds to what the policy sees
-  --backend {mujoco,mjx,drake}
-                        mujoco: C MuJoCo; mjx: the engine of training; drake: a
-                        second opinion [mujoco]
+  --backend {mujoco,drake}
+                        mujoco: C MuJoCo; drake: a second opinion [mujoco]
 
 how:
   --terrain KIND:SIZE   rough:0.05, waves:0.05 or stairs:0.1 (m), slope:0.1 (rad)
@@ -68,7 +67,7 @@ what is left:
   --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
   --no-video            do not film the best seconds
 
-all flags, with the operator's and Drake's: {prog} --help-all
+all flags, with the operator's: {prog} --help-all
 
 examples:
   python eval.py --no-video                 # the policy that ships
@@ -136,6 +135,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             screen=SCREEN.replace("{benchmarks}", "\n".join(rows)),
         )
         if config.robots == POSTERIOR:
+            if config.benchmark not in (Target.benchmark, POSTERIOR):
+                raise UserError(
+                    f"--robots {POSTERIOR} is a benchmark of its own; leave --benchmark out"
+                )
             config = dataclasses.replace(config, benchmark=POSTERIOR)
         require_one_of("--benchmark", config.benchmark, BENCHMARKS)
         evaluate(config, again=f"{prog} {shlex.join(words)}".strip())
@@ -189,8 +192,7 @@ def evaluate(
     if config.backend == "drake":
         # says how to install it where it is missing
         importlib.import_module("bp2_rl.simulation.drake")
-    if config.backend != "mjx":
-        compute_here()  # and leave the accelerator to a training that may be running
+    compute_here()  # and leave the accelerator to a training that may be running
     find_backend()
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)

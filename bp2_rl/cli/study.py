@@ -89,7 +89,6 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.outcome import (
         Outcome,
         draw_learning_curves,
-        draw_top_speeds,
         outcome_of,
         outcome_table,
     )
@@ -127,15 +126,12 @@ def _study(arguments: StudyArguments) -> None:
             draw_learning_curves(arguments.out, plan.variants, plan.seeds),
             arguments.out / "learning_curves.png",
         )
-        save_figure(draw_top_speeds(outcomes), arguments.out / "top_speeds.png")
         print(outcome_table(outcomes))
         if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
             print(
                 f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison"
             )
-        print(
-            f"figures: {arguments.out / 'top_speeds.png'}, {arguments.out / 'learning_curves.png'}"
-        )
+        print(f"figure: {arguments.out / 'learning_curves.png'}")
     elif not arguments.train:
         raise UserError(
             f"{arguments.out} holds no judged run of {', '.join(plan.variants)}"

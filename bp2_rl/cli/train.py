@@ -78,7 +78,6 @@ how long:
   --until M/S                  end when a policy reaches this speed, m/s, from a
                                stand in C MuJoCo and holds it
   --run.seed INT               of all that is drawn [0]
-  --run.films                  film the judged policies, in films.html
 
 by what:
   --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock MJX;

@@ -130,15 +130,9 @@ def measure_launches(
     policy: ActionFunction,
     env: EnvConfig,
     launches: Sequence[JudgedLaunch],
-    kept: Path | None = None,
-    length: float = 0.0,
 ) -> list[LaunchResult]:
     """Simulate launches of a policy on robots of its environment; return each launch's
-    top speed and fall.
-
-    Where `kept` names a file, the last `length` seconds of the first launch are saved
-    there.
-    """
+    top speed and fall."""
     world = World(env.terrain.hardest)
     requests = [
         RunRequest(
@@ -149,10 +143,7 @@ def measure_launches(
         )
         for one in launches
     ]
-    first, *_ = runs = list(simulate(policy, requests, env))
-    if kept is not None:
-        with contextlib.suppress(OSError):  # the results do not depend on it
-            first.between(max(len(first) * first.dt - length, 0.0), math.inf).save(kept)
+    runs = simulate(policy, requests, env)
     return [
         _result(run, one.speed(env)) for run, one in zip(runs, launches, strict=True)
     ]
@@ -171,8 +162,6 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
 def judge_policy(
     policy: ActionFunction,
     env: EnvConfig,
-    kept: Path | None = None,
-    length: float = 0.0,
     *,
     until: float | None = None,
     slower: bool = True,
@@ -181,19 +170,16 @@ def judge_policy(
     the slower ones, too, if `slower`.
 
     All slower launches run side by side, since 18 robots take less than twice as long
-    as three. `kept` and `length` are those of `measure_launches`, for the launches to
-    the fastest command. For a training that ends at the speed `until`, m/s, the fastest
-    command is no more than `HEADROOM` times that.
+    as three. For a training that ends at the speed `until`, m/s, the fastest command is
+    no more than `HEADROOM` times that.
     """
     share = min(HEADROOM * until / env.commands.max_forward, 1.0) if until else 1.0
 
-    def launched(
-        launches: Sequence[JudgedLaunch], kept: Path | None = None
-    ) -> list[LaunchResult]:
+    def launched(launches: Sequence[JudgedLaunch]) -> list[LaunchResult]:
         told = [dataclasses.replace(one, share=share * one.share) for one in launches]
-        return measure_launches(policy, env, told, kept, length)
+        return measure_launches(policy, env, told)
 
-    launches = launched(JUDGED_LAUNCHES, kept)
+    launches = launched(JUDGED_LAUNCHES)
     if not (slower and launches[0].fell):
         return combine(launches)
     others = launched(SLOWER_LAUNCHES)
@@ -272,18 +258,10 @@ class JudgeProcesses:
         self._pool, self._task, self._until = pool, task, until
         self.places = count
 
-    def submit(
-        self,
-        policy: Path,
-        kept: Path | None = None,
-        length: float = 0.0,
-        *,
-        slower: bool = True,
-    ) -> Future[JudgeResult]:
+    def submit(self, policy: Path, *, slower: bool = True) -> Future[JudgeResult]:
         """Queue the policy folder for its launches, with the slower ones where it falls
-        if `slower`; save the first launch's last `length` seconds in `kept`."""
-        asked = self._task, kept, length, self._until, slower
-        return self._pool.submit(_judge, policy, *asked)
+        if `slower`."""
+        return self._pool.submit(_judge, policy, self._task, self._until, slower)
 
 
 # --- In the workers -------------------------------------------------------------------
@@ -313,11 +291,9 @@ def _warm_up(card: PolicyCard, *, slower: bool) -> None:
 def _judge(
     policy: Path,
     task: TaskConfig,
-    kept: Path | None,
-    length: float,
     until: float | None,
     slower: bool,
 ) -> JudgeResult:
     loaded = load_policy(policy, layout_of=layout_of, task=task.code)
     env = loaded.card.env
-    return judge_policy(loaded, env, kept, length, until=until, slower=slower)
+    return judge_policy(loaded, env, until=until, slower=slower)

@@ -2,7 +2,6 @@
 `bp2_rl.train`."""
 
 import contextlib
-import os
 from collections.abc import Generator
 from pathlib import Path
 from typing import get_args
@@ -101,12 +100,4 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
         return
     cache = jax.config.values["jax_compilation_cache_dir"]
     with open_judge(card, cache, config.run.until) as judge:
-        if not config.run.films:
-            yield judge
-            return
-        from bp2_rl.evaluation.films import filming
-
-        with filming(
-            judge, print, os.environ.get("MUJOCO_GL"), config.run.until
-        ) as films:
-            yield films
+        yield judge

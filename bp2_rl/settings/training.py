@@ -52,16 +52,10 @@ class RunConfig:
     ] = None
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and
     holds it"""
-    films: bool = False
-    """film judged policies, in films.html"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "run.")
-        if self.films and not self.judged:
-            raise UserError(
-                "--run.films shows what the judge sees: let --run.judged be 1 or more"
-            )
         if self.until is not None and not self.judged:
             raise UserError("--until needs a judge: let --run.judged be 1 or more")
 

@@ -6,14 +6,13 @@ the law of springs and stops. Drake takes over what MuJoCo has computed: equatio
 motion, contact, friction and joint limits. The plant is built from the numbers of the
 compiled MuJoCo model, link by link; no code of dynamics is shared.
 
-    normal     f = k x (1 + d x')+                                Hunt and Crossley, at depth x; or hydroelastic
-    friction   |f_t| <= mu f, regularised below the speed v_s     of `DrakeContact.stiction`
+    normal     f = k x (1 + d x')+                                Hunt and Crossley, at depth x
+    friction   |f_t| <= mu f, regularised below the speed v_s     `STICTION`
 
 The step is semi-implicit Euler, as MuJoCo's, with velocities and contact forces solved
 for at the step's end. A joint's limit is as stiff as the step allows.
 """
 
-import dataclasses
 import itertools
 import logging
 from collections.abc import Sequence
@@ -24,11 +23,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import POSE, TWIST, motor_indices
 from bp2_rl.robot.model import foot_geom_ids
-from bp2_rl.simulation.backend import Backend, DrakeContact
-from bp2_rl.simulation.simulator import Alike, OneByOne, RobotSetup
+from bp2_rl.simulation.backend import Backend
+from bp2_rl.simulation.simulator import STATE, Alike, RobotSetup, Simulator
 
 try:
     from pydrake import geometry
@@ -45,21 +43,14 @@ logging.getLogger("drake").setLevel(logging.ERROR)
 SHARE = 0.075
 """Share of the robot's mass from which, with its `contact_time`, the ground's stiffness
 follows: 300 kN/m for BP2 at 3 ms"""
-LOAD = 3.0
-"""Load on a foot, in body weights, at which hydroelastic and point contact are equally
-deep."""
+DISSIPATION = 0.5
+"""Hunt and Crossley's d, s/m: a foot leaves the ground at no more than the reciprocal."""
+STICTION = 1e-3
+"""m/s: slip that friction needs to reach its limit"""
 _Geom, _Joint = mujoco.mjtGeom, mujoco.mjtJoint
-_SOLVERS = {
-    name[1:].lower(): solver
-    for name, solver in multibody.DiscreteContactApproximation.__members__.items()
-}
-_MODELS = {
-    "point": multibody.ContactModel.kPoint,
-    "hydroelastic": multibody.ContactModel.kHydroelasticWithFallback,
-}
 
 
-class DrakeSimulator(OneByOne):
+class DrakeSimulator(Simulator):
     """N robots whose dynamics and contact Drake computes; all else is as in
     `Simulator`.
 
@@ -74,25 +65,31 @@ class DrakeSimulator(OneByOne):
         robots: Sequence[RobotSetup],
         models: Sequence[mujoco.MjModel] | None = None,
     ):
-        finer = []
-        for robot in robots:
-            numerics = robot.numerics
-            steps = max(numerics.steps, numerics.drake.steps)
-            numerics = dataclasses.replace(numerics, steps=steps)
-            finer.append(dataclasses.replace(robot, numerics=numerics))
-        super().__init__(finer, models)
+        super().__init__(robots, models)
         if any(robot.world.ground for robot in robots):
             raise UserError(
                 "Drake has flat ground and slopes alone; use --backend mujoco"
             )
         self._plants = [
-            DrakeRobot(model, robot.numerics.drake, robot.config.hardware.contact_time)
+            DrakeRobot(model, robot.config.hardware.contact_time)
             for model, robot in zip(self.models, robots, strict=True)
         ]
+        self._computed = [mujoco.MjData(model) for model in self.models]
 
-    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
-        for _ in range(steps):
-            self._plants[robot].step(data)
+    def _advance(
+        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K _"]:
+        forces = np.empty((len(at), alike.sensed.shape[1]))
+        for robot, place, force in zip(
+            robots.tolist(), at.tolist(), forces, strict=True
+        ):
+            data, model = self._computed[robot], self.models[robot]
+            mujoco.mj_setState(model, data, alike.state[place], STATE)
+            for _ in range(alike.steps):
+                self._plants[robot].step(data)
+            mujoco.mj_getState(model, data, alike.state[place], STATE)
+            force[:] = data.sensordata
+        return forces
 
     def _mobilities(
         self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
@@ -112,31 +109,28 @@ class DrakeRobot:
     Args:
         model: free trunk, hinges, slides; springs at joints and one-sided ones at
             tendons of one joint.
-        contact: of feet and ground.
-        contact_time: s, of the robot; with its mass it gives the ground's stiffness
-            where none was chosen.
+        contact_time: s, of the robot; with its mass it gives the ground's stiffness.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, contact: DrakeContact, contact_time: float
-    ):
-        if contact.stiffness is None:
-            stiffness = SHARE * float(np.sum(model.body_mass)) / contact_time**2
-            contact = dataclasses.replace(contact, stiffness=stiffness)
+    def __init__(self, model: mujoco.MjModel, contact_time: float):
+        stiffness = SHARE * float(np.sum(model.body_mass)) / contact_time**2
         builder = DiagramBuilder()
         self._plant, scene = multibody.AddMultibodyPlantSceneGraph(
             builder, model.opt.timestep
         )
         plant = self._plant
-        plant.set_discrete_contact_approximation(_SOLVERS[contact.solver])
-        plant.set_contact_model(_MODELS[contact.model])
-        plant.set_stiction_tolerance(contact.stiction)
+        # in the others slip lifts a foot
+        plant.set_discrete_contact_approximation(
+            multibody.DiscreteContactApproximation.kLagged
+        )
+        plant.set_contact_model(multibody.ContactModel.kPoint)
+        plant.set_stiction_tolerance(STICTION)
         # contact forces are asked for before the step that they act in
         plant.SetUseSampledOutputPorts(False)
         plant.mutable_gravity_field().set_gravity_vector(model.opt.gravity)
         bodies = _add_bodies(plant, model)
         joints = _add_joints(plant, model, bodies)
-        ids = _add_contacts(plant, model, bodies, contact)
+        ids = _add_contacts(plant, model, bodies, stiffness)
         _let_collide_what_does(scene, model, ids)
         plant.Finalize()
         self._diagram = builder.Build()
@@ -215,27 +209,10 @@ class DrakeRobot:
         last set, N, world frame."""
         forces = np.zeros((4, 3))
         results = self._results.Eval(self._context)
-        points = [
-            results.point_pair_contact_info(i)
-            for i in range(results.num_point_pair_contacts())
-        ]
-        patches = [
-            results.hydroelastic_contact_info(i)
-            for i in range(results.num_hydroelastic_contacts())
-        ]
-        pairs = [
-            (one.point_pair().id_B, one.point_pair().id_A, one.contact_force())
-            for one in points
-        ]
-        pairs += [
-            (
-                one.contact_surface().id_M(),
-                one.contact_surface().id_N(),
-                one.F_Ac_W().translational(),
-            )
-            for one in patches
-        ]
-        for pushed, pushing, force in pairs:
+        for i in range(results.num_point_pair_contacts()):
+            contact = results.point_pair_contact_info(i)
+            pair, force = contact.point_pair(), contact.contact_force()
+            pushed, pushing = pair.id_B, pair.id_A
             if pushing == self._floor and pushed in self._feet:
                 forces[self._feet[pushed]] += force
             elif pushed == self._floor and pushing in self._feet:
@@ -314,16 +291,12 @@ def _add_contacts(
     plant: multibody.MultibodyPlant,
     model: mujoco.MjModel,
     bodies: Sequence[tree.RigidBody],
-    contact: DrakeContact,
+    stiffness: float,
 ) -> dict[int, geometry.GeometryId]:
-    """Add the colliding geoms to the plant; return Drake's geometry id for each MuJoCo
-    geom."""
-    assert contact.stiffness is not None
+    """Add the colliding geoms to the plant, on ground of a stiffness (N/m); return
+    Drake's geometry id for each MuJoCo geom."""
     feet = foot_geom_ids(model)
     ids = {}
-    load = LOAD * conventions.GRAVITY * float(np.sum(model.body_mass))
-    # of a sphere on the ground: pi E x^2 = k x at this load
-    modulus = contact.stiffness**2 / (np.pi * load)
     for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
         ground = model.geom_type[geom] == _Geom.mjGEOM_PLANE
         size = model.geom_size[geom]
@@ -332,15 +305,7 @@ def _add_contacts(
             *2 * [model.geom_friction[feet[0] if ground else geom, 0]]
         )
         # Two that touch are springs in series.
-        geometry.AddContactMaterial(
-            contact.dissipation, 2.0 * contact.stiffness, friction, properties
-        )
-        if contact.model == "hydroelastic" and ground:
-            geometry.AddRigidHydroelasticProperties(properties)
-        elif contact.model == "hydroelastic" and geom in feet:
-            geometry.AddCompliantHydroelasticProperties(
-                size[0] / 4.0, modulus, properties
-            )
+        geometry.AddContactMaterial(DISSIPATION, 2.0 * stiffness, friction, properties)
         pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
         ids[geom] = plant.RegisterCollisionGeometry(
             bodies[model.geom_bodyid[geom]],

@@ -39,8 +39,6 @@ PAIR = "FR", "RL"
 CELL = 0.5, 4.0  # rad/s and Nm: of the torque-speed plane
 OFTEN = LinearSegmentedColormap.from_list("often", ["#C4DDED", FRONT, "#00223A"])
 
-Draw = Callable[..., Figure]
-
 
 @styled
 def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
@@ -235,7 +233,7 @@ def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     return figure
 
 
-FIGURES: dict[str, tuple[Draw, str]] = {
+FIGURES: dict[str, tuple[Callable[..., Figure], str]] = {
     "speed": (
         speed_figure,
         "Forward speed with its command, and the drift from the line and heading at the start.",

@@ -36,7 +36,6 @@ SLOW_FRAME = 0.1
 TIME_LIMIT = 300.0  # s, for one library
 # m: where the film is made, in the midst of the scene's lane lines and metre marks
 SCENE = 90.0
-LAST = 19  # niceness
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,10 +46,6 @@ class Shot:
     frame_rate: int = 30  # frames/s
     width: int = 960  # pixels; both multiples of 16, as the codec wants
     height: int = 544
-    # the run's last seconds instead of those around its best one
-    to_the_end: bool = False
-    # something that goes first: plainly, with the time that everyone else leaves
-    beside: bool = False
 
 
 class NoVideo(Exception):
@@ -123,7 +118,7 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     if uneven := ground_geoms(model):  # which would half cover the lanes' lines
         model.geom_matid[uneven] = model.mat("metres").id
         model.mat_rgba[model.mat("line").id, 3] = 0.0
-    if shot.beside or _seconds_a_frame(model, run, shot) > SLOW_FRAME:
+    if _seconds_a_frame(model, run, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
         model.mat_reflectance[:] = 0.0
@@ -189,8 +184,8 @@ def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
     """Return the samples to show as frames: the shot's part of the run, or all of a
     shorter run."""
     end = len(run) * run.dt
-    best = None if shot.to_the_end else best_window(run, 1.0)
-    middle = best.start + 0.5 if best is not None else end if shot.to_the_end else 0.0
+    best = best_window(run, 1.0)
+    middle = 0.0 if best is None else best.start + 0.5
     start = min(max(middle - shot.length / 2, 0.0), max(end - shot.length, 0.0))
     times = np.arange(start, min(start + shot.length, end), 1.0 / shot.frame_rate)
     return np.minimum(np.round(times / run.dt).astype(int), len(run) - 1)
@@ -213,8 +208,6 @@ def _captioned(frame: np.ndarray, text: str) -> Image.Image:
 def _main() -> int:
     trajectory, output = map(Path, sys.argv[1:3])
     shot = Shot(**json.loads(sys.argv[3]))
-    if shot.beside and hasattr(os, "nice"):  # not on Windows
-        os.nice(LAST)
     try:
         film(Trajectory.load(trajectory), output, shot)
     except Exception as error:

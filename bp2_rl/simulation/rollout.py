@@ -142,9 +142,8 @@ def simulate(
     in the order of the requests.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the
-    policy at 200 Hz in float32 on the CPU, as on the robot. In MJX, the reference
-    engine of training, the physics is in float32. Drake is a second opinion on C
-    MuJoCo's dynamics and contact.
+    policy at 200 Hz in float32 on the CPU, as on the robot. Drake is a second opinion
+    on C MuJoCo's dynamics and contact.
 
     Args:
         policy: a loaded policy, or a function from an observation to an action, for one
@@ -156,8 +155,8 @@ def simulate(
 
     Raises:
         UserError: a policy without a card and without `config`, a policy that reads
-            other observations than `config` gives, a request that MJX or Drake does not
-            run, or Drake where it is not installed.
+            other observations than `config` gives, a request that Drake does not run,
+            or Drake where it is not installed.
     """
     keep_compiled()
     config = _config_of(policy, config)
@@ -227,11 +226,6 @@ def _in_parts(
 
 
 def _engine(backend: Backend) -> type[Simulator]:
-    if backend == "mjx":
-        # loads JAX's MuJoCo, which takes seconds
-        from bp2_rl.simulation.mjx import MjxSimulator
-
-        return MjxSimulator
     if backend == "drake":
         from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
 

@@ -6,7 +6,6 @@ robots. MuJoCo steps robots whose data have one layout in a batch; robots may di
 hardware, ground and numerics. Compiled laws round otherwise than NumPy's.
 """
 
-import abc
 import dataclasses
 import functools
 import operator
@@ -27,7 +26,7 @@ from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
-from bp2_rl.simulation.backend import Backend, DrakeContact
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.world import LEVEL, Draw, Moving, World
 
 DT = conventions.PHYSICS_STEP
@@ -45,14 +44,12 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 class Numerics:
     """The numerical settings of C MuJoCo's physics, by default as in all benchmarks."""
 
-    # physics steps, at least; Drake takes more where its contact needs them
-    steps: int = 1
+    steps: int = 1  # physics steps
     # torques and their limits are computed anew at each of them, not held between
     motors_each_step: bool = False
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most
     tolerance: float = 1e-10  # scaled residual at which the solver is done
-    drake: DrakeContact = DrakeContact()  # contact, where Drake takes MuJoCo's place
 
     @property
     def updates(self) -> int:
@@ -196,8 +193,6 @@ class Simulator:
     """
 
     backend: ClassVar[Backend] = "mujoco"
-    takes_again: ClassVar[bool] = True
-    """whether a step can be taken again with less torque"""
 
     def __init__(
         self,
@@ -213,10 +208,7 @@ class Simulator:
         self._updates = np.array([robot.numerics.updates for robot in robots])
         self._most_updates = int(np.max(self._updates))
         self._throughout = np.array(
-            [
-                self.takes_again and robot.config.hardware.envelope == "throughout"
-                for robot in robots
-            ]
+            [robot.config.hardware.envelope == "throughout" for robot in robots]
         )
         self._rows = None
         kinds = [
@@ -447,34 +439,6 @@ class Simulator:
         step of robots of a kind, rad/s2/Nm."""
         unit = _unit(self.models[0].nv)
         return alike.solve(at, unit)[:, unit > 0.0]
-
-
-class OneByOne(Simulator):
-    """A simulator whose physics another engine computes, robot by robot, in MuJoCo's
-    data."""
-
-    def _advance(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
-    ) -> Float[np.ndarray, "K _"]:
-        forces = np.empty((len(at), alike.sensed.shape[1]))
-        for robot, row, force in zip(
-            robots.tolist(), alike.state[at], forces, strict=True
-        ):
-            data, model = self._computed[robot], self.models[robot]
-            mujoco.mj_setState(model, data, row, STATE)
-            self._take_steps(robot, data, alike.steps)
-            mujoco.mj_getState(model, data, self._row(robot), STATE)
-            force[:] = data.sensordata
-        return forces
-
-    @functools.cached_property
-    def _computed(self) -> list[mujoco.MjData]:
-        return [mujoco.MjData(model) for model in self.models]
-
-    @abc.abstractmethod
-    def _take_steps(self, robot: int, data: mujoco.MjData, steps: int) -> None:
-        """Take physics steps of a robot in `data`: its state, and the forces on its
-        feet in `sensordata`."""
 
 
 def settled(

@@ -70,13 +70,13 @@ class Trajectory(RunFacts):
     Sample k is the state at `time[k]`, with the torque, the target and the command that
     acted from there to the next sample and the ground's forces under that torque. A run
     ends with the last sample before a fall. Legs are FR, FL, RR, RL; motors abad, hip,
-    knee of each; a leg's four joints in `qpos` end with its spring.
+    knee of each; where shanks have springs, a leg's spring follows its knee in `qpos`.
     """
 
     time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
-    # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
+    # trunk position (m, world) and quaternion, then 4 x (3 joints rad, any spring m)
     qpos: Float[np.ndarray, "N nq"]
-    # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
+    # trunk velocity (m/s, world) and rate (rad/s, body), then as `qpos`
     qvel: Float[np.ndarray, "N nv"]
     torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
     target: Float[np.ndarray, "N 12"]  # rad, the policy's joint targets

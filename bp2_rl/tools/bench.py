@@ -1,4 +1,4 @@
-"""Measure a training's parts and its start, and report them for `bp2 bench`.
+"""Measure a training's parts, and report them for `bp2 bench`.
 
 Every number is in bench.json, which grows with every part that is measured; a table
 and remarks go to the terminal.
@@ -6,12 +6,8 @@ and remarks go to the terminal.
 
 import dataclasses
 import itertools
-import json
 import os
 import platform
-import subprocess
-import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -21,14 +17,9 @@ from rich.table import Table
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import open_report
-from bp2_rl.base.processes import keep_compiled
 from bp2_rl.base.serialization import package_versions, save_config, utc_now
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.learning.loop import make_card
 from bp2_rl.learning.monitor import count
-from bp2_rl.learning.networks import dense_layers
-from bp2_rl.learning.policy import make_policy
-from bp2_rl.learning.run import make_learner
 from bp2_rl.settings.training import TrainConfig
 from bp2_rl.tools.throughput import (
     PartName,
@@ -66,9 +57,6 @@ class Bench:
     seconds: float  # of timed calls, for each part
     timings: tuple[PartTiming, ...] = ()
     errors: tuple[str, ...] = ()  # of sizes that could not be measured
-    # "cold", with nothing compiled before, and "warm", with everything in the cache on
-    # disk -> the moments of `start_training`, in seconds since the process was started
-    starts: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
 
 
 def run_bench(
@@ -77,7 +65,6 @@ def run_bench(
     parts: Sequence[PartName],
     seconds: float,
     folder: Path,
-    start: Sequence[str] = (),
 ) -> None:
     """Measure a training, print its timings, and leave the report.
 
@@ -87,7 +74,6 @@ def run_bench(
         parts: what is measured.
         seconds: of timed calls, for each part.
         folder: of the report.
-        start: a command that calls `start_training`, timed as well; empty: it is not.
 
     Raises:
         UserError: nothing could be measured, or the folder holds other files.
@@ -96,8 +82,6 @@ def run_bench(
     report = empty_report(config, seconds)
     open_report(folder, NUMBERS, "bench")
     save_config(folder / NUMBERS, report)
-    if start:  # before this process takes the devices' memory
-        report = dataclasses.replace(report, starts=time_starts(start, console))
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in sizes:
         if robots >= full.get(devices, robots + 1):
@@ -163,57 +147,6 @@ def make_env(config: TrainConfig, robots: int) -> BP2Env:
     return BP2Env(config.env, impl=config.impl, num_robots=robots)
 
 
-# --- From the start of a process ------------------------------------------------------
-
-
-def time_starts(
-    command: Sequence[str], console: Console
-) -> dict[str, dict[str, float]]:
-    """Time two fresh processes up to their first policy: the first compiles, the second
-    finds that on disk.
-
-    Raises:
-        UserError: one of them failed.
-    """
-    starts: dict[str, dict[str, float]] = {}
-    with tempfile.TemporaryDirectory(prefix="bp2-bench-") as cache:
-        environment = {**os.environ, "BP2_CACHE": cache}
-        for name in ("cold", "warm"):
-            began = time.time()
-            ended = subprocess.run(
-                command, env=environment, capture_output=True, text=True
-            )
-            if ended.returncode:
-                said = " ".join(ended.stderr.strip().splitlines()[-1:])
-                raise UserError(f"--startup: the {name} start failed: {said}")
-            moments = json.loads(ended.stdout.splitlines()[-1])
-            starts[name] = {key: moment - began for key, moment in moments.items()}
-            _tell(console, describe_start(name, starts[name]))
-    return starts
-
-
-def start_training(config: TrainConfig, imported: float) -> None:
-    """Take a training's first step and make its policy; print when each was done, in
-    seconds since 1970.
-
-    traced: the programs are traced and lowered, or read from the disk. compiled: they
-    are compiled, or read from the disk, and the first episodes begun.
-    """
-    moments = {"imported": imported}
-    learner = make_learner(config, keep_compiled())
-    moments["traced"] = time.time()
-    with learner.compiling():
-        state = jax.block_until_ready(learner.init(0))
-    moments["compiled"] = time.time()
-    state, _ = jax.block_until_ready(learner.train_step(state))
-    moments["first_step"] = time.time()
-    params, normalizer = jax.device_get((state.average, state.normalizer))
-    layers = dense_layers(params, learner.mirrors)
-    make_policy(layers, normalizer, make_card(config, 0, {}))
-    moments["first_policy"] = time.time()
-    print(json.dumps(moments))
-
-
 # --- On the terminal ------------------------------------------------------------------
 
 
@@ -273,13 +206,7 @@ def remarks(bench: Bench) -> list[str]:
             for m in of_size
             if m.compilations
         ]
-    return lines + [describe_start(*start) for start in bench.starts.items()]
-
-
-def describe_start(name: str, moments: dict[str, float]) -> str:
-    """Return in a line when a fresh process was how far."""
-    said = [f"{key.replace('_', ' ')} {after:.1f} s" for key, after in moments.items()]
-    return f"{name} start: {', '.join(said)} after the process began"
+    return lines
 
 
 def describe_size(robots: int, devices: int) -> str:

@@ -67,13 +67,7 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "make_env", lambda config, robots: Aim())
-        patch.setattr(command, "FIRST_STEP", STARTS)
-        argv = [
-            *SMALL,
-            "--startup",
-            "--out",
-            str(folder / "out"),
-        ]
+        argv = [*SMALL, "--out", str(folder / "out")]
         console = Console(record=True, width=80)
         patch.setattr(measuring, "Console", lambda: console)
         assert command.main(argv) == 0
@@ -81,18 +75,6 @@ def whole(tmp_path_factory):
 
 
 MEASURED = "environment", "resets", "policy", "sgd", "training"
-STARTS = """
-import json, os, pathlib, sys, time
-assert sys.argv[1:3] == ["--preset", "smoke"]
-cache = pathlib.Path(os.environ["BP2_CACHE"]) / "compiled"
-known = cache.exists()
-cache.touch()
-now = time.time()
-print("chatter")
-step = now + (2 if known else 60)
-print(json.dumps({"imported": now, "traced": now, "compiled": now + 1, "first_step": step, "first_policy": step}))
-"""
-"""A start that takes a minute, but for what is in the cache."""
 
 
 def test_the_report_holds_every_number(whole):
@@ -113,15 +95,6 @@ def test_the_report_holds_every_number(whole):
         *MEASURED,
         "control/s",
     ]
-
-
-def test_the_second_start_finds_what_the_first_compiled(whole):
-    report = load_config(Bench, whole[0] / "out" / "bench.json")
-    for name, takes in (("cold", 60), ("warm", 2)):
-        start = report.starts[name]
-        # from before the process began: Python takes its time
-        assert 0 < start["imported"] < 5
-        assert start["first_step"] == pytest.approx(start["imported"] + takes)
 
 
 def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
@@ -166,15 +139,6 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(
         measuring.run_bench(TrainConfig(), sizes, ("training",), 1.0, tmp_path)
     assert tried == [(15, 1), (16, 1), (64, 1), (64, 2), (48, 1)]
     assert "64 robots on 1 device: out of memory" in capsys.readouterr().out
-
-
-def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(command, "FIRST_STEP", "raise RuntimeError('no driver')")
-    assert command.main([*SMALL, "--startup", "--out", str(tmp_path)]) == 2
-    assert (
-        capsys.readouterr().err
-        == "error: --startup: the cold start failed: RuntimeError: no driver\n"
-    )
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,6 @@ def test_a_platform_that_is_not_there_is_one_line_and_status_2(tmp_path):
     for command in (
         ["train", "--preset", "smoke"],
         ["bench", "--preset", "smoke"],
-        ["eval", "--backend", "mjx"],
     ):
         ended = subprocess.run(
             [sys.executable, "-m", "bp2_rl", *command],

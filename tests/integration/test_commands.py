@@ -1,7 +1,6 @@
 """Whole commands as a user types them: two stages and an evaluation, and every
 mistake."""
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -14,7 +13,6 @@ from refusals import is_told
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
-from bp2_rl.evaluation import films
 from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
@@ -27,17 +25,11 @@ SMALL = [
 def test_both_stages_and_an_evaluation_run_one_after_the_other(
     tmp_path, monkeypatch, capfd
 ):
-    """The second stage is judged and filmed beside."""
+    """The second stage is judged beside."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
     hardware = ["--env.hardware.gear-ratio", "7", "--env.hardware.friction", "0.9"]
     assert train_command.main(["--stage", "imitation", *SMALL, *hardware]) == 0
-    assert (
-        train_command.main(
-            ["--stage", "relaxed", "--run.judged", "2", "--run.films", *SMALL]
-        )
-        == 0
-    )
+    assert train_command.main(["--stage", "relaxed", "--run.judged", "2", *SMALL]) == 0
     imitation, relaxed = sorted(Path("runs").iterdir())
     parent, child = (
         json.loads((run / "config.json").read_text()) for run in (imitation, relaxed)
@@ -57,7 +49,7 @@ def test_both_stages_and_an_evaluation_run_one_after_the_other(
     assert errors == ""
     assert f"continues from {imitation}" in printed
     assert f"see it run: python eval.py {relaxed}" in printed
-    assert_judged_and_filmed(relaxed, printed)
+    assert_judged(relaxed, printed)
     assert (
         eval_command.main(
             [
@@ -82,7 +74,7 @@ def test_both_stages_and_an_evaluation_run_one_after_the_other(
     )
 
 
-def assert_judged_and_filmed(run, printed):
+def assert_judged(run, printed):
     lines = [
         json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()
     ]
@@ -91,13 +83,6 @@ def assert_judged_and_filmed(run, printed):
     assert judged[128]["judged/launches"] == 3
     assert load_policy(run).card.results["judged"]["control_steps"] in judged
     assert "judged: " in printed
-    filmed = {
-        int(film.stem) for film in (run / "films").iterdir() if film.suffix == ".mp4"
-    }
-    assert filmed == judged.keys() or printed.count("warning: no video: ") == 1
-    assert all(
-        f'"films/{step}.mp4"' in (run / "films.html").read_text() for step in filmed
-    )
 
 
 @pytest.mark.parametrize(

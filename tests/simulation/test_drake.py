@@ -16,17 +16,14 @@ from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.terrain import Terrain
-from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.simulator import Numerics, RobotSetup
 from bp2_rl.simulation.world import Push, World
 
 pytest.importorskip("pydrake")
-from bp2_rl.simulation.drake import DrakeRobot, DrakeSimulator
+from bp2_rl.simulation.drake import DrakeRobot
 
-STIFFNESS = 3e5
-CONTACT = DrakeContact(stiffness=STIFFNESS)
+STIFFNESS = 3e5  # N/m, of the ground under the built robot's feet
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 SHIPPED = [
     *ROBOTS,
@@ -64,7 +61,7 @@ def test_inertia_and_bias_forces_are_mujocos(name, rng):
     and centrifugal forces."""
     model = load_model(find_robot(name), visual=False, weighed=True)
     robot, inertia = (
-        DrakeRobot(model, CONTACT, BUILT.contact_time),
+        DrakeRobot(model, BUILT.contact_time),
         np.zeros((model.nv, model.nv)),
     )
     for _ in range(20):
@@ -93,7 +90,7 @@ def test_one_step_in_the_air_is_mujocos(name, rng):
         visual=False,
         weighed=True,
     )
-    robot = DrakeRobot(model, CONTACT, BUILT.contact_time)
+    robot = DrakeRobot(model, BUILT.contact_time)
     for _ in range(20):
         data = in_the_air(model, rng)
         # no more than any motor has: MuJoCo would clip it
@@ -115,25 +112,20 @@ def test_one_step_in_the_air_is_mujocos(name, rng):
 # --- On the ground --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", ["point", "hydroelastic"])
-def test_a_standing_robot_weighs_on_the_ground_what_it_weighs(model):
-    numerics = Numerics(drake=DrakeContact(model, stiffness=STIFFNESS))
-    request = RunRequest(Ramp(0.0, hold=1.0), BUILT, numerics=numerics)
+def test_a_standing_robot_weighs_on_the_ground_what_it_weighs():
+    request = RunRequest(Ramp(0.0, hold=1.0), BUILT)
     [run] = simulate(no_action, [request], STANDING, backend="drake")
     assert run.fell_at is None
     assert run.backend == "Drake"
     force = run.foot_force[-200:].mean(axis=0)
     assert np.sum(force[:, 2]) == pytest.approx(run.mass * GRAVITY, rel=1e-3)
     np.testing.assert_allclose(np.sum(force[:, :2], axis=0), 0.0, atol=0.5)
-    if model == "point":
-        mj = load_model(BUILT, visual=False, weighed=True)
-        data, feet = mujoco.MjData(mj), foot_geom_ids(mj)
-        data.qpos[:] = run.qpos[-1]
-        mujoco.mj_kinematics(mj, data)
-        depth = mj.geom_size[feet, 0] - data.geom_xpos[feet, 2]
-        np.testing.assert_allclose(
-            STIFFNESS * depth, run.foot_force[-1, :, 2], rtol=0.02
-        )
+    model = load_model(BUILT, visual=False, weighed=True)
+    data, feet = mujoco.MjData(model), foot_geom_ids(model)
+    data.qpos[:] = run.qpos[-1]
+    mujoco.mj_kinematics(model, data)
+    depth = model.geom_size[feet, 0] - data.geom_xpos[feet, 2]
+    np.testing.assert_allclose(STIFFNESS * depth, run.foot_force[-1, :, 2], rtol=0.02)
 
 
 def test_a_robot_that_slides_is_slowed_by_friction():
@@ -188,7 +180,7 @@ def test_slip_lifts_a_foot_in_mujoco_and_not_in_drake():
         model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
     ] = 1e6
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    drake = DrakeRobot(model, CONTACT, BUILT.contact_time)
+    drake = DrakeRobot(model, BUILT.contact_time)
     for step, lifts in (
         (drake.step, False),
         (lambda data: mujoco.mj_step(model, data), True),
@@ -225,17 +217,3 @@ def test_rough_ground_is_refused():
         UserError, match="Drake has flat ground and slopes alone; use --backend mujoco"
     ):
         next(simulate(no_action, [request], STANDING, backend="drake"))
-
-
-@pytest.mark.parametrize(
-    ("dissipation", "asked", "steps"),
-    [(0.5, 1, 1), (1.0, 1, 1), (3.0, 1, 3), (4.5, 2, 5), (0.5, 4, 4)],
-)
-def test_a_millisecond_has_as_many_steps_as_dissipation_needs(
-    dissipation, asked, steps
-):
-    """Told 15.5 m/s `built` runs 12.46 m/s with 3 s/m at 1 ms, 13.85 at 1/2, 14.06 at
-    1/3; with 1 s/m 14.08 at 1 ms."""
-    numerics = Numerics(steps=asked, drake=DrakeContact(dissipation=dissipation))
-    [model] = DrakeSimulator([RobotSetup(EnvConfig(), numerics=numerics)]).models
-    assert model.opt.timestep == pytest.approx(1e-3 / steps, rel=1e-12)

@@ -26,7 +26,6 @@ from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import (
     ControlConfig,
     EnvConfig,
-    RandomizationConfig,
     TerminationConfig,
 )
 from bp2_rl.settings.terrain import Terrain
@@ -34,15 +33,10 @@ from bp2_rl.simulation.measuring import envelope_use, run_metrics
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
-from bp2_rl.simulation.world import LEVEL, Draw, World
+from bp2_rl.simulation.world import LEVEL, World
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()  # the action is added to the reference motion
-
-
-def run_in_mjx(policy, schedule, config, **request):
-    [run] = simulate(policy, [RunRequest(schedule, **request)], config, backend="mjx")
-    return run
 
 
 def pd_torque(run, config):
@@ -250,7 +244,7 @@ def test_a_policy_that_observes_something_else_is_refused_before_it_runs():
     policy = load_policy("built")
     line = r"observes \('command@5', 3\) where this config gives nothing more; pass no config"
     with pytest.raises(UserError, match=line):
-        rollout(policy, SCHEDULE, config=TROTTING)
+        rollout(policy, Ramp(1.0, hold=0.2), config=TROTTING)
 
 
 def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
@@ -260,44 +254,6 @@ def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     data.qvel[0] = np.nan
     mujoco.mj_step(model, data)
     assert fall(data.qpos, data.qvel, TerminationConfig()).happened
-
-
-# --- MJX against C MuJoCo -------------------------------------------------------------
-
-
-SCHEDULE = Ramp(1.0, hold=0.2)
-
-
-@pytest.fixture(scope="module")
-def trot_in_both():
-    return tuple(run(no_action, SCHEDULE, TROTTING) for run in (run_one, run_in_mjx))
-
-
-def test_both_simulators_run_the_same_trot(trot_in_both):
-    c, mjx = trot_in_both
-    assert len(c) == len(mjx) == 620
-    # Float32 and a capped solver: the paths part slowly, faster after each impact.
-    np.testing.assert_allclose(mjx.qpos[:200], c.qpos[:200], atol=1e-4)
-    np.testing.assert_allclose(mjx.qpos, c.qpos, atol=2e-3)
-    np.testing.assert_allclose(mjx.torque[:200], c.torque[:200], atol=0.1)
-    np.testing.assert_allclose(mjx.command, c.command, atol=1e-3)
-    np.testing.assert_allclose(mjx.target[:200], c.target[:200], atol=1e-4)
-    assert np.sum(envelope_use(mjx).outside) == 0
-    for field in ("dt", "steady_from", "fell_at", "mass", "hardware"):
-        assert getattr(c, field) == getattr(mjx, field)
-    assert (c.backend, mjx.backend) == ("C MuJoCo", "MJX")
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"world": World(Terrain(slope=0.1))},
-        {"drawn": Draw(RandomizationConfig(), 0, 0)},
-    ],
-)
-def test_mjx_refuses_what_it_does_not_run(other):
-    with pytest.raises(UserError, match="MJX runs robots as designed on level ground"):
-        run_in_mjx(no_action, SCHEDULE, TROTTING, **other)
 
 
 def test_forces_of_legs_on_legs_are_not_the_grounds():

@@ -13,7 +13,6 @@ from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.terrain import Terrain
-from bp2_rl.simulation.mjx import MjxSimulator
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import CONVERGED, Numerics, RobotSetup, Simulator
@@ -207,10 +206,9 @@ def test_a_function_alone_does_not_say_what_it_was_trained_in():
         simulate(answering, REQUESTS)
 
 
-@pytest.mark.parametrize("engine", [Simulator, MjxSimulator])
-def test_a_state_decides_the_future(engine):
+def test_a_state_decides_the_future():
     """Of one state there is one future, the solver's first guess included."""
-    simulator = engine([RobotSetup(EnvConfig(hardware=BUILT))])
+    simulator = Simulator([RobotSetup(EnvConfig(hardware=BUILT))])
     stand, still = np.array([STAND_JOINTS]), np.zeros((1, 12))
     for _ in range(40):
         simulator.millisecond(stand + 0.1, still)

@@ -4,7 +4,6 @@ in words for reports."""
 import importlib.metadata
 import math
 
-import jax
 import mujoco
 
 from bp2_rl.base.errors import UserError, shown
@@ -16,7 +15,7 @@ from bp2_rl.robot.hardware import BUILT, IDEAL, ByJoint, HardwareSpec, robot_nam
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.operator import EASE, HeadingHold
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
-from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.schedule import Ramp
 
 BEYOND = 0.25, 0.7
@@ -133,7 +132,7 @@ def conditions(
         "policy": describe(policy),
         "trained on": describe_robot(policy.card.env.hardware),
         "weights_sha256": policy.card.weights_sha256,
-        "simulator": simulator or describe_simulator(setup.backend, robot, setup.drake),
+        "simulator": simulator or describe_simulator(setup.backend, robot),
         "sensors": describe_sensors(policy.card.env.randomization, setup.noise_seed),
         "operator": describe_operator(setup.operator),
         "controller": describe_easing(policy.card.env.control),
@@ -274,20 +273,9 @@ def _launching(of: ControlConfig | Ramp) -> str:
     return rate
 
 
-def describe_simulator(
-    backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT
-) -> str:
+def describe_simulator(backend: Backend, hardware: HardwareSpec) -> str:
     """Describe the simulator of a run and its numerics in one line."""
-    held = describe_limits(IDEAL if backend == "mjx" else hardware)
+    engine = f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10"
     if backend == "drake":
-        contact = ", ".join(
-            f"{name} {'of the robot' if x is None else x}"
-            for name, x in vars(drake).items()
-        )
-        version = importlib.metadata.version("drake")
-        return f"Drake {version}, {drake.steps} kHz, float64; contact: {contact}; {held}; policy at 200 Hz"
-    return {
-        "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 Hz",
-        "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
-        f"{held}; legs pass through each other; policy at 200 Hz",
-    }[backend]
+        engine = f"Drake {importlib.metadata.version('drake')}, 1 kHz, float64, point contact"
+    return f"{engine}; {describe_limits(hardware)}; policy at 200 Hz"

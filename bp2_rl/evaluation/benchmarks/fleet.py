@@ -9,7 +9,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import card_of, metric, rounded, rows_of, show
 from bp2_rl.base.plotting import (
     FALL,
@@ -42,7 +41,6 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.parallel import FleetRun, run_fleet
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.simulator import Numerics
 from bp2_rl.simulation.world import World
 
 NUM_ROBOTS = 200
@@ -152,8 +150,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
-    world, numerics = World(setup.ground), Numerics(drake=setup.drake)
-    request = RunRequest(ramp, robot, setup.operator, world, numerics=numerics)
+    request = RunRequest(ramp, robot, setup.operator, World(setup.ground))
     run = run_fleet(policy, request, drawn, count, seed, setup.backend)
     metrics = fleet_metrics(run)
     speed = metrics.mean_speed
@@ -204,10 +201,6 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """Return the command ramp of the robustness benchmark, for BP2 at the same speed
     for every policy, to compare policies."""
-    if setup.backend == "mjx":
-        raise UserError(
-            "--backend mjx runs topspeed and sprint; robustness takes mujoco or drake"
-        )
     return ramp_to_topspeed(
         policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD
     )

@@ -9,11 +9,10 @@ from typing import Annotated, Literal
 import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.base.errors import UserError
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.settings.terrain import Terrain, TerrainWish
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
-from bp2_rl.simulation.backend import Backend, DrakeContact
+from bp2_rl.simulation.backend import Backend
 
 POSTERIOR = "posterior"
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
@@ -27,8 +26,7 @@ class Setup(Bounded, path="--"):
     """built: BP2 with losses and solid legs; ideal: without; real: one that BP2 may be; by
     default the policy's own robot, and built in place of ideal"""
     backend: Backend = "mujoco"
-    """mujoco: C MuJoCo. mjx: MJX, the reference engine of training. drake: Drake's
-    dynamics and contact, a second opinion."""
+    """mujoco: C MuJoCo. drake: Drake's dynamics and contact, a second opinion."""
     speed: Annotated[
         Annotated[float, Within(0.01, 100.0)] | None, tyro.conf.arg(metavar="M/S")
     ] = None
@@ -59,16 +57,10 @@ class Setup(Bounded, path="--"):
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD
-    drake: DrakeContact = DrakeContact()
 
     def __post_init__(self) -> None:
-        """Raise UserError for values out of bounds, and for Drake's flags with another
-        simulator."""
+        """Raise UserError for values out of bounds, and for ground that there is not."""
         super().__post_init__()
-        if self.backend != "drake" and self.drake != DrakeContact():
-            raise UserError(
-                f"--drake.* is of --backend drake; got --backend {self.backend}"
-            )
         Terrain.of(self.terrain)
 
     @property

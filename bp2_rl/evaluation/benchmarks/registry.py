@@ -43,7 +43,7 @@ class Benchmark(Generic[Flags]):
 # the flags of a single run, of a fleet, of many tries, and of variants
 RUN = (
     *("backend", "robot", "terrain", "speed", "acceleration"),
-    *("seed", "operator", "drake"),
+    *("seed", "operator"),
 )
 TRIES = "robot", "speed", "seed", "operator"
 VARIANTS = "robot", "speed", "acceleration", "hold", "operator"

@@ -40,7 +40,6 @@ from bp2_rl.simulation.measuring import Lane, measure_lane, time_at, track_posit
 from bp2_rl.simulation.metrics import RIPPLE, PowerMetrics, RunMetrics
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
-from bp2_rl.simulation.simulator import Numerics
 from bp2_rl.simulation.trajectory import Trajectory, steady_window
 from bp2_rl.simulation.world import World
 
@@ -57,7 +56,6 @@ def run_once(
         World(setup.ground),
         finish=finish,
         noise_seed=setup.noise_seed,
-        numerics=Numerics(drake=setup.drake),
         name=describe_subject(policy, setup),
     )
     [run] = simulate(policy, [request], backend=setup.backend)

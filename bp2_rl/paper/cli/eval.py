@@ -13,7 +13,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.simulation.backend import Backend, DrakeContact
+from bp2_rl.simulation.backend import Backend
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
@@ -64,7 +64,6 @@ class DeepEvalConfig(EvalConfig):
     under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all:
     one after the other."""
     backend: Annotated[Backend, tyro.conf.Suppress] = "mujoco"
-    drake: Annotated[DrakeContact, tyro.conf.Suppress] = DrakeContact()
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in
     endurance 180 at most. Not of stability."""

@@ -34,8 +34,8 @@ from bp2_rl.tools.identify.swing import Windows
 
 HELD_OUT = 1.0 / 3.0
 """Share of the rows that the fit does not see: the last ones of a robot that runs, every
-third `BLOCK` of one that hangs."""
-BLOCK = 1.0  # s
+third `HELD_OUT_BLOCK` of one that hangs."""
+HELD_OUT_BLOCK = 1.0  # s
 RUNNING = ("torque_scale", "no_load_speed", "friction", "viscosity", "delay")
 HANGING = (*RUNNING, "armature", "corner_share", "inertia")
 """Numbers that a log can tell; running alone leaves the inertias open."""
@@ -120,7 +120,7 @@ def identify(log: RobotLog, robot: RobotFile, gains: GainNumbers) -> Identificat
     length = WINDOW[log.hanging]
     held = np.arange(len(log.time)) >= (1.0 - HELD_OUT) * len(log.time)
     if log.hanging:
-        held = np.floor(log.time / BLOCK) % 3 == 2
+        held = np.floor(log.time / HELD_OUT_BLOCK) % 3 == 2
     windows = cut_windows(log, length, STRIDE[log.hanging], chosen=~held)
     found = fit_motors(rig, windows, HANGING if log.hanging else RUNNING)
     run = predictor(rig, log.step)

@@ -9,7 +9,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -35,7 +34,6 @@ RESAMPLES = 10_000
 BASELINE = "ours"
 """The variant that the others are compared with."""
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
-GOAL_LINE: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": (0, (4, 2))}
 LINES = ("-", (0, (4, 1.5)), (0, (1, 1)))
 STYLES = dict(
     zip(
@@ -289,7 +287,8 @@ def draw_learning_curves(
         )
         low, high = speeds.min(axis=0), speeds.max(axis=0)
         axes.fill_between(steps / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
-    axes.axhline(GOAL, label=f"BP2: {GOAL} m/s", **GOAL_LINE)
+    label = f"BP2: {GOAL} m/s"
+    axes.axhline(GOAL, label=label, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
     axes.set(
         xlabel="Control steps [M]; dotted: where the relaxed stage begins",
         ylabel="Top speed [m/s]",
@@ -298,35 +297,6 @@ def draw_learning_curves(
         ylim=(0, None),
     )
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    return figure
-
-
-@styled
-def draw_top_speeds(outcomes: Sequence[Outcome]) -> Figure:
-    """Draw every seed's top speed after the imitation and the relaxed stage, a row for
-    every variant."""
-    figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
-    axes = figure.subplots()
-    rows = range(len(outcomes))
-    for row, one in enumerate(outcomes):
-        at = [row] * len(one.seeds)
-        axes.plot(one.imitation_top_speeds, at, "o", mfc="none", color=QUIET, ms=6)
-        axes.plot(one.top_speeds, at, "o", color=COLORS[0], ms=6)
-    axes.axvline(GOAL, **GOAL_LINE)
-    axes.set_yticks(rows, [variant_named(one.variant).meaning for one in outcomes])
-    axes.set(
-        xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed",
-        xlim=(0, None),
-    )
-    axes.invert_yaxis()
-    labels = ["imitation", "relaxed", f"BP2: {GOAL} m/s"]
-    figure.legend(
-        [*axes.lines[:2], axes.lines[-1]],
-        labels,
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-    )
     return figure
 
 

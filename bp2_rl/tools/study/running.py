@@ -8,6 +8,7 @@ that a study can be stopped and gone on with.
 import asyncio
 import contextlib
 import dataclasses
+import itertools
 import os
 import shutil
 import signal
@@ -107,7 +108,12 @@ def visible_gpus() -> tuple[str, ...]:
     """Return the names of NVIDIA's GPUs for CUDA_VISIBLE_DEVICES; empty without any."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
     if named is not None:
-        return tuple(filter(None, named.split(",")))
+        # CUDA ignores all from the first that there cannot be on, such as -1
+        return tuple(
+            itertools.takewhile(
+                lambda name: name and not name.startswith("-"), named.split(",")
+            )
+        )
     if shutil.which("nvidia-smi") is None:
         return ()
     listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout

@@ -14,7 +14,6 @@ from bp2_rl.evaluation.benchmarks.run import (
     topspeed,
 )
 from bp2_rl.robot.operator import HeadingHold
-from bp2_rl.simulation.backend import DrakeContact
 
 
 @pytest.fixture
@@ -48,9 +47,9 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
         ("topspeed", "robots", Setup(robots=3)),
         ("sprint", "hold", Setup(hold=3.0)),
         ("sprint", "robots", Setup(robots=3)),
-        ("convergence", "backend", Setup(backend="mjx")),
-        ("sensitivity", "backend", Setup(backend="mjx")),
-        ("manoeuvres", "backend", Setup(backend="mjx")),
+        ("convergence", "backend", Setup(backend="drake")),
+        ("sensitivity", "backend", Setup(backend="drake")),
+        ("manoeuvres", "backend", Setup(backend="drake")),
         ("manoeuvres", "hold", Setup(hold=3.0)),
         ("manoeuvres", "acceleration", Setup(acceleration=3.0)),
         ("manoeuvres", "sensor-noise", Setup(sensor_noise=True)),
@@ -86,7 +85,6 @@ def test_all_gives_each_benchmark_the_flags_that_it_knows():
         terrain="slope:0.1",
         sensor_noise=True,
         operator=HeadingHold(1.0),
-        drake=DrakeContact("hydroelastic"),
     )
     chosen = choose("all", everything)
     # posterior has robots of BP2 alone

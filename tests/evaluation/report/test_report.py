@@ -199,7 +199,6 @@ def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_
         # of a short run as much as there is
         (4.5, video.Shot(), 3.5, 0.5, 4.5),
         (0.5, video.Shot(), 0.0, 0.0, 0.5),
-        (9.0, video.Shot(length=3.0, to_the_end=True), 2.0, 6.0, 9.0),
     ],
 )
 def test_film_shows_the_seconds_around_the_best_one(

@@ -336,7 +336,7 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         pictures=(Picture("disturbances", caption, tries_figure(tries.outcomes)),),
         metrics=tries,
         results=rounded({"of": total, "passed": tries.passed, "passes": tries.passes}),
-        tables=(table_of("Manoeuvres", tries.outcomes, words=True),),
+        tables=(table_of("Disturbances", tries.outcomes, words=True),),
     )
 
 
@@ -364,7 +364,7 @@ def disturbance_rows(tries: Tries) -> tuple[Row, ...]:
 
 # --- The picture ----------------------------------------------------------------------
 
-CELL, ROW = 0.76, 0.42  # inches
+COLUMN, ROW = 0.76, 0.42  # inches
 LABELS = 2.2  # inches, left of the cells
 LONG = 9  # characters: what is longer is written smaller
 
@@ -392,7 +392,7 @@ def tries_figure(outcomes: Sequence[TryOutcome]) -> Figure:
     for column, (color, alpha, words) in enumerate(
         ((FRONT, 0.16, "passed"), (FALL, 1.0, "failed"))
     ):
-        left = LABELS + 1.4 * column * CELL
+        left = LABELS + 1.4 * column * COLUMN
         axes.add_patch(
             Rectangle(
                 (left, -0.6), 0.16, 0.25, facecolor=color, alpha=alpha, linewidth=0
@@ -403,7 +403,7 @@ def tries_figure(outcomes: Sequence[TryOutcome]) -> Figure:
         axes.text(0.1, row + 0.34, group[0].group, va="center", weight="bold")
         axes.text(0.1, row + 0.70, group[0].rule, va="center", color=QUIET, size=6.5)
         for column, outcome in enumerate(group):
-            _draw_cell(axes, LABELS + column * CELL, row, outcome)
+            _draw_cell(axes, LABELS + column * COLUMN, row, outcome)
     return figure
 
 
@@ -412,14 +412,14 @@ def _draw_cell(axes: Axes, left: float, top: float, outcome: TryOutcome) -> None
     axes.add_patch(
         Rectangle(
             (left, top + 0.06),
-            CELL - 0.05,
+            COLUMN - 0.05,
             0.88,
             facecolor=color,
             alpha=alpha,
             linewidth=0,
         )
     )
-    middle = left + (CELL - 0.05) / 2
+    middle = left + (COLUMN - 0.05) / 2
     head, body = (QUIET, INK) if outcome.passed else ("white", "white")
     axes.text(
         middle,
