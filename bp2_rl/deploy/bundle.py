@@ -75,15 +75,6 @@ from bp2_rl.settings.task import TaskSources, onboard_source
 from bp2_rl.simulation.simulator import RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World
 
-TERMS = {
-    "command": "command",
-    "joint_position": "joint_pos",
-    "joint_velocity": "joint_vel",
-    "up": "projected_gravity",
-    "angular_velocity": "base_ang_vel",
-    "last_action": "actions",
-}
-"""Names that mjlab has for entries of the observation."""
 MOTORS = (
     "peak_torque",
     "corner_speed",
@@ -136,7 +127,7 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
     require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy, world)
     layout = {"observation": json.dumps(settings["observation"])}
-    network = to_onnx(policy, layout | settings["policy"] | loader_metadata(settings))
+    network = to_onnx(policy, layout | settings["policy"])
     with replaced(directory, "bundle", SETTINGS) as fresh:
         write_bytes(fresh / NETWORK, network)
         write_npz(fresh / REFERENCE, arrays)
@@ -267,46 +258,6 @@ def describe(policy: Policy, world: World = LEVEL) -> Playback:
         "robots": _describe_robots(env, world),
     }
     return settings, arrays
-
-
-def loader_metadata(settings: Settings) -> dict[str, str]:
-    """Return what mjlab writes into an ONNX file and legged_control2 reads from it, by
-    their keys.
-
-    Joints are the robot's own model's, lists are separated by commas, and a list in a
-    list by semicolons. `not_expressed` has what their terms cannot say.
-
-    Args:
-        settings: the content of deploy.json.
-    """
-    control, joints = settings["control"], settings["model_joints"]
-    sign, offset = ([joint[key] for joint in joints] for key in ("sign", "offset"))
-    seen = [name for name, _ in settings["observation"]]
-    scales = dict.fromkeys(seen, "1.0")
-    scales |= {"up": "-1.0"}  # theirs is gravity
-    if -1 in sign:
-        scales |= dict.fromkeys(
-            ("joint_position", "joint_velocity"), ";".join(map(str, sign))
-        )
-    stand = np.multiply(sign, np.subtract(control["stand"], offset))
-    others = [name for name in seen if name not in TERMS]
-    if control["mode"] == "residual":
-        others.append("reference motion")
-    lists = {
-        "joint_names": [joint["name"] for joint in joints],
-        "joint_stiffness": 12 * [settings["gains"]["stiffness"]],
-        "joint_damping": 12 * [settings["gains"]["damping"]],
-        "default_joint_pos": stand.tolist(),
-        "action_scale": [control["action_scale"] * each for each in sign],
-        "command_names": ["twist"],
-        "observation_names": [TERMS.get(name, name) for name in seen],
-        "observation_terms_scale": [scales[name] for name in seen],
-        "observation_terms_clip": len(seen) * ["-inf;inf"],
-        "observation_terms_history_length": len(seen) * [0],
-        "observation_terms_flatten_history_dim": len(seen) * [1],
-        "not_expressed": others,
-    }
-    return {key: ",".join(map(str, values)) for key, values in lists.items()}
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:

@@ -12,7 +12,7 @@ from bp2_rl.learning.policy import Policy
 if TYPE_CHECKING:
     from onnx import NodeProto, ValueInfoProto
 
-INPUT, OUTPUT = "obs", "actions"  # as mjlab names them
+INPUT, OUTPUT = "obs", "actions"
 OPSET, IR_VERSION = 17, 8
 """Versions of ONNX's operators and file format, which onnxruntime 1.12 and later
 read."""

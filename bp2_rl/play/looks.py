@@ -1,5 +1,4 @@
-"""Draw the robot as triangle meshes for the page, and its motors' torque over speed as
-a chart."""
+"""Draw the robot and its ground as triangle meshes for the page."""
 
 import dataclasses
 from typing import cast
@@ -9,9 +8,6 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from bp2_rl.base.assets import render
-from bp2_rl.robot import conventions
-from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import (
     field_of,
@@ -23,10 +19,6 @@ from bp2_rl.robot.model import (
 from bp2_rl.simulation.world import LEVEL, World
 
 SIDES = 20  # of a round thing
-# px, where the axes cross, and how far they reach right and up
-CENTER, REACH = (164, 88), (130, -72)
-EVERY = 5  # ms: of so many one is drawn
-COLORS = {"abad": "#009E73", "hip": "#0072B2", "knee": "#E69F00"}
 GEOM = mujoco.mjtGeom
 
 
@@ -127,50 +119,3 @@ def _field(
     near = np.arange(len(points)).reshape(heights.shape)[:-1, :-1].reshape(-1, 1)
     faces = near + np.array([0, 1, len(x) + 1, 0, len(x) + 1, len(x)])
     return trimesh.Trimesh(points, faces.reshape(-1, 3), process=False)
-
-
-class TorqueSpeed:
-    """A small SVG chart of the twelve motors' recent torques over their speeds."""
-
-    def __init__(self, motors: Actuator):
-        limits = motors.no_load_speed, motors.peak_torque  # rad/s and Nm
-        self._marks = np.array([np.max(np.asarray(limit)) for limit in limits])
-        self._ends = np.array([1.4, 1.15]) * self._marks  # of the axes
-        speeds = np.linspace(-self._ends[0], self._ends[0], 141)
-        self._outlines: dict[str, None] = {}
-        for joint in range(len(conventions.JOINTS)):
-            low, high = torque_limits(of_joint(motors, joint), speeds)
-            edge = np.stack([[*speeds, *speeds[::-1]], [*high, *low[::-1]]], axis=-1)
-            # one for joints with the same motors
-            self._outlines[" L".join(self._places(edge))] = None
-
-    def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:
-        """Return the chart of joint speeds (rad/s) and torques (Nm), given as
-        `Session.worked` has them."""
-        samples = np.moveaxis(
-            worked[::-EVERY].reshape(-1, 2, 4, len(conventions.JOINTS)), (3, 1), (0, 3)
-        )
-        dots = {
-            joint: "".join(
-                f"M{place}h0" for place in self._places(points.reshape(-1, 2))
-            )
-            for joint, points in zip(conventions.JOINTS, samples, strict=True)
-        }
-        return render(
-            "play/chart.svg",
-            outlines=self._outlines,
-            worked=dots,
-            colors=COLORS,
-            marks=self._marks,
-            shares=self._marks / self._ends,
-            center=CENTER,
-            reach=REACH,
-        )
-
-    def _places(self, points: Float[np.ndarray, "N 2"]) -> list[str]:
-        """Return the places of points (rad/s, Nm) on the chart, px; a point beyond the
-        chart is drawn on its edge."""
-        places = np.array(CENTER) + np.array(REACH) * np.clip(
-            points / self._ends, -1.0, 1.0
-        )
-        return [f"{x:.1f} {y:.1f}" for x, y in places.tolist()]

@@ -17,7 +17,7 @@ from bp2_rl.evaluation.races import PAPER_BP2, TIMES, TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.play.pace import Pace
 from bp2_rl.robot import conventions
-from bp2_rl.robot.coordinates import joint_velocities, with_legs
+from bp2_rl.robot.coordinates import with_legs
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.height import height_over_ground
 from bp2_rl.robot.kinematics import yaw_of
@@ -35,7 +35,6 @@ from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose, shove
 
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
-REMEMBERED = 250  # ms of torques and joint speeds
 Friction = Annotated[float, Within(0.05, 2.0)]
 
 
@@ -119,9 +118,6 @@ class Session:
         self._velocities: collections.deque[Float[np.ndarray, "3"]] = collections.deque(
             maxlen=round(RIPPLE / conventions.CONTROL_STEP)
         )
-        self.worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
-        """Speed (rad/s) and torque (Nm) of every joint in each of the last
-        milliseconds."""
 
     # --- What hands can do ------------------------------------------------------------
 
@@ -185,9 +181,7 @@ class Session:
             self._steered()[None],
         )
         for position, velocity in targets:
-            self.worked[:-1] = self.worked[1:]
-            self.worked[-1, 0] = joint_velocities(data.qvel)
-            self.worked[-1, 1] = simulator.millisecond(position, velocity)[0]
+            simulator.millisecond(position, velocity)
         self.time += len(targets) * DT
         velocity = self._velocity_now()
         pose = self.qpos.copy()

@@ -1,5 +1,4 @@
-"""The page of `bp2 play` in a browser: the robot in 3D, sliders, buttons and a chart.
-Needs the package viser.
+"""The page of `bp2 play` in a browser: the robot in 3D, sliders and buttons. Needs the package viser.
 
 The robot stays where it is on the page and the ground moves under it, so that no camera
 need follow it and a hand may turn it about freely. Pages only say what they want: the
@@ -24,10 +23,9 @@ from viser._messages import RunJavascriptMessage
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import LEG_COLORS
-from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.play.gate import OWN_NAMES, guarding
-from bp2_rl.play.looks import Looks, TorqueSpeed
+from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session, Wish, readings, wish_limits
 from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
@@ -44,7 +42,7 @@ TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)
 GROUND = (150, 72, 56)
 LEVELLING = 0.1  # share by which each picture's height nears that of the ground
 LINES = {"start": 0.0, "finish": TRACK}  # m
-READINGS = 5.0  # a second: how often numbers and chart are renewed
+READINGS = 5.0  # a second: how often numbers are renewed
 SLOWER = {"real time": 1.0, "1/2": 2.0, "1/5": 5.0, "1/10": 10.0}
 PUSHES = {
     "forward": (1.0, 0.0),
@@ -157,7 +155,6 @@ class Page:
             if pace.elapsed >= self._next_readings:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
-                self._chart_place.content = self._chart.svg(session.worked)
 
     def _hear(self, said: bytes | str) -> None:
         """Take what `pad.js` says: a key, or a part of the wish with its share."""
@@ -229,8 +226,6 @@ class Page:
         )
         self._ghost = gui.add_checkbox("Reference motion", initial_value=True)
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
-        self._chart = TorqueSpeed(motors_of(session.config))
-        self._chart_place = gui.add_html("")
         self._widgets |= vars(gui)["_gui_input_handle_from_uuid"]
 
 

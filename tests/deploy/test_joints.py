@@ -8,7 +8,6 @@ from functools import partial
 
 import mujoco
 import numpy as np
-import onnxruntime
 import pytest
 from odd_robots import anymal_like
 from synthetic import make_card, still_policy
@@ -147,50 +146,6 @@ def test_the_controller_takes_and_gives_the_models_angles_where_asked(onboard, f
         (sign * (np.full(12, 9.0) - offset), qd, *imu, now + DT), None, now + DT
     )
     assert theirs.fault.startswith(f"range: {names[2]} is at 9.00 rad")
-
-
-def test_loaders_of_mjlab_and_legged_control2_find_the_models_own_numbers(folder):
-    """They read lists that commas separate: a target is default + scale x action, a
-    term of the observation its scale x what the model's joints say."""
-    model = onnxruntime.InferenceSession(folder / "policy.onnx")
-    assert [model.get_inputs()[0].name, model.get_outputs()[0].name] == [
-        "obs",
-        "actions",
-    ]
-    read = {
-        key: text.split(",")
-        for key, text in model.get_modelmeta().custom_metadata_map.items()
-    }
-    numbers = {
-        key: np.array(read[key], float)
-        for key in ("joint_stiffness", "joint_damping", "default_joint_pos")
-    }
-    scale = np.array(read["action_scale"], float)
-    names, sign, offset = convention(folder)
-    settings = json.loads((folder / "deploy.json").read_text())
-    assert read["joint_names"] == names.tolist()
-    for key, value in settings["gains"].items():
-        assert numbers[f"joint_{key}"].tolist() == [value] * 12
-    q, action = np.random.default_rng(0).normal(size=(2, 12))
-    control = settings["control"]
-    ours = np.array(control["stand"]) + control["action_scale"] * action
-    theirs = numbers["default_joint_pos"] + scale * action
-    assert sign * theirs + offset == pytest.approx(ours, abs=1e-12)
-    terms = dict(
-        zip(read["observation_names"], read["observation_terms_scale"], strict=True)
-    )
-    size = len(settings["observation"])
-    assert len(terms) == len(read["observation_terms_history_length"]) == size
-    seen = np.array(terms["joint_pos"].split(";"), float)
-    seen = seen * (q - numbers["default_joint_pos"])
-    expected = sign * q + offset - control["stand"]
-    assert seen == pytest.approx(expected, abs=1e-12)
-    assert terms["projected_gravity"] == "-1.0"
-    assert {*read["not_expressed"]} == {
-        "phase",
-        *(name for name, _ in settings["observation"] if "@" in name),
-        "reference motion",
-    }
 
 
 def test_another_word_for_a_convention_is_refused(onboard, bundle):

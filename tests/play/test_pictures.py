@@ -1,16 +1,12 @@
-"""The session's pictures: the robot's bodies where C MuJoCo has them, and the chart of
-its motors."""
-
-import xml.etree.ElementTree as ElementTree
+"""The session's pictures: the robot's bodies where C MuJoCo has them."""
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.world import World
@@ -20,7 +16,7 @@ pytest.importorskip(
     reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"',
 )
 
-from bp2_rl.play.looks import CENTER, COLORS, REACH, Looks, TorqueSpeed
+from bp2_rl.play.looks import Looks
 
 
 @pytest.fixture(scope="module")
@@ -75,26 +71,3 @@ def test_uneven_ground_is_drawn_with_the_planes_on_which_robots_run():
     # MuJoCo keeps heights in float32
     np.testing.assert_allclose(z, world.ground.below(x, y).height, atol=1e-6)
     assert mesh.area > 240.0 * 12.0
-
-
-def test_the_chart_has_every_motor_inside_its_envelope():
-    chart = TorqueSpeed(Actuator.from_hardware(IDEAL, stiffness=250.0, damping=3.0))
-    worked = np.zeros((250, 2, 12))
-    # FR's hip, at the end of the envelope's line
-    worked[-1, :, 1] = IDEAL.no_load_speed, 0.0
-    root = ElementTree.fromstring(chart.svg(worked))
-    groups = root.findall(".//{*}g/{*}path")
-    assert [path.get("stroke") for path in groups] == list(COLORS.values())
-    dots = {path.get("stroke"): path.get("d", "").split("M")[1:] for path in groups}
-    assert all(len(marks) == 250 // 5 * 4 for marks in dots.values())
-    outline = root.find("{*}path")
-    assert outline is not None
-    edge = [
-        tuple(map(float, point.split()))
-        for point in outline.get("d", "").strip("MZ").split(" L")
-    ]
-    x, y = map(float, dots[COLORS["hip"]][0].removesuffix("h0").split())
-    assert x - CENTER[0] == pytest.approx(REACH[0] / 1.4, abs=0.1)
-    assert y == CENTER[1]
-    upper = [b for a, b in edge[: len(edge) // 2] if abs(a - x) < 2.0]
-    assert min(abs(b - y) for b in upper) < 4.0  # px: no driving torque is left there

@@ -54,7 +54,6 @@ def test_it_runs_as_the_judge_has_it_run(request, ground, monkeypatch):
     # Sums of ramps differ in their last digits, and a policy in float32 makes 1e-7 of
     # that each step.
     np.testing.assert_allclose(session.qpos, judged.qpos[k], atol=1e-4)
-    np.testing.assert_allclose(session.worked[-1, 1], judged.torque[k - 1], atol=0.05)
 
 
 def test_fall_and_ghost_are_over_the_ground_and_beyond_it_there_is_none(uphill):

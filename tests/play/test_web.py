@@ -69,7 +69,6 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
     with browsing(BROWSER, url, tmp_path / "profile", 700, 450) as tab:
         for part in (
             "[data-reading=speed]",
-            "[data-chart=torque-speed]",
             "[role=slider]",
             "canvas",
         ):
