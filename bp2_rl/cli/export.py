@@ -109,6 +109,8 @@ def export(config: ExportConfig) -> None:
         print(f"exported {config.run} to {config.to}", *lines, sep="\n")
         return
     results = policy.card.results
+    if eased:  # another controller was measured; what the judge saw is kept as a guess
+        results = {name: results[name] for name in results if name == "judged"}
     for folder in config.report:
         report = read_report(folder)
         ours = policy.card.weights_sha256
@@ -126,7 +128,7 @@ def export(config: ExportConfig) -> None:
     print(f"exported {config.run} to {config.to}")
     if eased:
         print(
-            f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR"
+            f"its card has no results yet: python eval.py {config.to} --benchmark all --out DIR"
         )
 
 

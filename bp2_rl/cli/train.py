@@ -266,6 +266,10 @@ def _train(
     end_with_caller()
     use_processors(flags)
     if flags.deterministic:
+        if flags.physics == "warp":
+            raise UserError(
+                "--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax"
+            )
         repeat_bit_for_bit()
     keep_compiled()
     cluster.join(flags.cluster)
@@ -290,10 +294,6 @@ def _train(
             judged_training.resume(arguments.resume, tracker=tracker)
         return
     require_accelerator(arguments.preset)
-    if arguments.deterministic and arguments.impl == "warp":
-        raise UserError(
-            "--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax"
-        )
     env = dataclasses.replace(arguments.env, task=arguments.own_task)
     config = TrainConfig(
         arguments.stage, env, arguments.ppo, arguments.run, arguments.impl

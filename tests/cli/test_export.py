@@ -144,8 +144,11 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
         "launching_speed": 18.0,
     }
     flags = [f"--{name.replace('_', '-')}={value}" for name, value in law.items()]
-    assert command.main(["run", "--to", "copy", *flags]) == 0
-    assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
+    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
+    assert command.main(["kept", "--to", "copy", *flags]) == 0
+    assert "python eval.py copy --benchmark all" in capsys.readouterr().out
+    assert load_policy(Path("kept")).card.results
+    assert load_policy(Path("copy")).card.results == {}
     ours, copy = load_policy(Path("run")).card, load_policy(Path("copy")).card
     control = dataclasses.replace(ours.env.control, **law)
     assert copy.env == dataclasses.replace(ours.env, control=control)

@@ -136,6 +136,15 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
 
 
 @pytest.mark.parametrize(
+    "words", [["--preset", "cpu", "--impl", "warp"], ["--resume", "run"]]
+)
+def test_warp_cannot_repeat_its_bits(words, capsys, monkeypatch):
+    monkeypatch.setattr(train.EarlyFlags, "physics", "warp")  # as of the resumed run
+    assert train.main(["--deterministic", *words]) == 2
+    assert "never exactly repeatable" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("flags", "known"),
     [
         (train.EarlyFlags(preset="gpu"), True),

@@ -198,6 +198,17 @@ def test_the_example_talks_to_the_rehearsal_over_udp(
     assert onboard.rehearse.main([str(bundle), "--program", str(bundle)]) == 2
 
 
+def test_a_program_that_says_nothing_does_not_hang_the_rehearsal(
+    onboard, bundle, tmp_path, monkeypatch, capsys
+):
+    silent = tmp_path / "silent"
+    silent.write_text("#!/bin/sh\nexec sleep 60\n")
+    silent.chmod(0o755)
+    monkeypatch.setattr(onboard.rehearse, "PATIENCE", 0.5)
+    assert onboard.rehearse.main([str(bundle), "--program", str(silent)]) == 2
+    assert "printed no port" in capsys.readouterr().err
+
+
 # --- Wrong sensors --------------------------------------------------------------------
 
 

@@ -16,6 +16,7 @@ import gc
 import json
 import multiprocessing
 import os
+import select
 import subprocess
 import sys
 import time
@@ -40,6 +41,7 @@ LEAST_SHARE, LONGEST_WAIT = 0.95, 30.0
 """Least real-time factor and share of a second's ticks in time, and longest wait for
 targets (ms), of a valid rehearsal: on a busier machine BP2 falls at 10.74 m/s under any
 controller."""
+PATIENCE = 10.0  # s, within which a program of its own prints its port
 SECOND = round(1.0 / (TICK * DT))  # ticks
 
 
@@ -170,6 +172,9 @@ class ProgramProcess:
             self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
             assert self._process.stdout is not None
             self._out = self._process.stdout
+            if not select.select([self._out], [], [], PATIENCE)[0]:
+                self.close()
+                raise UserError(f"{program} printed no port within {PATIENCE:g} s")
             self.port = int(self._out.readline())
         except (OSError, ValueError) as error:
             raise UserError(f"{program} does not run: {one_line(str(error))}") from None

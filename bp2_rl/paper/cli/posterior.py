@@ -35,6 +35,7 @@ def _simulate(settings: PosteriorSettings) -> None:
 
     import numpy as np
 
+    from bp2_rl.base.errors import UserError
     from bp2_rl.base.folders import make_folder
     from bp2_rl.cli.trajopt import progress_bar
     from bp2_rl.evaluation.plausible import read_assumptions
@@ -55,6 +56,10 @@ def _simulate(settings: PosteriorSettings) -> None:
     ]
     kept = settings.out / "runs.csv"
     found = runs.read_runs(kept) if kept.is_file() else []
+    if len(found) > len(everyone):
+        raise UserError(
+            f"{kept} has {len(found) // len(policies)} robots: give --robots as many, or another --out"
+        )
     with keep_workers(), progress_bar() as bar:
         step = bar.add_task("robots", total=len(everyone), completed=len(found))
         for batch in runs.run_robots(everyone[len(found) :], policies):
