@@ -139,7 +139,8 @@ def test_the_preset_for_an_accelerator_is_refused_without_one(
     "words", [["--preset", "cpu", "--impl", "warp"], ["--resume", "run"]]
 )
 def test_warp_cannot_repeat_its_bits(words, capsys, monkeypatch):
-    monkeypatch.setattr(train.EarlyFlags, "physics", "warp")  # as of the resumed run
+    run = dataclasses.replace(presets.preset("imitation", "smoke"), impl="warp")
+    monkeypatch.setattr(train, "load_run_config", lambda _: run)
     assert train.main(["--deterministic", *words]) == 2
     assert "never exactly repeatable" in capsys.readouterr().err
 
