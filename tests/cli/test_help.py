@@ -32,10 +32,7 @@ WRITTEN = (
     "trajopt solve",
     "trajopt library build",
     "paper eval",
-    "paper trajectories sweep",
     "paper trajectories limits",
-    "paper trajectories gaits",
-    "paper trajectories limbs",
     "paper trajectories codesign",
 )
 """Commands whose first screen is written by hand, as tyro's help is longer."""

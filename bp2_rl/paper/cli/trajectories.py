@@ -5,12 +5,10 @@ is answered at once.
 """
 
 import dataclasses
-import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from bp2_rl.base.bounds import Bounded, check_bounds
@@ -31,78 +29,12 @@ from bp2_rl.cli.trajopt import (
     problem_of_robot,
 )
 from bp2_rl.optimiser.problem import (
-    MOST_SPEEDS,
     Intervals,
     Problem,
     Speed,
-    SpeedStep,
-    Starts,
 )
 from bp2_rl.paper.trajectories.codesign import CodesignSettings
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
-
-# --- sweep ----------------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class SweepArguments:
-    """Solve at many speeds, each from several cold starts: how many converge, and how
-    fast."""
-
-    problem: Annotated[Problem, Flat] = Problem()
-    robot: Robot = "ideal"
-    slowest: Speed = 1.0
-    """m/s"""
-    fastest: Speed = 13.2
-    """m/s"""
-    step: SpeedStep = 1.0
-    """m/s"""
-    starts: Starts = 3
-    """cold starts at each speed"""
-    workers: Workers = 2
-    """processes"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
-        if self.slowest > self.fastest:
-            raise UserError(
-                f"a sweep goes from --slowest ({self.slowest}) up to --fastest ({self.fastest})"
-            )
-        if (self.fastest - self.slowest) / self.step > MOST_SPEEDS:
-            raise UserError(
-                f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one"
-            )
-
-    @property
-    def speeds(self) -> list[float]:
-        """All speeds, ascending, m/s; the last step may be shorter."""
-        speeds = (
-            np.arange(self.slowest, self.fastest + 1e-9, self.step).round(9).tolist()
-        )
-        return speeds + ([self.fastest] if self.fastest > speeds[-1] + 1e-9 else [])
-
-
-def run_sweep(arguments: SweepArguments) -> None:
-    """Print how many cold starts converged, and why others did not."""
-    from bp2_rl.paper.trajectories.robustness import sweep_speeds
-
-    speeds, starts = arguments.speeds, arguments.starts
-    with trajopt.progress_bar() as progress:
-        tried = sweep_speeds(arguments.problem, speeds, starts, arguments.workers)
-        total = len(speeds) * starts
-        attempts = list(progress.track(tried, total, description="cold starts"))
-    solved = [attempt for attempt in attempts if not attempt.why]
-    for attempt in attempts:
-        if attempt.why:
-            print(f"start {attempt.start}: {attempt.why}")
-    if solved:
-        seconds = [attempt.seconds for attempt in solved]
-        print(
-            f"seconds a solve: median {statistics.median(seconds):.1f}, longest {max(seconds):.1f}"
-        )
-    print(f"converged: {len(solved)} of {len(attempts)} cold starts")
-
 
 # --- limits ---------------------------------------------------------------------------
 
@@ -149,105 +81,6 @@ def find_limits(arguments: LimitsArguments) -> None:
         lines.append((name, show(speed, ".2f"), show(change, "+.2f")))
     print_table(Table("", ("Variant", "Greatest speed [m/s]", "Change"), lines))
     print(f"speeds: {numbers}")
-
-
-# --- gaits and limbs ------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ComparisonArguments:
-    """Flags that the commands `gaits` and `limbs` share."""
-
-    problem: Annotated[Problem, Flat]
-    robot: Robot = "ideal"
-    speeds: tuple[Speed, ...]
-    """m/s, the slowest first"""
-    workers: Workers = 2
-    """processes"""
-    out: Folder
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
-        if not self.speeds or sorted(set(self.speeds)) != list(self.speeds):
-            raise UserError(
-                "--speeds: name the slowest first and each once, as each solve starts from the one before"
-            )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class GaitsArguments(ComparisonArguments):
-    """Set five gaits beside each other in the plane: what each costs over speed, and
-    how fast each gets.
-
-    Interrupted, it goes on where it stopped when run again. The problem's own speed and
-    gait do not count.
-    """
-
-    problem: Annotated[Problem, Flat] = Problem(intervals=8, pitch_limit=0.6)
-    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0, 16.0)
-    """m/s, the slowest first"""
-    out: Folder = OUT / "gaits"
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LimbsArguments(ComparisonArguments):
-    """Move mass between trunk and legs, and change the trunk's inertia: what each
-    costs, and how fast each gets.
-
-    Interrupted, it goes on where it stopped when run again. The problem's own speed
-    does not count.
-    """
-
-    problem: Annotated[Problem, Flat] = Problem(intervals=8)
-    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0)
-    """m/s, the slowest first"""
-    out: Folder = OUT / "limbs"
-
-
-def compare_gaits(arguments: GaitsArguments) -> None:
-    """Print and save each gait's cost over speed and its greatest speed."""
-    from bp2_rl.paper.trajectories.variants import gait_variants
-
-    _set_beside(arguments, gait_variants(arguments.problem), "gaits")
-
-
-def compare_limbs(arguments: LimbsArguments) -> None:
-    """Print and save cost over speed and greatest speed of robots with other limbs."""
-    from bp2_rl.paper.trajectories.variants import limb_variants
-
-    _set_beside(arguments, limb_variants(arguments.problem), "limbs")
-
-
-def _set_beside(
-    arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str
-) -> None:
-    """Solve all variants of a problem, save the numbers after each, and print their
-    table."""
-    from bp2_rl.paper.trajectories.comparison import (
-        VariantComparison,
-        compare_variants,
-        tabulate_variants,
-    )
-
-    problem = arguments.problem
-    speeds = arguments.speeds
-    rows = []
-    numbers = arguments.out / f"{what}.json"  # beside the solutions
-    with own_folder(arguments.out), trajopt.progress_bar() as progress:
-        compared = compare_variants(
-            problem,
-            variants,
-            speeds,
-            arguments.out,
-            what=what,
-            workers=arguments.workers,
-        )
-        for some in progress.track(compared, len(variants), description=what):
-            rows += some
-            save_config(numbers, VariantComparison(problem, speeds, tuple(rows)))
-    print_table(tabulate_variants(rows))
-    print(f"numbers: {numbers}")
 
 
 # --- schemes --------------------------------------------------------------------------
@@ -410,18 +243,9 @@ def draw_figures(arguments: FiguresArguments) -> None:
 
 
 PROG = "bp2 paper trajectories"
-WORKERS_FLAG = """
-  --workers INT         processes [2]"""
-COMMON_FLAGS = f"""{WORKERS_FLAG}
+COMMON_FLAGS = """
+  --workers INT         processes [2]
   --out DIR             the folder of what is found"""
-SWEEP_SCREEN = PROBLEM_SCREEN.format(
-    what="""Solve at many speeds, each from several cold starts: how many converge, and how fast.""",
-    flags="""  --slowest FLOAT       m/s [1]
-  --fastest FLOAT       m/s [13.2]
-  --step FLOAT          m/s [1]
-  --starts INT          cold starts at each speed [3]"""
-    + WORKERS_FLAG,
-)
 LIMITS_SCREEN = PROBLEM_SCREEN.format(
     what="""Find the greatest speed that has a trajectory at all, for BP2 and with one thing about
 it changed at a time.""",
@@ -429,16 +253,6 @@ it changed at a time.""",
                         with all, and with all but each: --robot built
   --speed FLOAT         m/s, at which the search begins [13.2]"""
     + COMMON_FLAGS,
-)
-GAITS_SCREEN = PROBLEM_SCREEN.format(
-    what="""Set five gaits beside each other in the plane: what each costs over speed, and how
-fast each gets. Interrupted, it goes on where it stopped when run again.""",
-    flags="  --speeds FLOAT ...    m/s, the slowest first" + COMMON_FLAGS,
-)
-LIMBS_SCREEN = PROBLEM_SCREEN.format(
-    what="""Move mass between trunk and legs, and change the trunk's inertia: what each costs, and
-how fast each gets. Interrupted, it goes on where it stopped when run again.""",
-    flags="  --speeds FLOAT ...    m/s, the slowest first" + COMMON_FLAGS,
 )
 CODESIGN_SCREEN = f"""usage: {{prog}} [FLAGS]
 
@@ -451,33 +265,12 @@ flags:
 
 all flags, with the problem's: {{prog}} --help-all"""
 COMMANDS = {
-    "sweep": Command(
-        f"{PROG} sweep",
-        SweepArguments,
-        run_sweep,
-        problem_of_robot(SweepArguments),
-        SWEEP_SCREEN,
-    ),
     "limits": Command(
         f"{PROG} limits",
         LimitsArguments,
         find_limits,
         problem_of_robot(LimitsArguments),
         LIMITS_SCREEN,
-    ),
-    "gaits": Command(
-        f"{PROG} gaits",
-        GaitsArguments,
-        compare_gaits,
-        problem_of_robot(GaitsArguments),
-        GAITS_SCREEN,
-    ),
-    "limbs": Command(
-        f"{PROG} limbs",
-        LimbsArguments,
-        compare_limbs,
-        problem_of_robot(LimbsArguments),
-        LIMBS_SCREEN,
     ),
     "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
     "objective": Command(

@@ -1,54 +1,14 @@
-"""How reliably a trajectory is found: many speeds from cold starts, and one trot by each
-scheme on finer and finer meshes, judged by `verify`."""
+"""A trot by each discretisation scheme on finer and finer meshes, judged by
+`verify`."""
 
-import concurrent.futures
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from typing import get_args
 
 from bp2_rl.base.metric import metric
-from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem, Scheme
-from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
+from bp2_rl.optimiser.solution import Motion, Solution, resample
 from bp2_rl.optimiser.verify import StrideSummary, summarise, verify
-
-# --- Cold starts ----------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Attempt:
-    """Result of a single solve at one speed from a cold start."""
-
-    speed: float  # m/s
-    start: int  # 0 is the cold guess itself, others are varied
-    seconds: float  # wall time of the solve
-    why: str = ""  # if not solved
-
-
-def sweep_speeds(
-    problem: Problem, speeds: Sequence[float], starts: int, workers: int = 2
-) -> Iterator[Attempt]:
-    """Solve from every cold start at every speed; yield each attempt as it ends."""
-    with spawned(workers) as pool:
-        attempts = [
-            pool.submit(_attempt, problem.at(speed), start)
-            for speed in speeds
-            for start in range(starts)
-        ]
-        for attempt in concurrent.futures.as_completed(attempts):
-            yield attempt.result()
-
-
-def _attempt(problem: Problem, start: int) -> Attempt:
-    """Solve a problem from one cold start, and return the attempt."""
-    from bp2_rl.optimiser.collocation import cold_guess, solve
-
-    try:
-        solution = solve(problem, cold_guess(problem, seed=start or None))
-    except NotSolved as failure:
-        return Attempt(problem.speed, start, 0.0, str(failure))
-    return Attempt(problem.speed, start, solution.seconds)
-
 
 # --- Schemes --------------------------------------------------------------------------
 

@@ -1,48 +1,13 @@
-"""The variants of BP2 and of its gait that are compared in the plane.
-
-**Gaits.** Is it the trot that limits BP2? A bound is the model of half a robot on a
-fore and a hind leg half a cycle apart ("two-leg"), a pronk that on both at once; with
-left and right alike the other half does the same. In the plane right and left legs of
-one end cannot be told apart, so a pace is a trot with other pairs, a rotary gallop a
-transverse one. In a half-bound the fore legs land one after the other, in a gallop the
-hind legs, too. What a plane cannot know is roll, and how a pace or a gallop holds it:
-greatest speeds are upper bounds.
-
-**Limbs.** Should limbs be light? The paper wants the inertia of limbs used rather than
-least, and tries no other legs. Mass moves between trunk and legs, all of it the same.
-Inertias go with the masses, so a thigh of twice the mass has twice the inertia about
-its end; what legs gain the trunk loses. A trunk of a thousand times its inertia is
-guided: it cannot pitch, as if limbs had nothing to shake.
-
-**Hardware and losses.** What does the greatest speed depend on? One thing about the
-robot is changed at a time.
-"""
+"""The variants of BP2 whose greatest speeds are compared in the plane: one thing about
+the robot, or one of its losses, is changed at a time."""
 
 import dataclasses
 from typing import NamedTuple
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser.problem import Gait, Problem
+from bp2_rl.optimiser.problem import Problem
 from bp2_rl.robot.hardware import IDEAL, differing, with_parts
 
-GAITS: dict[str, Gait] = {
-    "trot (and pace)": "trot",
-    "bound": "two-leg",
-    "pronk": "pronk",
-    "half-bound": "half-bound",
-    "gallop": "gallop",
-}
-LIMBS: dict[str, tuple[str, float]] = {
-    f"{what} x {factor:g}": (field, factor)
-    for what, field, factors in (
-        ("thigh", "thigh_mass", (0.5, 1.5, 2.0)),
-        ("toe", "toe_mass", (0.5, 1.5, 2.0)),
-        ("trunk", "trunk_inertia", (0.5, 2.0, 1e3)),
-    )
-    for factor in factors
-}
-"""Variants of the limbs by name: a field of the hardware, and the factor on its
-value."""
 HARDWARE_CHANGES: dict[str, dict[str, float]] = {
     "BP2 as specified": {},
     "straight-line envelope (corner at 0)": {"corner_speed": 0.0},
@@ -77,22 +42,6 @@ class LossVariant(NamedTuple):
 
     base: str
     problem: Problem
-
-
-def gait_variants(problem: Problem) -> dict[str, Problem]:
-    """Return the problem in every gait, by the gait's name."""
-    return {
-        name: dataclasses.replace(problem, gait=gait) for name, gait in GAITS.items()
-    }
-
-
-def limb_variants(problem: Problem) -> dict[str, Problem]:
-    """Return the problem, and variants on robots with other limbs, by name."""
-    changed = {
-        name: problem.on(**{field: factor * problem.hardware.parameter(field)})
-        for name, (field, factor) in LIMBS.items()
-    }
-    return {"as it is": problem, **changed}
 
 
 def hardware_variants(problem: Problem) -> dict[str, Problem]:

@@ -11,16 +11,7 @@ from bp2_rl.paper.cli import figures, trajectories
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["leap"], "no command 'leap'; bp2 paper trajectories has: sweep"),
-        (
-            ["sweep", "--slowest", "5", "--fastest", "4"],
-            "a sweep goes from --slowest (5.0) up to --fastest (4.0)",
-        ),
-        (["sweep", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
-        (["sweep", "--workers", "0"], "workers must be from 1 to 256, got 0"),
-        (["sweep", "--step", "nan"], "step must be positive and at most 100, got nan"),
-        (["sweep", "--step", "1e-9"], "makes more than 1000 speeds"),
-        (["sweep", "--fastest", "inf"], "fastest must be from 0.01 to 100, got inf"),
+        (["leap"], "no command 'leap'; bp2 paper trajectories has: limits"),
         (["limits", "--losses"], "this robot has none; choose --robot built"),
         (
             ["limits", "--robot", "bilt"],
