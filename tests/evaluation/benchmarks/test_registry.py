@@ -106,7 +106,6 @@ def run(policy, setup):
     [
         ("mujoco", {}, 2.4, 20.0),
         ("mujoco", {"acceleration": 3.0, "hold": 1.5}, 3.0, 1.5),
-        ("mjx", {}, 2.4, 20.0),
         ("drake", {}, 2.4, 20.0),
     ],
 )
