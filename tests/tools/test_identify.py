@@ -32,7 +32,7 @@ from bp2_rl.tools.identify.swing import Motors
 
 SECONDS = 9.0
 QUANTUM, NOISE = 0.38e-3, 0.2e-3  # rad, of the encoders
-PHYSICS = 1e-4  # s, fine beside the fit's 1 ms
+PHYSICS = 5e-5  # s, fine beside the fit's 1 ms
 ROBOT = find_robot_file("go1")
 TRUTH = Motors(
     torque_scale=np.array([0.95, 0.85, 1.08]),
