@@ -37,7 +37,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--kills",
         type=int,
-        default=3,
+        default=2,
         help="how often the killed run of test_stops.py is killed",
     )
     parser.addoption(

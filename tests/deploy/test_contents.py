@@ -72,17 +72,10 @@ def outcomes(onboard, folder, count, seed):
     return found
 
 
-@pytest.mark.parametrize(
-    ("count", "seed"),
-    [
-        *((100, seed) for seed in (0, 1)),
-        *(pytest.param(250, seed, marks=pytest.mark.attack) for seed in range(10, 18)),
-    ],
-)
-def test_a_damaged_bundle_is_refused_or_runs_within_its_limits(
-    onboard, copy, count, seed
-):
-    found = outcomes(onboard, copy, count, seed)
+@pytest.mark.attack
+def test_a_damaged_bundle_is_refused_or_runs_within_its_limits(onboard, copy):
+    count = 300
+    found = outcomes(onboard, copy, count, seed=0)
     assert found[False, "refused"] == count // 2  # no damage passes a seal
     assert found[True, "refused"] >= 10
     assert found[True, "ran"] >= 10

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 import pytest
 from browser import browsing, find_browser
-from compiler import build, build_with_clang
+from compiler import build
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.deploy.bundle import _describe_robots
@@ -215,7 +215,6 @@ def test_a_wish_is_led_and_steered_as_in_play(native):
 def test_the_compiled_code_that_ships_is_of_these_sources(tmp_path):
     """By its sums everywhere; where there is a compiler, bit for bit."""
     assert page_build.SUMS.read_text() == page_build.sums()
-    build_with_clang(tmp_path, HERE / "page.cpp", "-O3")
     page_build.compile_page(tmp_path / "page.wasm")
     assert (tmp_path / "page.wasm").read_bytes() == page_build.CODE.read_bytes()
 

@@ -21,7 +21,14 @@ from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import Stage, TrainConfig
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+HELPERS = Path(__file__).parent
+ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{HELPERS.parents[1]}:{HELPERS}"}
+PROGRAM = """
+import sys
+sys.modules["warp"] = None  # MJX imports it for 2 s, and no training here uses it
+import aim_run
+sys.exit(aim_run.main(sys.argv[1:]))
+"""
 SMALL = [
     "--preset",
     "smoke",
@@ -67,7 +74,7 @@ def metrics(run: Path) -> list[dict[str, Any]]:
 
 def command(*arguments, pause=0.0):
     """Return the command line that starts this program; `pause` is for `main`."""
-    return [sys.executable, __file__, str(pause), *map(str, arguments)]
+    return [sys.executable, "-c", PROGRAM, str(pause), *map(str, arguments)]
 
 
 def begin(*arguments, pause=0.0, cwd=None, **environment):
@@ -94,8 +101,8 @@ def sync_slowly(sync, seconds, path):
 
 
 def main(argv: list[str]) -> int:
-    """Run `aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps
-    and waits of a save slower."""
+    """Run as `train.py` with the arguments after the first, the seconds by which start,
+    steps and waits of a save are slower."""
 
     def make_learner(config, _=None):
         learner = PPO(StandIn(), config.ppo)
@@ -107,7 +114,3 @@ def main(argv: list[str]) -> int:
     run.make_learner = make_learner
     files.sync = partial(sync_slowly, files.sync, min(pause, 0.05))
     return train.main(argv[1:])
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -22,7 +22,7 @@ TRAIN, RELAXED, EVAL, EXPORT, _, STUDY = [
     for block in re.findall(r"```bash\n(.*?)```", TEXT, re.DOTALL)
     for line in block.splitlines()
 ]
-SHORT = [*SMALL, "--impl", "kernel", "--run.steps", "1920", "--run.checkpoints", "10"]
+SHORT = [*SMALL, "--impl", "kernel", "--run.steps", "1920", "--run.checkpoints", "4"]
 FIRST = [*TRAIN, *SHORT, "--run.judged", "1"]
 
 
@@ -64,7 +64,7 @@ def test_a_killed_run_resumes_exactly_and_notices_a_changed_task(here):
     bp2(here, *resume)
     (here / "moved.py").rename(here / "my_task.py")
     found = {file.parent.name: file for file in run.glob("policies/*/weights.npz")}
-    assert len(found) >= 10
+    assert len(found) >= 4
     for steps, file in found.items():
         other = here / "runs/mine/policies" / steps / "weights.npz"
         assert file.read_bytes() == other.read_bytes()
