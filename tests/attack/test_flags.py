@@ -47,10 +47,7 @@ COMMANDS = {
     **{
         f"trajectories {what}": ("bp2_rl.paper.cli.trajectories", [what])
         for what in (
-            "sweep",
             "limits",
-            "gaits",
-            "limbs",
             "schemes",
             "codesign",
             "objective",
