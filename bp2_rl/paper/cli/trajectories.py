@@ -33,8 +33,7 @@ from bp2_rl.optimiser.problem import (
     Problem,
     Speed,
 )
-from bp2_rl.paper.trajectories.codesign import CodesignSettings
-from bp2_rl.paper.trajectories.objective import ObjectiveSettings
+from bp2_rl.paper.trajectories import codesign, objective
 
 # --- limits ---------------------------------------------------------------------------
 
@@ -134,18 +133,12 @@ class ObjectiveArguments(Bounded):
     of co-design under one, two and three body weights of F bar, what forces are divided
     by in the cost."""
 
-    settings: Annotated[ObjectiveSettings, Flat] = ObjectiveSettings()
+    settings: Annotated[objective.ObjectiveSettings, Flat] = (
+        objective.ObjectiveSettings()
+    )
     workers: Workers = 2
     """processes"""
     out: Folder = OUT / "objective"
-
-
-def compare_objective_weights(arguments: ObjectiveArguments) -> None:
-    """Print and save the cheapest trajectories under each F bar; solutions in the
-    folder are not solved again."""
-    from bp2_rl.paper.trajectories.objective import Objective, compare_objectives
-
-    _leave_rows(arguments, compare_objectives, Objective, "objective.json")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,18 +146,10 @@ class CodesignArguments(Bounded):
     """Find gear ratio, leg length and spring stiffness along with the trajectory, from
     several starts and on finer and finer meshes."""
 
-    settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
+    settings: Annotated[codesign.CodesignSettings, Flat] = codesign.CodesignSettings()
     workers: Workers = 2
     """processes"""
     out: Folder = OUT / "codesign"
-
-
-def run_codesign(arguments: CodesignArguments) -> None:
-    """Print and save the optimal design on each mesh; solutions in the folder are not
-    solved again."""
-    from bp2_rl.paper.trajectories.codesign import Codesign, optimise_design
-
-    _leave_rows(arguments, optimise_design, Codesign, "codesign.json")
 
 
 def _leave_rows(
@@ -173,7 +158,8 @@ def _leave_rows(
     record: Callable[..., object],
     name: str,
 ) -> None:
-    """Print a table of the rows that are found, and leave them in a file."""
+    """Print a table of the rows that are found, and leave them in a file; solutions in
+    the folder are not solved again."""
     numbers = arguments.out / name
     with own_folder(arguments.out):
         rows = find(arguments.settings, arguments.out, arguments.workers)
@@ -274,10 +260,19 @@ COMMANDS = {
     ),
     "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
     "objective": Command(
-        f"{PROG} objective", ObjectiveArguments, compare_objective_weights
+        f"{PROG} objective",
+        ObjectiveArguments,
+        lambda told: _leave_rows(
+            told, objective.compare_objectives, objective.Objective, "objective.json"
+        ),
     ),
     "codesign": Command(
-        f"{PROG} codesign", CodesignArguments, run_codesign, screen=CODESIGN_SCREEN
+        f"{PROG} codesign",
+        CodesignArguments,
+        lambda told: _leave_rows(
+            told, codesign.optimise_design, codesign.Codesign, "codesign.json"
+        ),
+        screen=CODESIGN_SCREEN,
     ),
     "figures": Command(f"{PROG} figures", FiguresArguments, draw_figures),
 }

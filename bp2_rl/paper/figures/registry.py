@@ -21,8 +21,6 @@ FIGURES: dict[str, tuple[type[object], str]] = {
     "rewards": (settings.RewardsFigureSettings, "figures.rewards:rewards"),
     "strides": (settings.StridesFigureSettings, "figures.strides:strides"),
     "operating": (settings.OperatingFigureSettings, "figures.operating:operating"),
-    "learning": (settings.LearningFigureSettings, "figures.learning:learning"),
-    "wear": (settings.WearFigureSettings, "figures.wear:wear"),
     "identifiability": (
         settings.IdentifiabilityFigureSettings,
         "figures.identifiability:identifiability",

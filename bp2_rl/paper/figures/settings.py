@@ -72,25 +72,6 @@ class OperatingFigureSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class LearningFigureSettings:
-    """Figure of learning curves: judged speeds over control steps and over time."""
-
-    runs: tuple[Path, ...] = ()
-    """folders of trainings, each with a judge (--run.judged)"""
-
-
-@dataclasses.dataclass(frozen=True)
-class WearFigureSettings(Bounded, path="--"):
-    """Figure of policies' speeds over how hard the built robot's soles land.
-    It also shows which policies need motors that brake harder than they drive."""
-
-    policies: tuple[Path, ...] = (Path("built"), Path("gentle"))
-    """policies that ship, by name, or of your runs"""
-    speed: Annotated[float, Within(0.1, 100.0)] = 15.5
-    """what they are told to run, m/s"""
-
-
-@dataclasses.dataclass(frozen=True)
 class IdentifiabilityFigureSettings(Bounded, path="--"):
     """Figure of what the paper's numbers leave of what was assumed, and of what they
     predict.

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from bp2_rl.robot.kernel.mosaic import mosaic
+from bp2_rl.robot.kernel.mosaic import flat_inputs, mosaic
 
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
@@ -83,14 +83,12 @@ def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -
     from jax.experimental import pallas
     from jax.experimental.pallas import triton
 
-    leaves, structure = jax.tree.flatten(inputs)
-    leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
+    leaves, structure, robots = flat_inputs(inputs)
     inputs = jax.tree.unflatten(structure, leaves)
     shapes, results = jax.tree.flatten(jax.eval_shape(function, *inputs))
     shapes = [
         jax.ShapeDtypeStruct(shape.shape or (1,), shape.dtype) for shape in shapes
     ]
-    robots = max(leaf.shape[-1] for leaf in leaves)
     block = min(BLOCK, robots & -robots)  # the largest power of two that divides them
 
     def spec(array: Any) -> Any:

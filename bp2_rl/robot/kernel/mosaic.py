@@ -67,9 +67,7 @@ def mosaic(function: Callable[..., T], *inputs: Any) -> T:
     from jax.experimental import pallas
 
     mosaic_gpu: Any = importlib.import_module("jax.experimental.pallas.mosaic_gpu")
-    leaves, structure = jax.tree.flatten(inputs)
-    leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
-    robots = max(leaf.shape[-1] for leaf in leaves)
+    leaves, structure, robots = flat_inputs(inputs)
     blocks = -(-robots // LANES)
     whole = blocks * LANES
     leaves = [_padded(leaf, robots, whole) for leaf in leaves]
@@ -124,6 +122,13 @@ def mosaic(function: Callable[..., T], *inputs: Any) -> T:
         for x, shape in zip(run(*leaves), shapes, strict=True)
     ]
     return jax.tree.unflatten(results, found)
+
+
+def flat_inputs(inputs: Any) -> tuple[list[Array], Any, int]:
+    """Return the inputs' leaves, each with an axis, their tree's structure, and the
+    number of robots."""
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.atleast_1d, inputs))
+    return leaves, structure, max(leaf.shape[-1] for leaf in leaves)
 
 
 def traced_flat(

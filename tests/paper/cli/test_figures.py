@@ -90,7 +90,6 @@ def test_an_item_without_its_number_is_left_out(tmp_path):
         (["scaling", "--runs", "nowhere"], "no report in nowhere"),
         (["strides"], "--runs takes one report"),
         (["operating"], "--runs takes reports"),
-        (["learning"], "--runs: name the folders of one training or more"),
         (["swing"], "no command 'swing': did you mean scaling?"),
         (
             ["exchange", "--mass-ratio", "0"],
