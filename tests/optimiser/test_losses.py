@@ -231,6 +231,16 @@ def test_a_trot_that_pays_is_sound_at_its_points_and_costs_more(name, free):
         assert np.max(power) == pytest.approx(2.5e3, rel=1e-4)
 
 
+def test_half_a_robot_lets_the_bus_sag_by_the_whole_robots_power():
+    hardware = PAYING["bus sag"]
+    problem = Problem(gait="two-leg", speed=10.0, intervals=4, hardware=hardware)
+    motion = solve(problem).motion
+    qd, tau = motion.v[..., problem.stride.motors], motion.tau
+    assert verifier_laws.torque_excess(hardware, 0.5, qd, tau) < 1e-3
+    # the sag is what limits: were it twice as much, motors would be beyond it
+    assert verifier_laws.torque_excess(hardware, 0.25, qd, tau) > 1.0
+
+
 def test_energy_closes_with_every_loss():
     """A smooth trot, as `test_verify`'s, of a robot that loses on every way; without
     one of them it does not close."""

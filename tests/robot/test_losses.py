@@ -235,12 +235,14 @@ def test_saturated_motors_share_what_the_bus_gives_by_a_common_factor(xp):
     assert bus_power(motor, torque.astype(float), qd) == pytest.approx(8e3, rel=1e-5)
 
 
-def test_braking_motors_share_what_the_bus_takes():
-    motor, qd = motors(bus_power_in=3e3), np.full(12, 15.0)
+# the second beyond the no-load speed, where the back EMF alone brakes with 7.4 kW
+@pytest.mark.parametrize(("speed", "taken"), [(15.0, 3e3), (23.0, 12e3)])
+def test_braking_motors_share_what_the_bus_takes(speed, taken):
+    motor, qd = motors(bus_power_in=taken), np.full(12, speed)
     torque = ask(motor, qd, -1.0)
     assert np.ptp(torque) == pytest.approx(0.0, abs=1e-9)
     assert -120.0 < torque[0] < 0.0
-    assert bus_power(motor, torque, qd) == pytest.approx(-3e3, rel=1e-9)
+    assert bus_power(motor, torque, qd) == pytest.approx(-taken, rel=1e-9)
 
 
 def test_a_bus_that_suffices_changes_nothing():

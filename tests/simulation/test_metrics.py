@@ -249,6 +249,11 @@ def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
     lame = make_run(foot_force=force).metrics
     assert lame.off_half_cycle == pytest.approx(0.04, abs=1e-3)
     assert lame.uneven == pytest.approx(0.02 / 4.04 * 2, abs=1e-3)
+    # both front legs do: left and right are alike, front and rear are not
+    force[:, 0] = 1.04 * np.roll(force[:, 0], 10, axis=0)
+    level = make_run(foot_force=force).metrics
+    assert level.off_half_cycle == pytest.approx(0.0, abs=1e-3)
+    assert level.uneven == pytest.approx(0.0, abs=1e-3)
     assert make_run(foot_force=0.0 * force).metrics.off_half_cycle is None
 
 
