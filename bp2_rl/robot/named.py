@@ -1,4 +1,4 @@
-"""Robots by name: BP2's two, those that ship as robot files, and any other robot by the
+"""Robots by name: BP2's own, those that ship as robot files, and any other robot by the
 path of its file."""
 
 import os
@@ -33,7 +33,7 @@ def find_robot(name: str) -> HardwareSpec:
 
 
 def find_robot_file(name: str) -> "RobotFile":
-    """Return the content of the robot file of this name, or at this path; of BP2's two
+    """Return the content of the robot file of this name, or at this path; of BP2's own
     robots, their hardware alone.
 
     Raises:

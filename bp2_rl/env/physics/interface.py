@@ -64,7 +64,7 @@ class PhysicsEngine(Protocol):
         """Advance one robot by five physics steps.
 
         Return the state afterwards, the mean effort, and 1 for each foot that touches
-        the ground at the end.
+        the ground at the start of the last physics step.
         """
         ...
 

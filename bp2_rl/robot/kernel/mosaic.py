@@ -124,7 +124,7 @@ def mosaic(function: Callable[..., T], *inputs: Any) -> T:
     return jax.tree.unflatten(results, found)
 
 
-def flat_inputs(inputs: Any) -> tuple[list[Array], Any, int]:
+def flat_inputs(inputs: tuple[object, ...]) -> tuple[list[Array], Any, int]:
     """Return the inputs' leaves, each with an axis, their tree's structure, and the
     number of robots."""
     leaves, structure = jax.tree.flatten(jax.tree.map(jnp.atleast_1d, inputs))
