@@ -24,7 +24,6 @@ from bp2_rl.optimiser.cycle import (
 from bp2_rl.optimiser.problem import TRUNK
 from bp2_rl.optimiser.solution import Solution, resample
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
-from bp2_rl.robot.conventions import LEGS
 
 LEFT, RIGHT, ARROW = "#0072B2", "#D55E00", "#D55E00"
 FRAMES = 8  # stick figures in a cycle
@@ -73,8 +72,8 @@ def trajectory_figure(solution: Solution) -> Figure:
             speed, column = motion.v[..., block + joint], 2 * leg + joint
             force = np.where(stands, motion.force[..., column], np.nan)
             if name == limited:
-                motor = of_joint(motors, 3 * LEGS.index(name) + 1 + joint)
-                for limit in torque_limits(motor, speed):
+                # the optimiser's hips are alike, and its knees
+                for limit in torque_limits(of_joint(motors, 1 + joint), speed):
                     _along(panels[6 + joint], share, limit, **dashed)
             _along(panels[2 + joint], share, speed, **style)
             _along(panels[6 + joint], share, motion.tau[..., column], **style)
