@@ -170,14 +170,16 @@ class ProgramProcess:
         command = str(program.resolve()), str(Path(folder) / BINARY)
         try:
             self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-            assert self._process.stdout is not None
-            self._out = self._process.stdout
-            if not select.select([self._out], [], [], PATIENCE)[0]:
-                self.close()
-                raise UserError(f"{program} printed no port within {PATIENCE:g} s")
-            self.port = int(self._out.readline())
-        except (OSError, ValueError) as error:
+        except OSError as error:
             raise UserError(f"{program} does not run: {one_line(str(error))}") from None
+        assert self._process.stdout is not None
+        self._out = self._process.stdout
+        heard, _, _ = select.select([self._out], [], [], PATIENCE)
+        line = self._out.readline().strip() if heard else ""
+        if not line.isdecimal():
+            self.close()
+            raise UserError(f"{program} printed no port within {PATIENCE:g} s")
+        self.port = int(line)
 
     def run(self, port: int, world: Connection) -> Settings:
         """Let the program run until the rehearsal ends; return what it says of its
