@@ -1,7 +1,8 @@
 """Compile page.wasm: python -m bp2_rl.deploy.page.build.
 
-It needs the package ziglang, a clang with the standard libraries for WebAssembly. The
-file ships, so that who exports a page needs no compiler.
+It needs a clang with the standard libraries for WebAssembly: `pip install
+ziglang==0.17.1`, which compiles the file to the same bytes everywhere. The file ships,
+so that exporting a page needs no compiler.
 """
 
 import hashlib
