@@ -26,7 +26,7 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.robot.coordinates import POSE, TWIST, motor_indices
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.simulator import STATE, Alike, RobotSetup, Simulator
+from bp2_rl.simulation.simulator import STATE, RobotBatch, RobotSetup, Simulator
 
 try:
     from pydrake import geometry
@@ -77,7 +77,10 @@ class DrakeSimulator(Simulator):
         self._computed = [mujoco.MjData(model) for model in self.models]
 
     def _advance(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        alike: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K _"]:
         forces = np.empty((len(at), alike.sensed.shape[1]))
         for robot, place, force in zip(
@@ -92,7 +95,10 @@ class DrakeSimulator(Simulator):
         return forces
 
     def _mobilities(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        alike: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 12"]:
         masses = [self._plants[robot].mass_matrix() for robot in robots.tolist()]
         inverse = np.diagonal(np.linalg.inv(np.stack(masses)), axis1=1, axis2=2)

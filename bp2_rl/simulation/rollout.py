@@ -46,7 +46,7 @@ from bp2_rl.simulation.simulator import (
 from bp2_rl.simulation.trajectory import Trajectory, shapes_of
 from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
 
-MOST = SIZES[-1]
+SIDE_BY_SIDE = SIZES[-1]
 """Largest number of robots simulated side by side: more cost as much each, and keep all
 samples in memory."""
 
@@ -216,9 +216,9 @@ def _in_parts(
     config: EnvConfig,
     engine: type[Simulator],
 ) -> Iterator[Trajectory]:
-    """Simulate the requests, at most `MOST` runs at a time; yield the trajectories in
-    order."""
-    parts = math.ceil(len(requests) / MOST)
+    """Simulate the requests, at most `SIDE_BY_SIDE` at a time; yield the trajectories
+    in order."""
+    parts = math.ceil(len(requests) / SIDE_BY_SIDE)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
         yield from _SideBySide(
             policy, config, [requests[i] for i in part], engine

@@ -127,7 +127,7 @@ class RobotSetup:
         )
 
 
-class Alike:
+class RobotBatch:
     """Robots whose MuJoCo data have one layout, and that take as many physics steps at
     a time: one batch of MuJoCo's.
 
@@ -220,7 +220,7 @@ class Simulator:
             for kind in dict.fromkeys(kinds)
         ]
         self._alike = [
-            Alike([self.models[i] for i in members.tolist()], kinds[members[0]][0])
+            RobotBatch([self.models[i] for i in members.tolist()], kinds[members[0]][0])
             for members in self._members
         ]
         self._kind, self._place = np.zeros((2, len(robots)), int)
@@ -233,7 +233,7 @@ class Simulator:
         self.foot_force = np.zeros((len(robots), 4, 3))
         self.qpos = np.empty((len(robots), self.models[0].nq))
         self.qvel = np.empty((len(robots), self.models[0].nv))
-        self._look()
+        self._read_states()
 
     def __len__(self) -> int:
         """Number of robots."""
@@ -249,10 +249,10 @@ class Simulator:
         time; call `read` after a change."""
         if not self._data:
             self._data = [mujoco.MjData(model) for model in self.models]
-            self._show(self._everyone)
+            self._update_data(self._everyone)
         return self._data
 
-    def _show(self, robots: Int[np.ndarray, " M"]) -> None:
+    def _update_data(self, robots: Int[np.ndarray, " M"]) -> None:
         for robot in robots.tolist() if self._data else ():
             alike = self._alike[self._kind[robot]]
             alike.batch.get_data(int(self._place[robot]), self._data[robot])
@@ -263,12 +263,12 @@ class Simulator:
         outside."""
         row = self._row(robot)
         mujoco.mj_getState(self.models[robot], self.data[robot], row, STATE)
-        self._look()
+        self._read_states()
 
     def _row(self, robot: int) -> Float[np.ndarray, " S"]:
         return self._alike[self._kind[robot]].state[self._place[robot]]
 
-    def _look(self) -> None:
+    def _read_states(self) -> None:
         """Read all robots' states after a change from outside."""
         self.torque = self.torque.copy()  # a millisecond has returned it
         for alike, members in zip(self._alike, self._members, strict=True):
@@ -283,8 +283,8 @@ class Simulator:
         """Set a robot to a state returned by `state`."""
         self._row(robot)[:] = state
         self.foot_force[robot] = 0.0  # no step has been taken from here
-        self._show(np.array([robot]))
-        self._look()
+        self._update_data(np.array([robot]))
+        self._read_states()
 
     @property
     def warmstart(self) -> Float[np.ndarray, "N nv"]:
@@ -305,7 +305,7 @@ class Simulator:
         for alike, its in zip(self._alike, self._members, strict=True):
             alike.qpos[:], alike.qvel[:] = qpos[its], qvel[its]
             alike.ctrl[:], alike.warmstart[:] = torque[its], warmstart[its]
-        self._look()
+        self._read_states()
 
     def set_motors(self, robot: int, motors: Actuator) -> None:
         """Give a robot other motors from the next millisecond on."""
@@ -316,7 +316,7 @@ class Simulator:
         """Apply a world's pushes that are due at this millisecond to a robot."""
         alike, place = self._alike[self._kind[robot]], self._place[robot]
         world.push(Moving(alike.qpos[place], alike.qvel[place]), step)
-        self._look()
+        self._read_states()
 
     def settle(self) -> None:
         """Let all robots stand under the joint PD loop until they are at rest, then
@@ -330,12 +330,12 @@ class Simulator:
             self.millisecond(stand, still)
             for alike in self._alike:
                 alike.qvel *= 1.0 - SETTLING_DAMPING * DT
-            self._look()
+            self._read_states()
         for alike in self._alike:
             alike.qpos[:, :2] = 0.0
             alike.qvel[:] = 0.0
             alike.batch.time = 0.0
-        self._look()
+        self._read_states()
 
     def millisecond(
         self,
@@ -357,7 +357,7 @@ class Simulator:
         torque = self.torque  # each update makes an array of its own
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
-        self._show(robots)
+        self._update_data(robots)
         return torque
 
     def _update(
@@ -415,7 +415,7 @@ class Simulator:
 
     def _of_a_kind(
         self, robots: Int[np.ndarray, " M"]
-    ) -> Iterator[tuple[Alike, Int[np.ndarray, " K"], Int[np.ndarray, " K"]]]:
+    ) -> Iterator[tuple[RobotBatch, Int[np.ndarray, " K"], Int[np.ndarray, " K"]]]:
         """Yield these robots kind by kind: the kind, their places in it, and their
         indices."""
         for kind, alike in enumerate(self._alike):
@@ -424,7 +424,10 @@ class Simulator:
                 yield alike, self._place[its], its
 
     def _advance(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        alike: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K _"]:
         """Take the physics steps of a torque update of robots of a kind, whose `state`
         then is the new one; return the forces on their feet, N."""
@@ -433,7 +436,10 @@ class Simulator:
         return alike.sensed[at]
 
     def _mobilities(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        alike: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 12"]:
         """Return each joint's acceleration per unit torque at the start of the last
         step of robots of a kind, rad/s2/Nm."""

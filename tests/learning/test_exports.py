@@ -111,7 +111,7 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
         "speed": 9.0,
         "falls": 0,
         "launches": 3,
-        "mean": 9.0,
+        "score": 9.0,
         "fell_told": 0.0,
         "held": 9.0,
         "told": 0.0,
