@@ -78,25 +78,21 @@ class DrakeSimulator(Simulator):
 
     def _advance(
         self,
-        alike: RobotBatch,
+        batch: RobotBatch,
         at: Int[np.ndarray, " K"],
         robots: Int[np.ndarray, " K"],
-    ) -> Float[np.ndarray, "K _"]:
-        forces = np.empty((len(at), alike.sensed.shape[1]))
-        for robot, place, force in zip(
-            robots.tolist(), at.tolist(), forces, strict=True
-        ):
+    ) -> None:
+        for robot, place in zip(robots.tolist(), at.tolist(), strict=True):
             data, model = self._computed[robot], self.models[robot]
-            mujoco.mj_setState(model, data, alike.state[place], STATE)
-            for _ in range(alike.steps):
+            mujoco.mj_setState(model, data, batch.state[place], STATE)
+            for _ in range(batch.steps):
                 self._plants[robot].step(data)
-            mujoco.mj_getState(model, data, alike.state[place], STATE)
-            force[:] = data.sensordata
-        return forces
+            mujoco.mj_getState(model, data, batch.state[place], STATE)
+            batch.sensed[place] = data.sensordata
 
     def _mobilities(
         self,
-        alike: RobotBatch,
+        batch: RobotBatch,
         at: Int[np.ndarray, " K"],
         robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 12"]:
