@@ -10,7 +10,9 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 def print_table(evaluation: Evaluation, console: Console) -> None:
     """Print the figures of merit of an evaluation, then its verdict."""
     table = Table(
-        title=Text(f"{evaluation.benchmark}: {evaluation.subject} ({evaluation.backend})"),
+        title=Text(
+            f"{evaluation.benchmark}: {evaluation.subject} ({evaluation.backend})"
+        ),
         title_justify="left",
         title_style="bold",
         box=None,
