@@ -81,14 +81,18 @@ class DrakeSimulator(Simulator):
         batch: RobotBatch,
         at: Int[np.ndarray, " K"],
         robots: Int[np.ndarray, " K"],
-    ) -> None:
-        for robot, place in zip(robots.tolist(), at.tolist(), strict=True):
+    ) -> Float[np.ndarray, "K _"]:
+        forces = np.empty((len(at), batch.sensed.shape[1]))
+        for robot, place, force in zip(
+            robots.tolist(), at.tolist(), forces, strict=True
+        ):
             data, model = self._computed[robot], self.models[robot]
             mujoco.mj_setState(model, data, batch.state[place], STATE)
             for _ in range(batch.steps):
                 self._plants[robot].step(data)
             mujoco.mj_getState(model, data, batch.state[place], STATE)
-            batch.sensed[place] = data.sensordata
+            force[:] = data.sensordata
+        return forces
 
     def _mobilities(
         self,

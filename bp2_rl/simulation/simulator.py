@@ -191,6 +191,8 @@ class Simulator:
     Attributes:
         models: each robot's model.
         motors: each robot's motors; `set_motors` changes them.
+        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world
+            frame; 0 before it.
     """
 
     backend: ClassVar[Backend] = "mujoco"
@@ -227,6 +229,7 @@ class Simulator:
         self._data: list[mujoco.MjData] = []
         self._everyone = np.arange(len(robots))
         self._mobility = np.zeros((len(robots), conventions.NUM_MOTORS))
+        self.foot_force = np.zeros((len(robots), 4, 3))
 
     def __len__(self) -> int:
         """Number of robots."""
@@ -246,12 +249,6 @@ class Simulator:
     def torque(self) -> Float[np.ndarray, "N 12"]:
         """The torques applied last, Nm."""
         return self._now("ctrl")
-
-    @property
-    def foot_force(self) -> Float[np.ndarray, "N 4 3"]:
-        """The ground's forces on the feet in the last physics step, N, world frame; 0
-        before it."""
-        return self._now("sensed").reshape(-1, 4, 3)
 
     @property
     def warmstart(self) -> Float[np.ndarray, "N nv"]:
@@ -285,6 +282,7 @@ class Simulator:
         for robot in robots.tolist() if self._data else ():
             batch = self._batches[self._kind[robot]].batch
             batch.get_data(int(self._place[robot]), self._data[robot])
+            self._data[robot].sensordata[:] = self.foot_force[robot].ravel()
 
     def read(self, robot: int) -> None:
         """Update a robot's state in the simulator after a change of its `data` from
@@ -303,7 +301,7 @@ class Simulator:
     def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
         """Set a robot to a state returned by `state`."""
         self._row("state", robot)[:] = state
-        self._row("sensed", robot)[:] = 0.0  # no step has been taken from here
+        self.foot_force[robot] = 0.0  # no step has been taken from here
         self._update_data(np.array([robot]))
 
     def begin(
@@ -414,7 +412,7 @@ class Simulator:
         for batch, at, its in self._by_batch(robots):
             batch.ctrl[at] = forces[its, :12]
             batch.qfrc_applied[at] = forces[its, 12:]
-            self._advance(batch, at, its)
+            self.foot_force[its] = self._advance(batch, at, its).reshape(-1, 4, 3)
 
     def _by_batch(
         self, robots: Int[np.ndarray, " M"]
@@ -431,11 +429,12 @@ class Simulator:
         batch: RobotBatch,
         at: Int[np.ndarray, " K"],
         robots: Int[np.ndarray, " K"],
-    ) -> None:
-        """Take the physics steps of a torque update of a batch's robots: change their
-        `state` and `sensed`."""
+    ) -> Float[np.ndarray, "K _"]:
+        """Take the physics steps of a torque update of a batch's robots, whose `state`
+        then is the new one; return the forces on their feet, N."""
         # MuJoCo's batch checks indices for longer than it steps a robot
         batch.batch.step(at if len(at) < len(batch.state) else None, batch.steps)
+        return batch.sensed[at]
 
     def _mobilities(
         self,

@@ -67,6 +67,16 @@ Quantiles: TypeAlias = tuple[float, float, float]
 them."""
 
 
+def _within(interval: Quantiles | None, unit: str) -> str:
+    return (
+        "; 90 %: {0:.2f} to {2:.2f} {3}".format(
+            *interval,
+        )
+        if interval
+        else ""
+    )
+
+
 def show_interval(interval: Sequence[float] | None, form: str, unit: str = "") -> str:
     """Return a median and its interval as text, from (low, median, high); a dash for
     None."""
@@ -103,14 +113,14 @@ class RobustnessMetrics:
     # over robots, of each one's mean while held
     mean_speed: Quantiles | None = metric(
         "Mean speed",
-        form=lambda speed: show_interval(speed, ".2f", "m/s"),
-        meaning="held: median (90 %)",
+        form=lambda speed: show(speed and speed[1], ".2f", "m/s"),
+        meaning=lambda m: f"held, median{_within(m.mean_speed, 'm/s')}",
     )
     # over robots, of each one's greatest distance from the line
     offset: Quantiles | None = metric(
         "Off the line",
-        form=lambda offset: show_interval(offset, ".2f", "m"),
-        meaning="greatest: median (90 %)",
+        form=lambda offset: show(offset and offset[1], ".2f", "m"),
+        meaning=lambda m: f"greatest, median{_within(m.offset, 'm')}",
     )
     greatest_offset: float | None = metric(
         "Worst off the line",

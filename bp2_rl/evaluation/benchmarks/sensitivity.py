@@ -238,7 +238,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
                 Row(
                     one.name,
                     show(one.best_speed, ".2f", "m/s"),
-                    f"told {one.told:.1f}, fall {show_fall(one.fell_at)}; "
+                    f"told {one.told:.1f}{', fell' if one.fell_at else ''}; "
                     f"{TRACK:g} m: {show(one.time_100m, '.2f', 's')}",
                 )
                 for one in metrics.robots
