@@ -27,7 +27,7 @@ from bp2_rl.robot.model import let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.world import LEVEL, Draw, Moving, World
+from bp2_rl.simulation.world import LEVEL, Draw, Push, World, shove
 
 DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
@@ -322,9 +322,10 @@ class Simulator:
         self.motors[robot] = motors
         self._rows = None
 
-    def push(self, robot: int, world: World, step: int) -> None:
-        """Apply a world's pushes that are due at this millisecond to a robot."""
-        world.push(Moving(self._row("qpos", robot), self._row("qvel", robot)), step)
+    def push(self, robot: int, push: Push) -> None:
+        """Push a robot: its velocity jumps."""
+        at, moving = self._row("qpos", robot), self._row("qvel", robot)
+        shove(at, moving, push.forward, push.left, push.turn)
 
     def settle(self) -> None:
         """Let all robots stand under the joint PD loop until they are at rest, then

@@ -18,7 +18,7 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.policy_runner import control_step, control_steps_behind
 from bp2_rl.simulation.simulator import CONVERGED, OUTSIDE, TRIALS, RobotSetup
-from bp2_rl.simulation.world import sensed_pose
+from bp2_rl.simulation.world import sensed_pose, shove
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -203,7 +203,9 @@ def plain_run(policy, config, request):
         )
         for ms, late in enumerate(behind):
             position, velocity = issued[-1 - late]
-            robot.world.push(data, 5 * k + ms)
+            for push in robot.world.pushes:
+                if round(1e3 * push.time) == 5 * k + ms:
+                    shove(data.qpos, data.qvel, push.forward, push.left, push.turn)
             there = data.qpos[0] >= request.finish
             now = {
                 "qpos": data.qpos.copy(),
