@@ -235,5 +235,6 @@ def evaluate(
             if config.benchmark == ALL:
                 folder.write_overview(evaluations, out)
     if config.benchmark == ALL:
-        terminal.print_overview(evaluations, console)
+        for one in evaluations:
+            console.print(f"{one.benchmark}:", terminal.verdict_of(one))
     console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from bp2_rl.base.arrays import Number
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.metric import NOT_MEASURED
+from bp2_rl.base.metric import metric
 from bp2_rl.base.serialization import from_json
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
@@ -89,15 +89,6 @@ def resample(weights: Float[np.ndarray, " N"], count: int) -> Int[np.ndarray, " 
     return np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
 
 
-def show_interval(interval: Sequence[float] | None, form: str, unit: str = "") -> str:
-    """Return a median and its interval as text, from (low, median, high); a dash for
-    None."""
-    if interval is None:
-        return NOT_MEASURED
-    low, middle, high = (f"{x:{form}}" for x in interval)
-    return f"{middle} ({low} to {high}) {unit}".rstrip()
-
-
 # --- A robot and its conditions -------------------------------------------------------
 
 
@@ -146,13 +137,23 @@ class BestSecond(NamedTuple):
     fell_at: float | None  # s
 
 
+def _show_best(best: BestSecond) -> str:
+    return f"{best.speed:.2f}{', fell' if best.fell_at else ''}"
+
+
 @dataclasses.dataclass(frozen=True)
 class PlausibleRun:
     """The best seconds of a robot on treadmill and road, and its time over 100 m."""
 
-    belt: BestSecond
-    road: BestSecond
-    time_100m: float | None  # s, told what gave the road's best second; None: it fell
+    belt: BestSecond = metric("Belt [m/s]", form=_show_best)
+    road: BestSecond = metric("Road [m/s]", form=_show_best)
+    # told what gave the road's best second; None: it fell
+    time_100m: float | None = metric("100 m", "s")
+
+    @property
+    def fell(self) -> bool:
+        """Whether the robot fell under the slowly rising command, on belt or road."""
+        return bool(self.belt.fell_at or self.road.fell_at)
 
 
 def run_plausible(

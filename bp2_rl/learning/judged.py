@@ -23,11 +23,11 @@ class JudgeResult:
     speed: float
     falls: int  # launches that ended in a fall
     launches: int
-    # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the
-    # command taken off; after a fall in the first launch, the mean under the slower
-    # command over the number of launches, 0 where none was tried: the better policy
-    # has more
-    mean: float
+    # m/s, by which policies are ranked: mean top speed over all launches, a fall counted
+    # as 0 and what is beyond the command taken off; after a fall in the first launch,
+    # the mean under the slower command over the number of launches, 0 where none was
+    # tried
+    score: float
     fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
     # m/s, held for 5 s in the first launch, or, where that fell, under the fastest of
     # the slower commands at which no robot falls; no more than the command
@@ -99,7 +99,7 @@ def best_policy(results: dict[int, JudgeResult], until: float | None) -> int | N
     the run comes before others."""
     return max(
         results,
-        key=lambda steps: (results[steps].reaches(until), results[steps].mean, steps),
+        key=lambda steps: (results[steps].reaches(until), results[steps].score, steps),
         default=None,
     )
 

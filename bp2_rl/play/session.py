@@ -150,7 +150,7 @@ class Session:
 
     def push(self, forward: float, left: float) -> None:
         """Push the robot: its velocity jumps, by m/s along its heading and to its left."""
-        shove(self.data, forward, left)
+        shove(self.data.qpos, self.data.qvel, forward, left)
 
     @property
     def friction(self) -> float:

@@ -26,6 +26,7 @@ from bp2_rl.robot.coordinates import compression_rates, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.gait import contacts, touchdowns
+from bp2_rl.simulation.laws import NO_RESISTANCE
 from bp2_rl.simulation.metrics import (
     BURST,
     HARD,
@@ -37,18 +38,6 @@ from bp2_rl.simulation.metrics import (
 from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory, window_means
 from bp2_rl.simulation.world import World
-
-CAUSES = (
-    "copper",
-    "gears",
-    "joints",
-    "slides",
-    "dampers",
-    "air",
-    "ground",
-    "stops",
-    "legs",
-)
 
 
 class Ledger(NamedTuple):
@@ -88,13 +77,9 @@ def account(run: Trajectory) -> Account:
 def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     """Put every sample but the last through MuJoCo's forward dynamics; return the run's
     powers and the motion of its soles."""
-    resistance = Resistance.from_hardware(run.hardware)
-    if resistance is None:
-        against = None
-        applied = np.zeros_like(run.qvel)
-    else:
-        against = losses.loss(resistance, run.qpos, run.qvel, run.torque)
-        applied = losses.generalized(against, run.qvel)
+    resistance = Resistance.from_hardware(run.hardware) or NO_RESISTANCE
+    against = losses.loss(resistance, run.qpos, run.qvel, run.torque)
+    applied = losses.generalized(against, run.qvel)
     model = load_model(run.hardware, visual=False, scene=World(run.terrain).lay)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -155,7 +140,7 @@ def _balance(
     run: Trajectory,
     force: dict[str, Float[np.ndarray, "N nv"]],
     energy: Float[np.ndarray, " N"],
-    against: losses.Loss | None,
+    against: losses.Loss,
 ) -> Ledger:
     """Return the powers of the forces, and of the motors that the run has recorded."""
     mean = run.qvel[:-1] + 0.5 * np.diff(run.qvel, axis=0)
@@ -165,17 +150,21 @@ def _balance(
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
     motors = torque * qd
     copper = winding_heat(Actuator.from_hardware(run.hardware), torque)
-    lost = {cause: np.zeros(len(mean)) for cause in CAUSES}
-    lost["copper"] = np.sum(copper, axis=-1)
-    lost["dampers"] = -powers["damper"]
-    for cause in ("ground", "stops", "legs"):
-        lost[cause] = -powers[cause]
-    if against is not None:
-        lost["gears"] = -np.sum(against.gear[:-1] * qd, axis=-1)
-        lost["joints"] = -np.sum(against.joint[:-1] * qd, axis=-1)
-        lost["slides"] = -np.sum(against.slide[:-1] * rate, axis=-1)
-        lost["air"] = -np.sum(against.air[:-1] * mean[:, :3], axis=-1)
-        lost["dampers"] = lost["dampers"] - np.sum(against.rebound[:-1] * rate, axis=-1)
+
+    def taken(force: np.ndarray, velocity: np.ndarray) -> Float[np.ndarray, " N"]:
+        return 0.0 - np.sum(force[:-1] * velocity, axis=-1)
+
+    lost = {
+        "copper": np.sum(copper, axis=-1),
+        "gears": taken(against.gear, qd),
+        "joints": taken(against.joint, qd),
+        "slides": taken(against.slide, rate),
+        "dampers": taken(against.rebound, rate) - powers["damper"],
+        "air": taken(against.air, mean[:, :3]),
+        "ground": -powers["ground"],
+        "stops": -powers["stops"],
+        "legs": -powers["legs"],
+    }
     return Ledger(
         bus=np.sum(motors, axis=-1) + lost["copper"],
         lost=lost,

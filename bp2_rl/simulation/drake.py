@@ -26,7 +26,7 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.robot.coordinates import POSE, TWIST, motor_indices
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.simulator import STATE, Alike, RobotSetup, Simulator
+from bp2_rl.simulation.simulator import STATE, RobotBatch, RobotSetup, Simulator
 
 try:
     from pydrake import geometry
@@ -77,22 +77,28 @@ class DrakeSimulator(Simulator):
         self._computed = [mujoco.MjData(model) for model in self.models]
 
     def _advance(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        batch: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K _"]:
-        forces = np.empty((len(at), alike.sensed.shape[1]))
+        forces = np.empty((len(at), batch.sensed.shape[1]))
         for robot, place, force in zip(
             robots.tolist(), at.tolist(), forces, strict=True
         ):
             data, model = self._computed[robot], self.models[robot]
-            mujoco.mj_setState(model, data, alike.state[place], STATE)
-            for _ in range(alike.steps):
+            mujoco.mj_setState(model, data, batch.state[place], STATE)
+            for _ in range(batch.steps):
                 self._plants[robot].step(data)
-            mujoco.mj_getState(model, data, alike.state[place], STATE)
+            mujoco.mj_getState(model, data, batch.state[place], STATE)
             force[:] = data.sensordata
         return forces
 
     def _mobilities(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        batch: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 12"]:
         masses = [self._plants[robot].mass_matrix() for robot in robots.tolist()]
         inverse = np.diagonal(np.linalg.inv(np.stack(masses)), axis1=1, axis2=2)

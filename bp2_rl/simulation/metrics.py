@@ -95,7 +95,7 @@ class PowerMetrics:
         "at most, what a brake resistor burns included",
         card="peak_recharging",
     )
-    lost: dict[str, float]  # mean, by cause: see `account.CAUSES`
+    lost: dict[str, float]  # mean, by cause, as a `Ledger` has them
     stored: float  # mean, in motion, height and springs
     integration: float  # mean, what steps of a millisecond lose or gain by themselves
     # greatest error of the balance in any millisecond, over the greatest term

@@ -241,11 +241,10 @@ def run_fleet(
         strict=True,
     )
     commands = sampled_commands(schedule)[:-1, 0]
-    speed, offset = np.zeros((2, len(commands), robots))
-    for number in range(robots):
-        lasted = len(speeds[number])
-        speed[:lasted, number] = speeds[number]
-        offset[:lasted, number] = offsets[number]
+    speed, offset = (
+        np.stack([np.pad(x, (0, len(commands) - len(x))) for x in parts], axis=1)
+        for parts in (speeds, offsets)
+    )
     drawn = [draw.values(hardware) for draw in draws]
     return FleetRun(
         time=conventions.CONTROL_STEP * np.arange(len(commands)),

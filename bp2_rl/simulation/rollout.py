@@ -44,9 +44,9 @@ from bp2_rl.simulation.simulator import (
     settled,
 )
 from bp2_rl.simulation.trajectory import Trajectory, shapes_of
-from bp2_rl.simulation.world import LEVEL, Draw, World, sensed_pose
+from bp2_rl.simulation.world import LEVEL, Draw, Push, World, sensed_pose
 
-MOST = SIZES[-1]
+SIDE_BY_SIDE = SIZES[-1]
 """Largest number of robots simulated side by side: more cost as much each, and keep all
 samples in memory."""
 
@@ -216,9 +216,9 @@ def _in_parts(
     config: EnvConfig,
     engine: type[Simulator],
 ) -> Iterator[Trajectory]:
-    """Simulate the requests, at most `MOST` runs at a time; yield the trajectories in
-    order."""
-    parts = math.ceil(len(requests) / MOST)
+    """Simulate the requests, at most `SIDE_BY_SIDE` at a time; yield the trajectories
+    in order."""
+    parts = math.ceil(len(requests) / SIDE_BY_SIDE)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
         yield from _SideBySide(
             policy, config, [requests[i] for i in part], engine
@@ -275,10 +275,10 @@ class _SideBySide:
             for i, one in enumerate(requests)
             if one.world.ground
         }
-        self._pushed: dict[int, list[int]] = {}
+        self._pushes: dict[int, list[tuple[int, Push]]] = {}
         for i, one in enumerate(requests):
-            for step in one.world.push_steps:
-                self._pushed.setdefault(step, []).append(i)
+            for push in one.world.pushes:
+                self._pushes.setdefault(push.step, []).append((i, push))
         self._watched = [i for i, one in enumerate(requests) if one.watch]
         self._lasted = self._ticks * conventions.SUBSTEPS  # ms
         self._fell = np.zeros(len(requests), bool)
@@ -331,9 +331,9 @@ class _SideBySide:
         """Simulate and record a millisecond of the runs that go on; return which have
         come far enough, or end by their watch."""
         simulator, recording = self._simulator, self._recording
-        for robot in self._pushed.get(step, ()):
+        for robot, push in self._pushes.get(step, ()):
             if not self._ended[robot]:
-                simulator.push(robot, self._requests[robot].world, step)
+                simulator.push(robot, push)
         recording.qpos[:, step] = simulator.qpos
         recording.qvel[:, step] = simulator.qvel
         recording.target[:, step] = position

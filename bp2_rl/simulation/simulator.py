@@ -27,7 +27,7 @@ from bp2_rl.robot.model import let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.backend import Backend
-from bp2_rl.simulation.world import LEVEL, Draw, Moving, World
+from bp2_rl.simulation.world import LEVEL, Draw, Push, World, shove
 
 DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
@@ -127,11 +127,12 @@ class RobotSetup:
         )
 
 
-class Alike:
+class RobotBatch:
     """Robots whose MuJoCo data have one layout, and that take as many physics steps at
     a time: one batch of MuJoCo's.
 
     Args:
+        robots: their indices in the simulator.
         models: each robot's model.
         steps: physics steps in each torque update.
 
@@ -142,8 +143,13 @@ class Alike:
         sensed: (M, 12), N, the ground's forces on the feet in the last step.
     """
 
-    def __init__(self, models: Sequence[mujoco.MjModel], steps: int):
-        self.steps = steps
+    def __init__(
+        self,
+        robots: Int[np.ndarray, " M"],
+        models: Sequence[mujoco.MjModel],
+        steps: int,
+    ):
+        self.robots, self.steps = robots, steps
         self.batch = Batch(models[0], len(models), nthread=1, persistent=False)
         _give(self.batch, models)
         stands = [model.key("stand").id for model in models]
@@ -184,12 +190,9 @@ class Simulator:
 
     Attributes:
         models: each robot's model.
-        qpos: (N, nq), the robots' positions.
-        qvel: (N, nv), the robots' velocities.
-        torque: (N, 12), Nm, last applied.
+        motors: each robot's motors; `set_motors` changes them.
         foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world
             frame; 0 before it.
-        motors: each robot's motors; `set_motors` changes them.
     """
 
     backend: ClassVar[Backend] = "mujoco"
@@ -215,29 +218,52 @@ class Simulator:
             (robot.numerics.steps // robot.numerics.updates, _layout(model))
             for robot, model in zip(robots, self.models, strict=True)
         ]
-        self._members = [
-            np.array([i for i, its in enumerate(kinds) if its == kind])
-            for kind in dict.fromkeys(kinds)
-        ]
-        self._alike = [
-            Alike([self.models[i] for i in members.tolist()], kinds[members[0]][0])
-            for members in self._members
-        ]
+        self._batches: list[RobotBatch] = []
         self._kind, self._place = np.zeros((2, len(robots)), int)
-        for kind, members in enumerate(self._members):
-            self._kind[members], self._place[members] = kind, np.arange(len(members))
+        for kind in dict.fromkeys(kinds):
+            members = [i for i, its in enumerate(kinds) if its == kind]
+            self._kind[members] = len(self._batches)
+            self._place[members] = np.arange(len(members))
+            models = [self.models[i] for i in members]
+            self._batches.append(RobotBatch(np.array(members), models, kind[0]))
         self._data: list[mujoco.MjData] = []
         self._everyone = np.arange(len(robots))
-        size = len(robots), conventions.NUM_MOTORS
-        self.torque, self._mobility = np.zeros((2, *size))
+        self._mobility = np.zeros((len(robots), conventions.NUM_MOTORS))
         self.foot_force = np.zeros((len(robots), 4, 3))
-        self.qpos = np.empty((len(robots), self.models[0].nq))
-        self.qvel = np.empty((len(robots), self.models[0].nv))
-        self._look()
 
     def __len__(self) -> int:
         """Number of robots."""
         return len(self.models)
+
+    @property
+    def qpos(self) -> Float[np.ndarray, "N nq"]:
+        """The robots' positions now."""
+        return self._now("qpos")
+
+    @property
+    def qvel(self) -> Float[np.ndarray, "N nv"]:
+        """The robots' velocities now."""
+        return self._now("qvel")
+
+    @property
+    def torque(self) -> Float[np.ndarray, "N 12"]:
+        """The torques applied last, Nm."""
+        return self._now("ctrl")
+
+    @property
+    def warmstart(self) -> Float[np.ndarray, "N nv"]:
+        """The accelerations from which the solver begins the robots' next step."""
+        return self._now("warmstart")
+
+    def _now(self, name: str) -> Float[np.ndarray, "N _"]:
+        """Return a part of all robots' states, which a step may change: copy to keep."""
+        parts = [getattr(batch, name) for batch in self._batches]
+        if not parts[1:]:
+            return parts[0]
+        values = np.empty((len(self), parts[0].shape[1]))
+        for batch, part in zip(self._batches, parts, strict=True):
+            values[batch.robots] = part
+        return values
 
     def mass(self, robot: int) -> float:
         """Return a robot's mass, kg."""
@@ -249,50 +275,34 @@ class Simulator:
         time; call `read` after a change."""
         if not self._data:
             self._data = [mujoco.MjData(model) for model in self.models]
-            self._show(self._everyone)
+            self._update_data(self._everyone)
         return self._data
 
-    def _show(self, robots: Int[np.ndarray, " M"]) -> None:
+    def _update_data(self, robots: Int[np.ndarray, " M"]) -> None:
         for robot in robots.tolist() if self._data else ():
-            alike = self._alike[self._kind[robot]]
-            alike.batch.get_data(int(self._place[robot]), self._data[robot])
+            batch = self._batches[self._kind[robot]].batch
+            batch.get_data(int(self._place[robot]), self._data[robot])
             self._data[robot].sensordata[:] = self.foot_force[robot].ravel()
 
     def read(self, robot: int) -> None:
         """Update a robot's state in the simulator after a change of its `data` from
         outside."""
-        row = self._row(robot)
+        row = self._row("state", robot)
         mujoco.mj_getState(self.models[robot], self.data[robot], row, STATE)
-        self._look()
 
-    def _row(self, robot: int) -> Float[np.ndarray, " S"]:
-        return self._alike[self._kind[robot]].state[self._place[robot]]
-
-    def _look(self) -> None:
-        """Read all robots' states after a change from outside."""
-        self.torque = self.torque.copy()  # a millisecond has returned it
-        for alike, members in zip(self._alike, self._members, strict=True):
-            self.qpos[members], self.qvel[members] = alike.qpos, alike.qvel
-            self.torque[members] = alike.ctrl
+    def _row(self, name: str, robot: int) -> Float[np.ndarray, " _"]:
+        """Return a part of a robot's state; a change of it is the robot's."""
+        return getattr(self._batches[self._kind[robot]], name)[self._place[robot]]
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
         """Return the full integration state of a robot, in MuJoCo's order."""
-        return self._row(robot).copy()
+        return self._row("state", robot).copy()
 
     def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
         """Set a robot to a state returned by `state`."""
-        self._row(robot)[:] = state
+        self._row("state", robot)[:] = state
         self.foot_force[robot] = 0.0  # no step has been taken from here
-        self._show(np.array([robot]))
-        self._look()
-
-    @property
-    def warmstart(self) -> Float[np.ndarray, "N nv"]:
-        """The accelerations from which the solver begins the robots' next step."""
-        values = np.empty_like(self.qvel)
-        for alike, its in zip(self._alike, self._members, strict=True):
-            values[its] = alike.warmstart
-        return values
+        self._update_data(np.array([robot]))
 
     def begin(
         self,
@@ -302,21 +312,20 @@ class Simulator:
         warmstart: Float[np.ndarray, "N nv"],
     ) -> None:
         """Put all robots into these states."""
-        for alike, its in zip(self._alike, self._members, strict=True):
-            alike.qpos[:], alike.qvel[:] = qpos[its], qvel[its]
-            alike.ctrl[:], alike.warmstart[:] = torque[its], warmstart[its]
-        self._look()
+        for batch in self._batches:
+            its = batch.robots
+            batch.qpos[:], batch.qvel[:] = qpos[its], qvel[its]
+            batch.ctrl[:], batch.warmstart[:] = torque[its], warmstart[its]
 
     def set_motors(self, robot: int, motors: Actuator) -> None:
         """Give a robot other motors from the next millisecond on."""
         self.motors[robot] = motors
         self._rows = None
 
-    def push(self, robot: int, world: World, step: int) -> None:
-        """Apply a world's pushes that are due at this millisecond to a robot."""
-        alike, place = self._alike[self._kind[robot]], self._place[robot]
-        world.push(Moving(alike.qpos[place], alike.qvel[place]), step)
-        self._look()
+    def push(self, robot: int, push: Push) -> None:
+        """Push a robot: its velocity jumps."""
+        at, moving = self._row("qpos", robot), self._row("qvel", robot)
+        shove(at, moving, push.forward, push.left, push.turn)
 
     def settle(self) -> None:
         """Let all robots stand under the joint PD loop until they are at rest, then
@@ -328,14 +337,12 @@ class Simulator:
         still = np.zeros_like(stand)
         for _ in range(round(SETTLING_TIME / DT)):
             self.millisecond(stand, still)
-            for alike in self._alike:
-                alike.qvel *= 1.0 - SETTLING_DAMPING * DT
-            self._look()
-        for alike in self._alike:
-            alike.qpos[:, :2] = 0.0
-            alike.qvel[:] = 0.0
-            alike.batch.time = 0.0
-        self._look()
+            for batch in self._batches:
+                batch.qvel *= 1.0 - SETTLING_DAMPING * DT
+        for batch in self._batches:
+            batch.qpos[:, :2] = 0.0
+            batch.qvel[:] = 0.0
+            batch.batch.time = 0.0
 
     def millisecond(
         self,
@@ -354,10 +361,10 @@ class Simulator:
         """
         robots = self._everyone if robots is None else robots
         self._update(position, velocity, robots)
-        torque = self.torque  # each update makes an array of its own
+        torque = self.torque.copy()
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
-        self._show(robots)
+        self._update_data(robots)
         return torque
 
     def _update(
@@ -373,17 +380,15 @@ class Simulator:
         if self._rows is None:
             parts = zip(self.motors, self._resistance, self._periods, strict=True)
             self._rows = laws.stacked([laws.numbers_of(*part) for part in parts])
-        before = self.torque
-        qpos = self.qpos.copy()
-        qvel = self.qvel.copy()
+        before, qpos, qvel = self.torque.copy(), self.qpos.copy(), self.qvel.copy()
         forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
         tried = robots[self._throughout[robots]]
-        starts = [alike.state.copy() for alike in self._alike] if len(tried) else []
+        starts = [batch.state.copy() for batch in self._batches] if len(tried) else []
         self._step(robots, forces)
         for trial in range(TRIALS if len(tried) else 0):
             # of the step's start, which all trials share
-            for alike, at, its in self._of_a_kind(tried) if trial == 0 else ():
-                self._mobility[its] = self._mobilities(alike, at, its)
+            for batch, at, its in self._by_batch(tried) if trial == 0 else ():
+                self._mobility[its] = self._mobilities(batch, at, its)
             again = laws.correct(
                 self._rows,
                 forces[:, :12],
@@ -398,47 +403,50 @@ class Simulator:
                 break
             forces = forces.copy()
             forces[tried] = again[tried, :-1]
-            for kind, at, _ in self._of_a_kind(tried):
-                kind.state[at] = starts[self._alike.index(kind)][at]
+            for batch, at, _ in self._by_batch(tried):
+                batch.state[at] = starts[self._batches.index(batch)][at]
             self._step(tried, forces)
-        self.torque = before.copy()
-        self.torque[robots] = forces[robots, :12]
 
     def _step(
         self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]
     ) -> None:
-        for alike, at, its in self._of_a_kind(robots):
-            alike.ctrl[at] = forces[its, :12]
-            alike.qfrc_applied[at] = forces[its, 12:]
-            self.foot_force[its] = self._advance(alike, at, its).reshape(-1, 4, 3)
-            self.qpos[its], self.qvel[its] = alike.qpos[at], alike.qvel[at]
+        for batch, at, its in self._by_batch(robots):
+            batch.ctrl[at] = forces[its, :12]
+            batch.qfrc_applied[at] = forces[its, 12:]
+            self.foot_force[its] = self._advance(batch, at, its).reshape(-1, 4, 3)
 
-    def _of_a_kind(
+    def _by_batch(
         self, robots: Int[np.ndarray, " M"]
-    ) -> Iterator[tuple[Alike, Int[np.ndarray, " K"], Int[np.ndarray, " K"]]]:
-        """Yield these robots kind by kind: the kind, their places in it, and their
+    ) -> Iterator[tuple[RobotBatch, Int[np.ndarray, " K"], Int[np.ndarray, " K"]]]:
+        """Yield these robots batch by batch: the batch, their places in it, and their
         indices."""
-        for kind, alike in enumerate(self._alike):
-            its = robots[self._kind[robots] == kind] if self._alike[1:] else robots
+        for kind, batch in enumerate(self._batches):
+            its = robots[self._kind[robots] == kind] if self._batches[1:] else robots
             if len(its):
-                yield alike, self._place[its], its
+                yield batch, self._place[its], its
 
     def _advance(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        batch: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K _"]:
-        """Take the physics steps of a torque update of robots of a kind, whose `state`
+        """Take the physics steps of a torque update of a batch's robots, whose `state`
         then is the new one; return the forces on their feet, N."""
         # MuJoCo's batch checks indices for longer than it steps a robot
-        alike.batch.step(at if len(at) < len(alike.state) else None, alike.steps)
-        return alike.sensed[at]
+        batch.batch.step(at if len(at) < len(batch.state) else None, batch.steps)
+        return batch.sensed[at]
 
     def _mobilities(
-        self, alike: Alike, at: Int[np.ndarray, " K"], robots: Int[np.ndarray, " K"]
+        self,
+        batch: RobotBatch,
+        at: Int[np.ndarray, " K"],
+        robots: Int[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 12"]:
         """Return each joint's acceleration per unit torque at the start of the last
-        step of robots of a kind, rad/s2/Nm."""
+        step of a batch's robots, rad/s2/Nm."""
         unit = _unit(self.models[0].nv)
-        return alike.solve(at, unit)[:, unit > 0.0]
+        return batch.solve(at, unit)[:, unit > 0.0]
 
 
 def settled(

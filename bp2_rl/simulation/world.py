@@ -4,7 +4,7 @@ random properties."""
 import dataclasses
 import functools
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import jax
 import mujoco
@@ -47,6 +47,11 @@ class Push(Bounded, path="push."):
     left: Annotated[float, Within(-10.0, 10.0)]  # m/s
     turn: Annotated[float, Within(-10.0, 10.0)] = 0.0  # rad/s, to the left
 
+    @property
+    def step(self) -> int:
+        """The physics step at which the push is due."""
+        return round(self.time / conventions.PHYSICS_STEP)
+
 
 @dataclasses.dataclass(frozen=True)
 class World(Bounded, path="world."):
@@ -81,27 +86,8 @@ class World(Bounded, path="world."):
                 [-np.sin(slope), 0.0, -np.cos(slope)]
             )
 
-    def push(self, data: "mujoco.MjData | Moving", step: int) -> None:
-        """Apply the pushes that are due at the physics step `step`."""
-        for push, due in zip(self.pushes, self.push_steps, strict=True):
-            if due == step:
-                shove(data, push.forward, push.left, push.turn)
-
-    @property
-    def push_steps(self) -> list[int]:
-        """The physics steps at which the pushes are due."""
-        return [round(push.time / conventions.PHYSICS_STEP) for push in self.pushes]
-
 
 LEVEL = World()
-
-
-class Moving(NamedTuple):
-    """A robot's positions and velocities in MuJoCo's coordinates, as its `MjData` has
-    them."""
-
-    qpos: Float[np.ndarray, " nq"]
-    qvel: Float[np.ndarray, " nv"]
 
 
 @functools.lru_cache(maxsize=16)
@@ -121,19 +107,23 @@ def _laid_out(terrain: Terrain) -> Ground:
 
 
 def shove(
-    data: mujoco.MjData | Moving, forward: float, left: float, turn: float = 0.0
+    qpos: Float[np.ndarray, " nq"],
+    qvel: Float[np.ndarray, " nv"],
+    forward: float,
+    left: float,
+    turn: float = 0.0,
 ) -> None:
-    """Change the robot's velocity in the frame of its heading (m/s), and its yaw rate
-    (rad/s), at once."""
-    yaw = yaw_of(data.qpos[3:7])
+    """Change the velocity `qvel` of a robot at `qpos` in the frame of its heading
+    (m/s), and its yaw rate (rad/s), at once."""
+    yaw = yaw_of(qpos[3:7])
     cos, sin = np.cos(yaw), np.sin(yaw)
-    data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
+    qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
     if turn:
         to_trunk = np.zeros(4)
         spin = np.zeros(3)
-        mujoco.mju_negQuat(to_trunk, data.qpos[3:7])
+        mujoco.mju_negQuat(to_trunk, qpos[3:7])
         mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, turn]), to_trunk)
-        data.qvel[3:6] += spin
+        qvel[3:6] += spin
 
 
 def sensed_pose(

@@ -84,7 +84,7 @@ def test_the_judge_finds_the_speed_below_which_a_robot_stays_up(slower):
     # below 2 m/s it is the policy itself, on the same processor in another batch
     assert result.held == pytest.approx(min(under.held, 6.0 * 0.7**4), rel=1e-3)
     # the mean speed under that command counts as one launch of three
-    assert result.mean == pytest.approx(under.mean / 3.0, rel=1e-3)
+    assert result.score == pytest.approx(under.score / 3.0, rel=1e-3)
     assert str(result) == (
         f"holds 1.4 m/s, 3 of 3 launches fell, first told {result.fell_told:.1f} m/s"
     )
@@ -92,7 +92,7 @@ def test_the_judge_finds_the_speed_below_which_a_robot_stays_up(slower):
 
 def test_a_robot_that_always_falls_holds_no_speed(slower):
     result = judging.judge_policy(clumsy(slower, 0.0), slower.card.env)
-    assert (result.held, result.mean, result.falls) == (0.0, 0.0, 3)
+    assert (result.held, result.score, result.falls) == (0.0, 0.0, 3)
     assert str(result).startswith("3 of 3 launches fell")
 
 
@@ -111,7 +111,7 @@ def test_in_a_training_that_ends_at_a_speed_robots_are_told_little_more(slower):
     assert nimble.held == pytest.approx(3.3, rel=0.05)
     wild = clumsy(slower, 2.0)
     fell = judging.judge_policy(wild, slower.card.env, until=3.0, slower=False)
-    assert (fell.falls, fell.mean, fell.held) == (3, 0.0, 0.0)
+    assert (fell.falls, fell.score, fell.held) == (3, 0.0, 0.0)
     assert 2.0 < fell.fell_told < 3.3
 
 

@@ -4,9 +4,13 @@ import numpy as np
 
 from bp2_rl.paper.benchmarks.mechanism.forces import COORDINATES
 from bp2_rl.paper.trajectories.sources import LIMBS, SPATIAL_TERMS, Sources
-from bp2_rl.simulation.account import CAUSES, Ledger
+from bp2_rl.simulation.account import Ledger
 
 STRIDES, N = 4, 400
+CAUSES = (
+    *("copper", "gears", "joints", "slides", "dampers", "air"),
+    *("ground", "stops", "legs"),
+)
 SAMPLES = 4001  # ms of four cycles a second, and the one that is left out
 HIND_KNEES = (8, 11)
 

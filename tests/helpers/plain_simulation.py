@@ -11,13 +11,6 @@ import numpy as np
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import losses
-from bp2_rl.robot.actuator import (
-    bus_voltage,
-    joint_torque,
-    share_bus,
-    stall_torque,
-    torque_limits,
-)
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.losses import Resistance
@@ -25,9 +18,85 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.policy_runner import control_step, control_steps_behind
 from bp2_rl.simulation.simulator import CONVERGED, OUTSIDE, TRIALS, RobotSetup
-from bp2_rl.simulation.world import sensed_pose
+from bp2_rl.simulation.world import sensed_pose, shove
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class PlainMotors:
+    """The law of twelve motors and their bus, written out anew: no line of
+    `robot.actuator` is shared, so that an error there shows."""
+
+    def __init__(self, motors):
+        self.loop = motors.stiffness, motors.damping, motors.current_lag
+        self.bus = motors.bus
+        self.corner, self.no_load, self.braking = (
+            np.broadcast_to(speed, 12)
+            for speed in (
+                motors.corner_speed,
+                motors.no_load_speed,
+                motors.braking_speed,
+            )
+        )
+        designed = np.broadcast_to(motors.peak_torque, 12)
+        self.peak = motors.strength * designed
+        # Nm s/rad, the envelope's fall from the corner to the no-load speed
+        self.slope = designed / (self.no_load - self.corner)
+        self.heat = 1.0 / self.slope  # W/Nm2: weak motors lose as much
+
+    def power(self, torque, qd):
+        """Power that the motors draw, W."""
+        return np.sum(torque * qd + self.heat * torque**2)
+
+    def voltage(self, torque, qd):
+        """Voltage of the bus under these torques, as a share of the nominal one."""
+        if self.bus is None:
+            return 1.0
+        return np.clip(1.0 - self.bus.sag * self.power(torque, qd), 0.3, 1.0)
+
+    def limits(self, qd, voltage):
+        """Least and greatest torques, read off the drawing of the envelope: one line
+        along the motion, one against it."""
+        ends = []
+        for j, w in enumerate(qd):
+            peak, speed = self.peak[j], abs(w)
+            fall = peak / (self.no_load[j] - self.corner[j])
+            along = np.clip(fall * (voltage * self.no_load[j] - speed), -peak, peak)
+            against = np.clip(fall * (voltage * self.no_load[j] + speed), -peak, peak)
+            if np.isfinite(self.braking[j]):
+                line = peak / (self.braking[j] - self.corner[j])
+                most = np.clip(line * (self.braking[j] - speed), 0.0, peak)
+                against = min(against, most)
+            # beyond the no-load speed the back EMF brakes, whatever the drive can
+            against = max(against, -along)
+            ends.append((-against, along) if w >= 0.0 else (-along, against))
+        return np.array(ends).T
+
+    def shared(self, torque, limits, qd):
+        """Torques scaled by one factor to what the bus gives or takes."""
+        if self.bus is None:
+            return torque
+        least = np.clip(np.zeros(12), *limits)
+        way = torque - least
+        square = np.sum(self.heat * way**2)
+        linear = np.sum(way * qd + 2.0 * self.heat * least * way)
+        power, factor = self.power(torque, qd), 1.0
+        for over, limit, which in (
+            (power > self.bus.power_out, self.bus.power_out, -1),
+            (power < -self.bus.power_in, -self.bus.power_in, 0),
+        ):
+            if over:
+                crossings = np.roots([square, linear, self.power(least, qd) - limit])
+                factor = np.clip(np.sort(crossings.real)[which], 0.0, 1.0)
+        return least + factor * way
+
+    def torque(self, before, q, qd, position, velocity, seconds):
+        """Torque of the next `seconds`: PD law, lag by implicit Euler, limits, bus."""
+        stiffness, damping, lag = self.loop
+        asked = stiffness * (position - q) + damping * (velocity - qd)
+        torque = (lag * before + seconds * asked) / (lag + seconds)
+        limits = self.limits(qd, self.voltage(before, qd))
+        return self.shared(np.clip(torque, *limits), limits, qd)
 
 
 class PlainRobot:
@@ -66,20 +135,16 @@ class PlainRobot:
         return torques[0]
 
     def _update(self, position, velocity, seconds, steps):
-        (data,), (motors,) = self.data, self.motors
+        (data,), motors = self.data, PlainMotors(self.motors[0])
         q, qd, before = (
             data.qpos[MOTOR_QPOS],
             data.qvel[MOTOR_QVEL].copy(),
             data.ctrl.copy(),
         )
-        torque = joint_torque(motors, before, q, qd, position, velocity, seconds)
+        torque = motors.torque(before, q, qd, position, velocity, seconds)
         start = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, data, start, STATE)
-        voltage = bus_voltage(motors, before, qd)
-        slope = (
-            stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed)
-            / motors.no_load_speed
-        )
+        voltage = motors.voltage(before, qd)
         for trial in range(TRIALS + 1):
             mujoco.mj_setState(self.model, data, start, STATE)
             data.ctrl[:] = torque
@@ -89,8 +154,8 @@ class PlainRobot:
                     data.qvel,
                 )
             mujoco.mj_step(self.model, data, nstep=steps)
-            lower, upper = torque_limits(motors, data.qvel[MOTOR_QVEL], voltage)
-            outside = torque - np.clip(torque, lower, upper)
+            limits = motors.limits(data.qvel[MOTOR_QVEL], voltage)
+            outside = torque - np.clip(torque, *limits)
             if (
                 not self.throughout
                 or np.max(np.abs(outside)) <= OUTSIDE
@@ -101,10 +166,9 @@ class PlainRobot:
             unit[np.arange(12), MOTOR_QVEL] = 1.0
             answer = np.empty_like(unit)
             mujoco.mj_solveM(self.model, data, answer, unit)
-            less = torque - outside / (
-                1.0 + slope * seconds * answer[np.arange(12), MOTOR_QVEL]
-            )
-            torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)
+            mobility = answer[np.arange(12), MOTOR_QVEL]
+            less = torque - outside / (1.0 + motors.slope * seconds * mobility)
+            torque = motors.shared(less, motors.limits(qd, voltage), qd)
         return torque
 
 
@@ -139,7 +203,9 @@ def plain_run(policy, config, request):
         )
         for ms, late in enumerate(behind):
             position, velocity = issued[-1 - late]
-            robot.world.push(data, 5 * k + ms)
+            for push in robot.world.pushes:
+                if round(1e3 * push.time) == 5 * k + ms:
+                    shove(data.qpos, data.qvel, push.forward, push.left, push.turn)
             there = data.qpos[0] >= request.finish
             now = {
                 "qpos": data.qpos.copy(),

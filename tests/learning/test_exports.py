@@ -111,7 +111,7 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
         "speed": 9.0,
         "falls": 0,
         "launches": 3,
-        "mean": 9.0,
+        "score": 9.0,
         "fell_told": 0.0,
         "held": 9.0,
         "told": 0.0,
@@ -207,7 +207,7 @@ def test_where_all_fell_on_the_way_to_a_speed_the_newest_is_launched_slower(tmp_
     fell = JudgeResult(0.0, 3, 3, 0.0, fell_told=4.0)
     judge = Fake(dict.fromkeys(range(PER_STEP, (STEPS + 1) * PER_STEP, PER_STEP), fell))
     newest = STEPS * PER_STEP
-    judge.held[newest] = dataclasses.replace(fell, mean=0.5, held=1.5)
+    judge.held[newest] = dataclasses.replace(fell, score=0.5, held=1.5)
     run = training.start(short(until=10.5), tmp_path / "run", judge=judge)
     assert judge.asked == [*range(PER_STEP, newest + 1, PER_STEP), newest]
     judged = load_policy(run).card.results["judged"]

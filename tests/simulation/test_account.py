@@ -7,6 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from known_strides import CAUSES
 from runs import no_action, run_one
 from synthetic import make_run
 
@@ -17,7 +18,6 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.account import (
-    CAUSES,
     account,
     before_contact,
     beyond_envelope,

@@ -13,7 +13,7 @@ from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.terrain import Terrain
-from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
+from bp2_rl.simulation.rollout import SIDE_BY_SIDE, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import CONVERGED, Numerics, RobotSetup, Simulator
 from bp2_rl.simulation.world import Draw, Push, World
@@ -190,12 +190,16 @@ def test_they_do_end_in_different_ways(together):
 def test_more_than_fit_beside_each_other_run_in_turn():
     requests = [
         RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}")
-        for i in range(MOST + 3)
+        for i in range(SIDE_BY_SIDE + 3)
     ]
     runs = list(simulate(answering, requests, CONFIG))
     assert [run.name for run in runs] == [one.name for one in requests]
-    assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]
-    np.testing.assert_allclose(runs[-1].qpos, runs[(MOST + 2) % 5].qpos, atol=1e-9)
+    assert [len(run) for run in runs] == [
+        5 * (2 + i % 5) for i in range(SIDE_BY_SIDE + 3)
+    ]
+    np.testing.assert_allclose(
+        runs[-1].qpos, runs[(SIDE_BY_SIDE + 2) % 5].qpos, atol=1e-9
+    )
     assert list(simulate(answering, [], CONFIG)) == []
 
 

@@ -22,7 +22,7 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
-from bp2_rl.simulation.world import LEVEL, Push, World, sensed_pose
+from bp2_rl.simulation.world import LEVEL, Push, World, sensed_pose, shove
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()
@@ -167,10 +167,8 @@ def test_a_push_is_a_jump_of_the_velocity_in_the_frame_of_the_heading():
     data = mujoco.MjData(load_model())
     w, x, y, z = data.qpos[3:7] = np.array([0.9, 0.3, -0.2, 0.25]) / math.sqrt(1.0025)
     data.qvel[:] = 0.1
-    push = World(pushes=(Push(0.25, 1.0, -0.5, 0.5),))
-    push.push(data, 249)
-    np.testing.assert_array_equal(data.qvel, 0.1)
-    push.push(data, 250)
+    assert Push(0.25, 1.0, -0.5).step == 250
+    shove(data.qpos, data.qvel, 1.0, -0.5, 0.5)
     jump, turn = data.qvel - 0.1, np.zeros(3)
     ahead = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)])
     cos, sin = ahead / np.linalg.norm(ahead)  # of the heading

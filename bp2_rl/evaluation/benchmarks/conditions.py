@@ -21,7 +21,7 @@ from bp2_rl.simulation.schedule import Ramp
 BEYOND = 0.25, 0.7
 """Bounds on top speed over the fastest trained command: between them a policy is told
 its own top speed, else the fastest command."""
-MOST = 1000.0
+LARGEST_RESULT = 1000.0
 """Largest number that a result on a policy's card may have, SI units."""
 CRUISE = 0.6
 """Cruising speed over top speed, for robots other than BP2."""
@@ -95,7 +95,7 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
         if (
             not isinstance(group, dict)
             or type(value) not in (int, float)
-            or not 0.0 <= value <= MOST
+            or not 0.0 <= value <= LARGEST_RESULT
         ):
             raise UserError(
                 f"the policy's card is not as we write it: {result} of {name} is {shown(value)}"
@@ -129,7 +129,7 @@ def conditions(
         "robot": describe_robot(robot),
         **({} if setup.terrain == "flat" else {"ground": str(setup.ground)}),
         "schedule": schedule,
-        "policy": describe(policy),
+        "policy": describe_policy(policy),
         "trained on": describe_robot(policy.card.env.hardware),
         "weights_sha256": policy.card.weights_sha256,
         "simulator": simulator or describe_simulator(setup.backend, robot),
@@ -139,7 +139,7 @@ def conditions(
     }
 
 
-def describe(policy: Policy) -> str:
+def describe_policy(policy: Policy) -> str:
     """Describe a policy's training in one line."""
     card = policy.card
     return (

@@ -96,6 +96,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     ran = simulate_all(measure_variant, policy, requests)
     metrics = compare_numerics([one.metrics for one in ran])
     first, *finer = metrics.variants
+    fallen = [one.name for one in metrics.variants if one.fell_at is not None]
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
         "200 Hz, full strength"
@@ -104,9 +105,9 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="convergence",
         subject=describe_subject(policy, setup),
         conditions=conditions(policy, setup, describe_ramp(ramp), simulator),
-        verdict=summarise_convergence(metrics),
-        good=metrics.greatest_change <= TOLERANCE
-        and not any(variant.fell_at for variant in metrics.variants),
+        verdict=f"Finer physics changes the mean speed held by {metrics.greatest_change:.2%} at most; "
+        f"fell: {', '.join(fallen) or 'none'}.",
+        good=metrics.greatest_change <= TOLERANCE and not fallen,
         rows=(
             *rows_of(metrics),
             *rows_of(first, "mean_speed", "best_speed"),
@@ -155,13 +156,6 @@ def compare_numerics(ran: Sequence[RunMetrics]) -> ConvergenceMetrics:
         greatest_change=greatest,
         variants=variants,
     )
-
-
-def summarise_convergence(metrics: ConvergenceMetrics) -> str:
-    """Say in one sentence how much finer physics changes the speed held."""
-    fallen = [one.name for one in metrics.variants if one.fell_at is not None]
-    fall = f" Fell: {', '.join(fallen)}." if fallen else ""
-    return f"Finer physics changes the mean speed held by {metrics.greatest_change:.2%} at most.{fall}"
 
 
 def convergence_picture(finer: Sequence[NumericsVariant]) -> Picture:

@@ -2,14 +2,15 @@
 a fall."""
 
 import dataclasses
-import math
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import card_of, metric, rounded, rows_of, show
+from bp2_rl.base.metric import NOT_MEASURED, card_of, metric, rounded, rows_of, show
 from bp2_rl.base.plotting import (
     FALL,
     FRONT,
@@ -45,8 +46,6 @@ from bp2_rl.simulation.world import World
 
 NUM_ROBOTS = 200
 ROBUSTNESS_HOLD = 15.0  # s
-# standard deviations of a normal distribution that hold 95 % of it
-CONFIDENCE_95 = 1.959964
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,21 +62,28 @@ class DrawnRobot:
     fell_at: float | None  # s
 
 
-@dataclasses.dataclass(frozen=True)
-class Quantiles:
-    """Quantiles of a figure over the robots that did not fall."""
-
-    low: float  # 5 % lie below
-    median: float
-    high: float  # 5 % lie above
+Quantiles: TypeAlias = tuple[float, float, float]
+"""Of a figure over robots: 5 % lie below the first and above the last, the median between
+them."""
 
 
-def _within(quantiles: Quantiles | None, unit: str) -> str:
+def _within(interval: Quantiles | None, unit: str) -> str:
     return (
-        f"; 90 %: {quantiles.low:.2f} to {quantiles.high:.2f} {unit}"
-        if quantiles
+        "; 90 %: {0:.2f} to {2:.2f} {3}".format(
+            *interval,
+        )
+        if interval
         else ""
     )
+
+
+def show_interval(interval: Sequence[float] | None, form: str, unit: str = "") -> str:
+    """Return a median and its interval as text, from (low, median, high); a dash for
+    None."""
+    if interval is None:
+        return NOT_MEASURED
+    low, middle, high = (f"{x:{form}}" for x in interval)
+    return f"{middle} ({low} to {high}) {unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,13 +113,13 @@ class RobustnessMetrics:
     # over robots, of each one's mean while held
     mean_speed: Quantiles | None = metric(
         "Mean speed",
-        form=lambda speed: show(speed and speed.median, ".2f", "m/s"),
+        form=lambda speed: show(speed and speed[1], ".2f", "m/s"),
         meaning=lambda m: f"held, median{_within(m.mean_speed, 'm/s')}",
     )
     # over robots, of each one's greatest distance from the line
     offset: Quantiles | None = metric(
         "Off the line",
-        form=lambda offset: show(offset and offset.median, ".2f", "m"),
+        form=lambda offset: show(offset and offset[1], ".2f", "m"),
         meaning=lambda m: f"greatest, median{_within(m.offset, 'm')}",
     )
     greatest_offset: float | None = metric(
@@ -166,7 +172,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
             "drawn": describe_randomization(drawn, robot),
             "good": "no robot falls",
         },
-        verdict=summarise_fleet(metrics),
+        verdict=f"{metrics.upright} of {count} robots did not fall at a command of {metrics.commanded_speed:g} m/s.",
         good=metrics.upright == len(metrics.robots),
         rows=rows_of(metrics),
         tiles=("Without a fall", "Mean speed", "Off the line", "Worst off the line"),
@@ -190,9 +196,9 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
             {
                 "robots": count,
                 "upright": metrics.upright,
-                "mean_speed": speed and speed.median,
-                "mean_speed_5_to_95": speed and (speed.low, speed.high),
-                "lane_offset": offset and offset.median,
+                "mean_speed": speed and speed[1],
+                "mean_speed_5_to_95": speed and speed[::2],
+                "lane_offset": offset and offset[1],
             }
         ),
     )
@@ -260,17 +266,12 @@ def fleet_metrics(run: FleetRun) -> RobustnessMetrics:
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % Wilson score interval of a share (Wilson 1927), valid also for no
-    and all successes."""
-    z = CONFIDENCE_95
-    p = successes / trials
-    middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = (
-        z
-        / (1 + z**2 / trials)
-        * math.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2))
-    )
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    """Return the 95 % Wilson score interval of a share, valid also for no and all
+    successes."""
+    from scipy.stats import binomtest  # takes a second to load
+
+    interval = binomtest(successes, trials).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)
 
 
 def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
@@ -278,13 +279,8 @@ def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
     no values."""
     if not len(values):
         return None
-    return Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95))))
-
-
-def summarise_fleet(metrics: RobustnessMetrics) -> str:
-    """Say in one sentence how many robots stayed up."""
-    count = f"{metrics.upright} of {len(metrics.robots)} robots"
-    return f"{count} did not fall at a command of {metrics.commanded_speed:g} m/s."
+    low, median, high = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
+    return low, median, high
 
 
 # --- Pictures -------------------------------------------------------------------------

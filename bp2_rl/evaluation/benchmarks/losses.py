@@ -112,28 +112,21 @@ class LossesMetrics:
         meaning="its greatest speeds, ideal and built",
         shown=lambda m: m.optimiser is not None,
     )
-    is_bp2: bool = True  # whether BP2's published speeds are those of this robot
+    # of the built robot without air; None: the robot is no BP2
     over_treadmill: float | None = metric(
         "Over the treadmill",
         "m/s",
         "+.2f",
-        lambda m: f"{m.without_air.speed:.2f} m/s, without air, less BP2's",
-        default=None,
-        shown=lambda m: m.is_bp2,
+        f"without air, less BP2's {bp2.TREADMILL_TOP_SPEED:g} m/s",
+        shown=lambda m: m.over_treadmill is not None,
     )
     over_outdoors: float | None = metric(
         "Over outdoors",
         "m/s",
         "+.2f",
-        "{m.built.speed:.2f} m/s less BP2's",
-        default=None,
-        shown=lambda m: m.is_bp2,
+        f"less BP2's {bp2.OUTDOOR_TOP_SPEED:g} m/s",
+        shown=lambda m: m.over_outdoors is not None,
     )
-
-    @property
-    def without_air(self) -> Tried:
-        """The run of the built robot without air drag, as on a treadmill."""
-        return next((x.without for x in self.losses if x.name == "air"), self.built)
 
 
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
@@ -171,15 +164,16 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         for part, (alone, without, added) in ways.items()
     ]
     pair = (found["ideal"], found["built"]) if "built" in found else None
+    still = tried[ways["air"][1] if "air" in ways else built].speed
     metrics = LossesMetrics(
-        ramp.target[0], tried[ideal], tried[built], tuple(priced), pair, built.is_bp2
+        ramp.target[0],
+        tried[ideal],
+        tried[built],
+        tuple(priced),
+        pair,
+        still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
+        tried[built].speed - bp2.OUTDOOR_TOP_SPEED if built.is_bp2 else None,
     )
-    if built.is_bp2:
-        metrics = dataclasses.replace(
-            metrics,
-            over_treadmill=metrics.without_air.speed - bp2.TREADMILL_TOP_SPEED,
-            over_outdoors=metrics.built.speed - bp2.OUTDOOR_TOP_SPEED,
-        )
     costliest = max(priced, key=lambda loss: loss.cost)
     rows = (
         Row("Ideal robot", f"{metrics.ideal.speed:.2f} m/s", "mean while held"),
@@ -191,11 +185,11 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="losses",
         subject=describe_subject(policy, setup),
         conditions=conditions(policy, setup, describe_ramp(ramp)),
-        verdict=summarise_losses(metrics),
+        verdict=f"Built {_show_speed(metrics.built)}, ideal {_show_speed(metrics.ideal)} m/s.",
         good=metrics.built.fell_at is None,
         rows=rows,
         tiles=tuple(row.label for row in rows if row.label != "Optimiser"),
-        pictures=(losses_picture(metrics),),
+        pictures=(losses_picture(metrics, built.is_bp2),),
         metrics=metrics,
         results=rounded(
             {
@@ -231,32 +225,18 @@ def greatest_speeds() -> dict[str, float]:
     return read_json(path)["speeds"] if path.is_file() else {}
 
 
-def summarise_losses(metrics: LossesMetrics) -> str:
-    """Say in one sentence how fast the ideal and the built robot ran."""
-    for name, tried in (("ideal", metrics.ideal), ("built", metrics.built)):
-        if tried.fell_at is not None:
-            return f"The {name} robot fell at {tried.fell_at:.2f} s."
-    ran = f"; BP2: {bp2.TREADMILL_TOP_SPEED:g} and {bp2.OUTDOOR_TOP_SPEED:g} m/s"
-    return (
-        f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s"
-        f"{ran if metrics.is_bp2 else ''}."
-    )
-
-
-def losses_picture(metrics: LossesMetrics) -> Picture:
-    """Draw the speed while losses are added from the ideal to the built robot, with
-    BP2's measured speeds."""
+def losses_picture(metrics: LossesMetrics, is_bp2: bool) -> Picture:
+    """Draw the speed while losses are added from the ideal to the built robot; below,
+    if the robot is BP2, the speeds of the paper."""
     own = {
         "BP2 on a treadmill": bp2.TREADMILL_TOP_SPEED,
         "BP2 outdoors": bp2.OUTDOOR_TOP_SPEED,
     }
-    if not metrics.is_bp2:
-        own = {}
     added = {loss.name: loss.added.upright for loss in metrics.losses}
     alone = {loss.name: loss.alone.upright for loss in metrics.losses}
     cost = {loss.name: f"{loss.name} ({-loss.cost:+.2f})" for loss in metrics.losses}
     speeds = {"ideal robot": metrics.ideal.upright} | added
-    speeds |= {"built robot": metrics.built.upright} | own
+    speeds |= {"built robot": metrics.built.upright} | (own if is_bp2 else {})
     series = (
         Dots("one loss added after the other", [*speeds.values()]),
         Dots("that loss alone", [alone.get(name) for name in speeds], hollow=True),
@@ -265,7 +245,7 @@ def losses_picture(metrics: LossesMetrics) -> Picture:
     caption = (
         "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with "
         "that loss alone on the ideal robot, and in brackets what it changes"
-        f"{'; below, what BP2 itself ran' if own else ''}; crosses: fallen. The "
+        f"{'; below, what BP2 itself ran' if is_bp2 else ''}; crosses: fallen. The "
         "axis does not begin at 0."
     )
     names = [cost.get(name, name) for name in speeds]

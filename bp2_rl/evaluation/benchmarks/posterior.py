@@ -2,24 +2,25 @@
 treadmill and road."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.metric import card_of, metric, rounded, rows_of, table_of
+from bp2_rl.base.metric import card_of, metric, rows_of, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_rise
-from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles
+from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles, show_interval
 from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint
 from bp2_rl.evaluation.plausible import (
     HOLD,
     RISE,
+    PlausibleRun,
     read_posterior,
     run_plausible,
-    show_interval,
 )
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
@@ -29,39 +30,27 @@ from bp2_rl.simulation.schedule import Ramp
 NUM_ROBOTS = 32
 
 
-@dataclasses.dataclass(frozen=True)
-class PlausibleMetrics:
-    """A plausible robot's runs under the policy."""
-
-    belt: float = metric("Belt", "m/s")
-    road: float = metric("Road", "m/s")
-    time_100m: float | None = metric("100 m", "s")
-    # under the slowly rising command, on belt or road
-    fell: bool = metric("Fell")
-
-
-def _of(found: Quantiles | None, unit: str) -> str:
-    return show_interval(found and dataclasses.astuple(found), ".2f", unit)
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosteriorMetrics:
     """Speeds and times of all robots: the median, and between what nine tenths lie."""
 
     belt: Quantiles | None = metric(
         "Treadmill",
-        form=lambda speed: _of(speed, "m/s"),
+        form=lambda speed: show_interval(speed, ".2f", "m/s"),
         meaning=f"best second: median (90 %); BP2: {bp2.TREADMILL_TOP_SPEED:g}",
+        card=True,
     )
     road: Quantiles | None = metric(
         "Road",
-        form=lambda speed: _of(speed, "m/s"),
+        form=lambda speed: show_interval(speed, ".2f", "m/s"),
         meaning=f"best second: median (90 %); BP2: {bp2.OUTDOOR_TOP_SPEED:g}",
+        card=True,
     )
     time_100m: Quantiles | None = metric(
         "100 m",
-        form=lambda time: _of(time, "s"),
+        form=lambda time: show_interval(time, ".2f", "s"),
         meaning=f"of those that arrived: median (90 %); BP2: {bp2.SPRINT_100M_TIME:g}",
+        card=True,
     )
     arrived: int = metric("Arrived", form="d", meaning="robots, after 100 m", card=True)
     falls: int = metric(
@@ -70,7 +59,7 @@ class PosteriorMetrics:
         meaning="robots that fell while the command rose beyond what they can",
         card=True,
     )
-    robots: tuple[PlausibleMetrics, ...]
+    robots: tuple[PlausibleRun, ...]
 
 
 def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
@@ -78,25 +67,17 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
     evaluation."""
     count = setup.robots if isinstance(setup.robots, int) else NUM_ROBOTS
     with keep_workers():  # for belt and road, and for the race after them
-        ran = run_plausible(policy, read_posterior(count), race.acceleration)
-    robots = tuple(
-        PlausibleMetrics(
-            one.belt.speed,
-            one.road.speed,
-            one.time_100m,
-            bool(one.belt.fell_at or one.road.fell_at),
-        )
-        for one in ran
-    )
+        robots = run_plausible(policy, read_posterior(count), race.acceleration)
     times = [one.time_100m for one in robots if one.time_100m is not None]
     metrics = PosteriorMetrics(
-        belt=quantiles(np.array([one.belt for one in robots])),
-        road=quantiles(np.array([one.road for one in robots])),
+        belt=quantiles(np.array([one.belt.speed for one in robots])),
+        road=quantiles(np.array([one.road.speed for one in robots])),
         time_100m=quantiles(np.array(times)),
         arrived=len(times),
         falls=sum(one.fell for one in robots),
-        robots=robots,
+        robots=tuple(robots),
     )
+    rows = rows_of(metrics)
     said = conditions(
         policy,
         setup,
@@ -110,10 +91,9 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
         | {
             "robot": f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
         },
-        verdict=f"Treadmill {_of(metrics.belt, 'm/s')}, road {_of(metrics.road, 'm/s')}, "
-        f"100 m {_of(metrics.time_100m, 's')}: median and 90 % of {count} robots.",
+        verdict=f"{', '.join(f'{row.label} {row.value}' for row in rows[:3])}: median and 90 % of {count} robots.",
         good=len(times) == count,
-        rows=rows_of(metrics),
+        rows=rows,
         tiles=("Treadmill", "Road", "100 m"),
         pictures=(
             Picture(
@@ -123,15 +103,7 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
             ),
         ),
         metrics=metrics,
-        results=card_of(metrics)
-        | rounded(
-            {
-                name: dataclasses.astuple(value) if value else None
-                for name in ("belt", "road", "time_100m")
-                for value in (getattr(metrics, name),)
-            }
-        )
-        | {"robots": count},
+        results=card_of(metrics) | {"robots": count},
         tables=(table_of("Robots", robots),),
     )
 
@@ -150,12 +122,14 @@ def ramp_to_posterior(policy: Policy, setup: Setup) -> Ramp:
 
 
 @styled
-def posterior_figure(robots: tuple[PlausibleMetrics, ...]) -> Figure:
+def posterior_figure(robots: Sequence[PlausibleRun]) -> Figure:
     """Draw road over belt, a dot for each robot."""
     figure = Figure(figsize=(0.6 * WIDTH, 0.6 * WIDTH), layout="constrained")
     axes = figure.subplots()
     for fell, color in ((False, FRONT), (True, FALL)):
-        some = np.array([(r.belt, r.road) for r in robots if r.fell is fell])
+        some = np.array(
+            [(r.belt.speed, r.road.speed) for r in robots if r.fell is fell]
+        )
         if len(some):
             label = "fell beyond it" if fell else "no fall"
             axes.plot(*some.T, "o", ms=5, color=color, alpha=0.7, label=label)

@@ -390,8 +390,8 @@ ENERGY = {
     "stored": "stored: motion, height, springs",
     "integration": "lost by steps of 1 ms (no loss of the robot's)",
 }
-"""Name in a report of each cause of energy loss in `account.CAUSES`, and of two further
-terms."""
+"""Name in a report of each cause of energy loss in an `account.Ledger`, and of two
+further terms."""
 
 
 def split_tables(metrics: SprintMetrics) -> tuple[Table, ...]:

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 
 from bp2_rl.base.bounds import Range
 from bp2_rl.base.metric import (
+    NOT_MEASURED,
     Row,
     card_of,
     metric,
     rounded,
+    rows_of,
     show,
     show_fall,
     table_of,
@@ -52,7 +54,7 @@ faster when told less."""
 AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
-ROBOTS = (
+VARIANTS_SAID = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
     "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
     f"each is told {', '.join(f'{share:.0%}' for share in COMMANDS)} of the speed, and shown at its best; "
@@ -162,19 +164,33 @@ class SensitivityMetrics:
     not fall."""
 
     commanded_speed: float = metric("Commanded", "m/s", card=True, shown=False)
-    upright: int = metric("Without a fall", form="d", card=True, shown=False)
+    upright: int = metric(
+        "Without a fall",
+        form="d",
+        meaning=lambda m: f"of {len(m.robots)} robots, in both runs",
+        card=True,
+    )
     best_speeds: Range | None = metric(
-        "Best speeds", card="best_speed_range", shown=False
+        "Best speeds",
+        form=lambda speeds: _show_range(speeds, "m/s"),
+        meaning="best 1-s means of the upright",
+        card="best_speed_range",
     )
     times_100m: Range | None = metric(
-        "Times over 100 m", card="time_100m_range", shown=False
+        f"{TRACK:g} m",
+        form=lambda times: _show_range(times, "s"),
+        meaning="of the upright",
+        card="time_100m_range",
+    )
+    lanes_kept: int = metric(
+        "Lane kept", form="d", meaning="robots, to the sprint's end", card=True
     )
     robots: tuple[RobotMetrics, ...]
 
-    @property
-    def lanes_kept(self) -> int:
-        """The number of robots that stayed in their lane to the sprint's end."""
-        return sum(robot.lane_kept for robot in self.robots)
+
+def _show_range(values: Range | None, unit: str) -> str:
+    """Return a range as text; a dash for None."""
+    return "{:.2f} to {:.2f} {}".format(*values, unit) if values else NOT_MEASURED
 
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
@@ -212,21 +228,27 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
-        conditions=said | {"sprint": describe_race(race), "robots": ROBOTS},
-        verdict=summarise_sensitivity(metrics),
+        conditions=said | {"sprint": describe_race(race), "robots": VARIANTS_SAID},
+        verdict=f"{metrics.upright} of {len(robots)} robots did not fall: "
+        f"{_show_range(metrics.best_speeds, 'm/s')}, {TRACK:g} m in {_show_range(metrics.times_100m, 's')}.",
         good=metrics.upright == len(robots),
-        rows=sensitivity_rows(metrics),
-        tiles=(
-            "Without a fall",
-            "Lowest best speed",
-            "Highest best speed",
-            "Fastest 100 m",
-            "Slowest 100 m",
+        rows=(
+            *rows_of(metrics),
+            *(
+                Row(
+                    one.name,
+                    show(one.best_speed, ".2f", "m/s"),
+                    f"told {one.told:.1f}{', fell' if one.fell_at else ''}; "
+                    f"{TRACK:g} m: {show(one.time_100m, '.2f', 's')}",
+                )
+                for one in metrics.robots
+            ),
         ),
+        tiles=("Without a fall", "Best speeds", f"{TRACK:g} m"),
         pictures=(sensitivity_picture(metrics.robots),),
         metrics=metrics,
         results=card_of(metrics)
-        | {"robots": len(robots), "lanes_kept": metrics.lanes_kept}
+        | {"robots": len(robots)}
         | rounded({"best_speeds": best_speeds, "times_100m": times_100m}),
         tables=(table_of("Robots", metrics.robots),),
     )
@@ -287,6 +309,7 @@ def compare_robots(
         upright=len(upright),
         best_speeds=_range([robot.best_speed for robot in upright]),
         times_100m=_range([robot.time_100m for robot in upright]),
+        lanes_kept=sum(robot.lane_kept for robot in robots),
         robots=tuple(robots),
     )
 
@@ -294,56 +317,6 @@ def compare_robots(
 def _range(values: Sequence[float | None]) -> Range | None:
     measured = [value for value in values if value is not None]
     return (min(measured), max(measured)) if measured else None
-
-
-def summarise_sensitivity(metrics: SensitivityMetrics) -> str:
-    """Say in one sentence how many robots fell, and how fast the others ran."""
-    count = f"{metrics.upright} of {len(metrics.robots)} robots did not fall"
-    if metrics.best_speeds is None:
-        return f"{count}."
-    slow, fast = metrics.best_speeds
-    raced = metrics.times_100m
-    times = f", {TRACK:g} m in {raced[0]:.2f} to {raced[1]:.2f} s" if raced else ""
-    return f"{count}: {slow:.2f} to {fast:.2f} m/s{times}."
-
-
-def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
-    """Return report rows: the ranges over the robots, then one row for each robot."""
-    slow, fast = metrics.best_speeds or (None, None)
-    least, most = metrics.times_100m or (None, None)
-    robots = metrics.robots
-    best = "best 1-s mean, of the upright"
-    return (
-        Row("Without a fall", f"{metrics.upright} of {len(robots)}", "in both runs"),
-        Row("Lowest best speed", show(slow, ".2f", "m/s"), best),
-        Row("Highest best speed", show(fast, ".2f", "m/s"), best),
-        Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
-        Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row(
-            "Lane kept", f"{metrics.lanes_kept} of {len(robots)}", "to the sprint's end"
-        ),
-        *(
-            Row(
-                robot.name[0].upper() + robot.name[1:],
-                show(robot.best_speed, ".2f", "m/s"),
-                _describe_runs(robot),
-            )
-            for robot in robots
-        ),
-    )
-
-
-def _describe_runs(robot: RobotMetrics) -> str:
-    """Describe a robot's command at top speed, or its fall there, and its sprint."""
-    upright = robot.fell_at is None
-    held = f"told {robot.told:.1f}" if upright else f"fell {show_fall(robot.fell_at)}"
-    if robot.time_100m is not None:
-        left = "" if robot.lane_kept else ", left its lane"
-        return f"{held}; 100 m in {show(robot.time_100m, '.2f', 's')}{left}"
-    fell = robot.fell_in_sprint_at
-    return (
-        f"{held}; 100 m: {'not reached' if fell is None else f'fell {show_fall(fell)}'}"
-    )
 
 
 def sensitivity_picture(robots: Sequence[RobotMetrics]) -> Picture:

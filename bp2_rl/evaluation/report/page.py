@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bp2_rl.base.assets import render
 from bp2_rl.base.metric import table_of_rows
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
-from bp2_rl.evaluation.report.player.content import describe
+from bp2_rl.evaluation.report.player.content import describe_run
 
 LARGEST_SVG = 400_000  # bytes: a figure with more in it than that is drawn by the pixel
 PAGE, VIDEO, STILL, TRAJECTORY = "index.html", "run.mp4", "run.jpg", "trajectory.npz"
@@ -34,7 +34,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
             table_of_rows("Measures", evaluation.rows),
             *evaluation.tables,
         ),
-        run=None if run is None else describe(run),
+        run=None if run is None else describe_run(run),
         has_video=has_video,
         command=command,
         data_url=data_url,

@@ -10,12 +10,8 @@ from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
-from bp2_rl.evaluation.plausible import (
-    Values,
-    read_assumptions,
-    resample,
-    show_interval,
-)
+from bp2_rl.evaluation.benchmarks.fleet import show_interval
+from bp2_rl.evaluation.plausible import Values, read_assumptions, resample
 from bp2_rl.paper.posterior.inference import (
     DARED,
     ERRORS,

@@ -79,8 +79,8 @@ def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
     assert m.mean_speed is not None
     assert m.offset is not None
     # linear between the order statistics
-    assert dataclasses.astuple(m.mean_speed) == pytest.approx((9.1, 10.0, 10.9))
-    assert m.offset.median == pytest.approx(0.2, rel=1e-4)
+    assert m.mean_speed == pytest.approx((9.1, 10.0, 10.9))
+    assert m.offset[1] == pytest.approx(0.2, rel=1e-4)
     assert m.greatest_offset == pytest.approx(0.5, rel=1e-4)
     assert m.fallen_at == (2.0,)
     assert (m.legs_touch, m.leg_depth) == (1, pytest.approx(0.002))

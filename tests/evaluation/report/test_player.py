@@ -13,7 +13,7 @@ from bp2_rl.base.plotting import moving_mean
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run import run_pictures, run_tables
 from bp2_rl.evaluation.report.page import page
-from bp2_rl.evaluation.report.player.content import LONGEST, describe
+from bp2_rl.evaluation.report.player.content import SHOWN_TIME, describe_run
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.terrain import Terrain
 from bp2_rl.simulation.world import World
@@ -34,7 +34,7 @@ def numbers(told):
 
 
 def test_the_page_is_told_the_run_to_a_tenth_of_a_millimetre(busy_run):
-    content, qpos = describe(busy_run), busy_run.qpos[::5]
+    content, qpos = describe_run(busy_run), busy_run.qpos[::5]
     assert content["motion"]["rate"] == pytest.approx(200.0)
     forces = moving_mean(busy_run.foot_force, 5)[::5].reshape(-1, 12)
     for name, values, error in (
@@ -49,7 +49,7 @@ def test_the_page_is_told_the_run_to_a_tenth_of_a_millimetre(busy_run):
 def test_ground_that_is_not_flat_is_told_and_the_level_below_the_trunk(busy_run):
     """Against the planes from which the ground is made."""
     run = dataclasses.replace(busy_run, terrain=Terrain("rough", 0.05, cell=0.3))
-    content, ground = describe(run), World(run.terrain).ground
+    content, ground = describe_run(run), World(run.terrain).ground
     assert ground
     [geom] = [geom for geom in content["geoms"] if geom["link"] < 0]
     x, y = np.meshgrid(geom["field"]["x"], geom["field"]["y"])
@@ -67,16 +67,16 @@ def test_a_turn_is_told_without_jumps(make_run):
     """A quaternion and its negative are one turn, and a simulator may give either."""
     run = make_run(duration=1.0)
     run.qpos[300:600, 3:7] *= -1.0
-    np.testing.assert_allclose(channel(describe(run), "turn")[:, 0], 1.0)
+    np.testing.assert_allclose(channel(describe_run(run), "turn")[:, 0], 1.0)
 
 
 def test_of_a_long_run_the_best_minute_is_shown(make_run):
     run = make_run(duration=90.0)
     run.qvel[80000:81000, 0] = 7.0
-    motion = describe(run)["motion"]
-    assert motion["start"] == pytest.approx(90.0 - LONGEST)
+    motion = describe_run(run)["motion"]
+    assert motion["start"] == pytest.approx(90.0 - SHOWN_TIME)
     assert motion["start"] + motion["best"] == pytest.approx(80.5, abs=0.01)
-    assert (motion["count"] - 1) / motion["rate"] == pytest.approx(LONGEST, abs=0.01)
+    assert (motion["count"] - 1) / motion["rate"] == pytest.approx(SHOWN_TIME, abs=0.01)
 
 
 @pytest.fixture(scope="module")

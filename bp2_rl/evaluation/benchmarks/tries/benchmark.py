@@ -34,7 +34,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
-from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Figures
+from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Measured
 from bp2_rl.evaluation.benchmarks.tries.tasks import (
     AFTER_PUSH,
     ARROWS,
@@ -71,7 +71,7 @@ FELL = "fell"
 LAUNCH_GROUP = "Launch, friction 0.8"
 
 
-def _show_figures(measured: Figures) -> str:
+def _show_measured(measured: Measured) -> str:
     return ", ".join(
         f"{name.replace('_', ' ')} {show(value, '.3g')}"
         for name, value in measured.items()
@@ -83,13 +83,13 @@ class TryOutcome:
     """The outcome of a trial: the task, the robot's behaviour, and whether it passed
     the rule."""
 
-    group: str = metric("Manoeuvre", form="s")
+    group: str = metric("Tried", form="s")
     asked: str = metric("Asked", form="s")
     rule: str
     did: str = metric("Did", form="s")
     fell_at: float | None = metric("Fall", "s")
     passed: bool = metric("Passed", form=lambda passed: "yes" if passed else "NO")
-    measured: Figures = metric("Measured, in SI units", form=_show_figures)
+    measured: Measured = metric("Measured, in SI units", form=_show_measured)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ CHATTER = 1.0
 CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
 ASTRAY = 3.0  # m, of a run that nobody steers
 
-Figures = dict[str, float | None]
+Measured = dict[str, float | None]
 """Quantities that a rule measured in a run, by name, SI units; None if not measured."""
 
 
@@ -42,7 +42,7 @@ class Assessment:
 
     passed: bool
     said: str  # what it did, in a word
-    measured: Figures
+    measured: Measured
 
 
 def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Assessment:
@@ -53,7 +53,7 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
     `distance` from there until slower than `STOPPED`, and the one `allowed` (m).
     """
     names = "speed", "slowest", "distance", "allowed"
-    measured: Figures = {"deceleration": deceleration, **dict.fromkeys(names)}
+    measured: Measured = {"deceleration": deceleration, **dict.fromkeys(names)}
     if run.time[-1] < since:
         return Assessment(False, "not begun", measured)
     start = round(since / run.dt)
@@ -85,7 +85,7 @@ def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Asse
     fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
     time = float(run.time[fast[0]]) if len(fast) else None
     greatest = float(np.max(forward))
-    measured: Figures = {
+    measured: Measured = {
         "acceleration": acceleration,
         "friction": run.hardware.friction,
         "time": time,
@@ -110,7 +110,7 @@ def assess_turn(
     greatest distance from the start, `wander` (m).
     """
     wander = _wander(run)
-    measured: Figures = {
+    measured: Measured = {
         "commanded_yaw_rate": yaw_rate,
         **dict.fromkeys(("yaw_rate", "speed", "radius")),
         "wander": wander,
@@ -142,7 +142,7 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
     """
     told = math.hypot(*command[:2])
     names = "speed", "height", "cost_of_transport"
-    measured: Figures = {"commanded_speed": told, **dict.fromkeys(names)}
+    measured: Measured = {"commanded_speed": told, **dict.fromkeys(names)}
     if run.time[-1] < since + RIPPLE:
         return Assessment(False, "not begun", measured)
     steady = run.between(since, math.inf)
@@ -166,7 +166,7 @@ def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
     ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
     creep = _wander(run)
     chatter = float(np.sqrt(np.mean(ripple**2)))
-    measured: Figures = {"creep": creep, "chatter": chatter}
+    measured: Measured = {"creep": creep, "chatter": chatter}
     if not quiet:
         return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)
     most = CHATTER * run.hardware.size.torque
@@ -186,7 +186,7 @@ def assess_straightness(
     reach = float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
     said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
-    measured: Figures = {"distance": distance, "reach": reach, "allowed": allowed}
+    measured: Measured = {"distance": distance, "reach": reach, "allowed": allowed}
     return Assessment(arrived and reach <= allowed, said, measured)
 
 
@@ -205,7 +205,7 @@ def assess_run(run: Trajectory, *, level: float) -> Assessment:
     """
     best = best_window(run, 1.0)
     speed = None if best is None else best.speed
-    measured: Figures = {
+    measured: Measured = {
         "level": level,
         "speed": speed,
         "distance": float(track_position(run)[0][-1]),

@@ -28,10 +28,10 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory, best_window
 from bp2_rl.simulation.world import World
 
-LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
-TRACK = np.array((0.57, 0.25, 0.2))  # of 1: its colour
+SHOWN_TIME = 60.0  # s that are shown, around the best second: a page is to stay small
+TRACK_COLOR = np.array((0.57, 0.25, 0.2))  # of 1: its colour
 MARGIN = 5.0  # m, of ground that is shown around the run
-LARGEST = 32767  # of a 16-bit number
+INT16_MAX = 32767  # of a 16-bit number
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
     mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
@@ -42,15 +42,15 @@ SHAPES = {
 }
 
 
-def describe(run: Trajectory) -> dict[str, Any]:
+def describe_run(run: Trajectory) -> dict[str, Any]:
     """Return a run's robot and motion for the player, ready for JSON, one sample per
     control step."""
     best = best_window(run, 1.0)
     middle = best.start + 0.5 if best is not None else 0.0
     length = len(run) * run.dt
-    if length > LONGEST:
-        start = min(max(middle - LONGEST / 2, 0.0), length - LONGEST)
-        run = run.between(start, start + LONGEST)
+    if length > SHOWN_TIME:
+        start = min(max(middle - SHOWN_TIME / 2, 0.0), length - SHOWN_TIME)
+        run = run.between(start, start + SHOWN_TIME)
     step = max(1, round(CONTROL_STEP / run.dt))
     shown = slice(None, None, step)
     speed = moving_mean(run.ground_velocity[:, 0], round(RIPPLE / run.dt))
@@ -106,7 +106,7 @@ def describe_robot(
             }
         )
     geoms = []
-    uneven = [(geom, TRACK) for geom in ground_geoms(model)]
+    uneven = [(geom, TRACK_COLOR) for geom in ground_geoms(model)]
     for geom, color in (*visible_geoms(model), *uneven):
         mesh = int(model.geom_dataid[geom])
         shape = SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))]
@@ -175,7 +175,7 @@ def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, object]:
     """Encode each column as scaled 16-bit integers; values that are not finite become
     0."""
     values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
-    scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
+    scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / INT16_MAX
     return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)
 
 

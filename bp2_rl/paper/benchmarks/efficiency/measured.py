@@ -92,7 +92,7 @@ class Energy:
         card="net_cost",
     )
     electrical: Electrical
-    lost: dict[str, float]  # cost by cause, as `account.CAUSES`
+    lost: dict[str, float]  # cost by cause, as a `Ledger` has them
     stored: float = metric(
         "Stored", form=".3f", meaning="more in motion, height and springs at the end"
     )

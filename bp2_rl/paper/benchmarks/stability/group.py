@@ -222,7 +222,7 @@ class RobotGroup:
             qpos=simulator.qpos.copy(),
             qvel=simulator.qvel.copy(),
             torque=simulator.torque.copy(),
-            warmstart=simulator.warmstart,
+            warmstart=simulator.warmstart.copy(),
             phase=remembered.phase,
             action=remembered.last_action,
             seen=remembered.past_frames,

@@ -25,7 +25,7 @@ from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.rollout import MOST
+from bp2_rl.simulation.rollout import SIDE_BY_SIDE
 
 BODY = 41  # height, roll, pitch, 16 joints; 3 + 3 + 16 velocities
 STEERED = 3  # offset, heading, the operator's yaw rate
@@ -207,7 +207,10 @@ class Orbit:
     ) -> Float[np.ndarray, "S N D"]:
         """Return the state vectors at the start and after each stride; NaN after a
         fall."""
-        chunks = (states[first : first + MOST] for first in range(0, len(states), MOST))
+        chunks = (
+            states[first : first + SIDE_BY_SIDE]
+            for first in range(0, len(states), SIDE_BY_SIDE)
+        )
         return np.concatenate(
             [self._follow(chunk, strides) for chunk in chunks], axis=1
         )

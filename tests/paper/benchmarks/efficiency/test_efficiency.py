@@ -3,7 +3,7 @@ a policy."""
 
 import numpy as np
 import pytest
-from known_strides import SAMPLES, known_ledger
+from known_strides import CAUSES, SAMPLES, known_ledger
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.env.observations import layout_of
@@ -17,7 +17,7 @@ from bp2_rl.paper.benchmarks.efficiency.measured import (
 )
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
-from bp2_rl.simulation.account import CAUSES, Ledger
+from bp2_rl.simulation.account import Ledger
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
