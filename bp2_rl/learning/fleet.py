@@ -3,7 +3,8 @@ cost nothing in the step.
 
 A reset inside the step would be computed for every robot at every step and thrown away
 for almost all. So the learner prepares one fresh episode a robot before each unroll,
-and `step` merely selects it.
+and `step` merely selects it. A robot that falls twice in an unroll begins both episodes
+alike, but explores differently in each; only untrained robots fall that often.
 
 A number that is not finite ends the episode of its robot alone, and is counted under
 its cause.

@@ -1,7 +1,6 @@
 """Signs of a training that goes wrong, found in its numbers and said in words."""
 
-import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import jax
 import numpy as np
@@ -80,47 +79,47 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
 def explain(learner: PPO, state: TrainState) -> str:
     """Repeat a train step that was not finite, from `state`, piece by piece; return
     what was not finite first, in words."""
-    if found := _not_finite(state):
-        return f"before the train step: {found}"
+    for place, piece in _train_step_in_pieces(learner, state):
+        if found := _not_finite(piece):
+            return f"{place}: {found}"
+    return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
+
+
+def _train_step_in_pieces(
+    learner: PPO, state: TrainState
+) -> Iterator[tuple[str, object]]:
+    """Yield what a train step computes from `state`, in its order, each with its place
+    in words."""
+    yield "before the train step", state
     config = learner.config
     _, keys, key_sgd = learner.draw_keys(state)
     _, data, _ = jax.jit(learner.unroll)(
         state.params, state.normalizer, state.fleet, keys
     )
-    if found := _not_finite(data):
-        return f"in the batch (of robots and times): {found}"
-
-    gradient_of = jax.jit(learner.differentiate)
+    yield "in the batch (of robots and times)", data
+    differentiate = jax.jit(learner.differentiate)
     shuffle = jax.jit(learner.shuffle)
     gradient_step = jax.jit(learner.gradient_step)
     for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
         batches = shuffle(data, key)
         for i in range(config.num_minibatches):
+            place = f"in minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
             minibatch = jax.tree.map(lambda x, i=i: x[i], batches)
-            _, gradient = gradient_of(
+            terms, gradient = differentiate(
                 state.params, state.normalizer, minibatch, state.step
             )
+            yield place, {"loss": {name: terms[name] for name in LOSSES}}
+            yield place, {"gradient": gradient}
             (params, optimizer), terms = gradient_step(state, minibatch)
+            yield place, {"loss": terms, "params": params, "optimizer": optimizer}
             state = state.replace(params=params, optimizer=optimizer)
-            losses = {name: terms[name] for name in LOSSES}
-            after = {"params": params, "optimizer": optimizer}
-            if found := _not_finite(
-                {"loss": losses}, {"gradient": gradient}, {"loss": terms}, after
-            ):
-                place = f"minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
-                return f"in {place}: {found}"
-    if found := _not_finite(
-        {"normalizer": learner.update_normalizer(state.normalizer, data.observation)}
-    ):
-        return f"after the gradient steps: {found}"
-    return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
+    normalizer = learner.update_normalizer(state.normalizer, data.observation)
+    yield "after the gradient steps", {"normalizer": normalizer}
 
 
-def _not_finite(*parts: object) -> str | None:
+def _not_finite(piece: object) -> str | None:
     """Return the first leaf that is not finite, in words."""
-    for path, leaf in itertools.chain.from_iterable(
-        leaves_by_path(part).items() for part in parts
-    ):
+    for path, leaf in leaves_by_path(piece).items():
         bad = ~np.isfinite(np.asarray(leaf))
         if bad.any():
             first = [int(i) for i in np.argwhere(bad)[0]]

@@ -5,22 +5,20 @@ The only place of the learner with side effects besides the checkpoint; nothing 
 feeds back into training.
 """
 
-import collections
 import contextlib
 import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from bp2_rl.base.errors import UserError
@@ -28,7 +26,6 @@ from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning import guards
 from bp2_rl.learning.ppo import NOT_FINITE
 from bp2_rl.learning.writers import (
-    METRICS,
     EventsFile,
     LogFile,
     MetricsFile,
@@ -41,24 +38,16 @@ from bp2_rl.settings.ppo import PPOConfig
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
 WAITING = "waiting for the first step"
-RATE_WINDOW = 30.0  # s over which the throughput is averaged
+RATE = "steps_per_second"  # name of the metric: control steps of all robots
 
 
-class Headline(NamedTuple):
-    """A metric shown in the progress line."""
-
-    key: str
-    label: str
-    format: str
-    unit: str = ""
-
-
-HEADLINES = (
-    Headline("reward", "reward", ".3g"),
-    Headline("falls", "falls", ".1%"),  # share of the episodes that ended in a fall
-    Headline("speed_error", "speed error", ".2f", "m/s"),
-    Headline("curriculum_level", "level", ".2f"),
-)
+HEADLINES = {
+    "reward": "reward {:.3g}",
+    "falls": "falls {:.1%}",  # share of the episodes that ended in a fall
+    "speed_error": "error {:.2f}",  # m/s
+    "curriculum_level": "level {:.2f}",
+}
+"""Metrics in the progress line."""
 
 
 class Monitor:
@@ -70,8 +59,7 @@ class Monitor:
             processes, for which process 0 speaks: nothing is recorded or shown.
         total_steps: where the run will end.
         start_step: where it starts. On resume, metrics logged past it are of work that
-            was lost: they are dropped. Lines that cannot be read are moved to a file of
-            their own, which log.txt names.
+            was lost: they are dropped.
         title: stands before the progress bar.
         writers: further ones, beside log.txt, metrics.jsonl, TensorBoard's events and
             the console; closed with the monitor.
@@ -101,17 +89,12 @@ class Monitor:
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
             self._log = LogFile(run_dir)
-            metrics = MetricsFile(run_dir, start_step)
-            events = EventsFile(run_dir, start_step)
+            files = MetricsFile(run_dir, start_step), EventsFile(run_dir, start_step)
         except OSError as error:
             raise UserError(
                 f"cannot write to run folder {run_dir}: {error.strerror}"
             ) from error
-        self._writers = [self._log, metrics, events, *writers, self._progress]
-        if metrics.damaged:
-            self.note(
-                f"warning: {METRICS} held lines that cannot be read, now in {metrics.damaged}"
-            )
+        self._writers = [self._log, *files, *writers, self._progress]
 
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
@@ -121,7 +104,6 @@ class Monitor:
     def __exit__(self, *exception: object) -> None:
         """Leave the last state on the console and close the files, also when training
         failed."""
-        self._progress.close()
         for writer in self._writers:
             # Everything was flushed when it was written; where that failed, so would
             # this.
@@ -248,9 +230,7 @@ class Log:
         now = time.monotonic()
         rate = interval.timed * per_step / (now - self._since)
         self._since = now
-        self._monitor.log(
-            done * per_step, summarize(means) | {"steps_per_second": rate}
-        )
+        self._monitor.log(done * per_step, summarize(means) | {RATE: rate})
         signs = guards.warnings(means, self._ppo)
         for name in [name for name in signs if name not in self._warned]:
             self._monitor.note(f"warning: {signs[name]}")
@@ -302,130 +282,83 @@ def summarize(metrics: dict[str, float]) -> dict[str, float]:
 class Progress(Writer):
     """Shows on a console how far a run is, and its notes.
 
-    On a terminal two or three lines are kept up to date; elsewhere a plain line is
-    printed about every ten seconds.
+    A terminal's lines are kept up to date; elsewhere a line is printed about every ten
+    seconds.
     """
 
     def __init__(self, console: Console, title: str, start_step: int, total_steps: int):
-        self._total = total_steps
-        self._step = start_step
-        self._title = title
-        self._console = console
-        self._clock = console.get_time
-        self._began = self._clock()
-        self._metrics: Mapping[str, float] = {}
-        # below the progress line, and what of it has been printed
+        self._console, self._title = console, title
+        self._step, self._total = start_step, total_steps
+        self._began = console.get_time()
+        self._how_far = self._how_well = ""
         self.remark = ""
-        self._said = ""
-        # (time, step) of recent logs
-        self._history: collections.deque[tuple[float, int]] = collections.deque()
-        # step of the last plain line, time of the next
-        self._shown = start_step
-        self._next_line = -math.inf
-        self._live = (
-            Live(self, console=console, refresh_per_second=4)
-            if console.is_terminal and not console.quiet
-            else None
-        )
+        self._printed = ("", "")  # line and remark, where there is no terminal
+        self._next_line = -math.inf  # time of the next line there
+        self._live = Live(get_renderable=self._draw, console=console)
 
     def start(self) -> None:
-        """Show the first line."""
-        if self._live:
+        """Show that the run begins."""
+        if self._console.is_terminal and not self._console.quiet:
             self._live.start(refresh=True)
         else:
             self.note(f"{self._title}: {WAITING}")
 
     def stop(self) -> None:
         """Stop the progress line; the cursor is visible again."""
-        if self._live:
-            self._live.stop()
+        self._live.stop()
 
     def close(self) -> None:
         """Leave the last state on the console."""
-        self.stop()
-        there = (self._step, self.remark) == (self._shown, self._said)
-        if not self._live and not there:
-            self._print_plain()
+        if self._live.is_started:
+            self.stop()
+        else:
+            self._print()
 
     def write(self, record: Record) -> None:
         """Show the metrics of a step that the run has reached."""
         if record.late:
             return
-        now = self._clock()
-        self._step, self._metrics = record.step, record.metrics
-        self._history.append((now, record.step))
-        while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
-            self._history.popleft()
-        if self._live is None and now >= self._next_line:
-            self._print_plain()
+        now = self._console.get_time()
+        self._step = record.step
+        parts = [f"{min(self._step / max(self._total, 1), 1.0):4.0%}"]
+        parts.append(f"{count(self._step)}/{count(self._total)}")
+        if rate := record.metrics.get(RATE):
+            parts.append(f"{count(rate)}/s")
+        if self._step >= self._total:
+            parts.append(f"in {duration(now - self._began)}")
+        elif rate:
+            parts.append(f"{duration((self._total - self._step) / rate)} left")
+        self._how_far = " ".join(parts)
+        self._how_well = " ".join(
+            words.format(record.metrics[name])
+            for name, words in HEADLINES.items()
+            if name in record.metrics
+        )
+        if not self._live.is_started and now >= self._next_line:
+            self._print()
             self._next_line = now + PLAIN_INTERVAL
 
     def note(self, text: str) -> None:
         """Print a line as it is."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def __rich__(self) -> Table:
-        """Return the lines for a terminal: how far the run is, how well it does, and
-        the remark, if there is one."""
-        bar = Table.grid(padding=(0, 1), expand=True)
-        bar.add_column(no_wrap=True)
-        bar.add_column(ratio=1)
-        bar.add_column(no_wrap=True, justify="right")
-        bar.add_row(
-            self._title,
-            ProgressBar(total=max(self._total, 1), completed=self._step),
-            Text(self._how_far(), style="bold"),
-        )
-        headlines = "   ".join(
-            f"{headline.label} {self._metrics[headline.key]:{headline.format}} {headline.unit}".rstrip()
-            for headline in HEADLINES
-            if headline.key in self._metrics
-        )
-        lines = Table.grid(expand=True)
-        lines.add_row(bar)
-        lines.add_row(
-            Text(
-                headlines or f"{WAITING} ({duration(self._clock() - self._began)})",
-                style="dim",
-            )
-        )
-        if self.remark:
-            lines.add_row(Text(self.remark, style="dim"))
-        return lines
+    def _draw(self) -> Group:
+        """Return a terminal's lines: how far the run is, how well it does, and the
+        remark."""
+        bar = ProgressBar(total=max(self._total, 1), completed=self._step)
+        first = Table.grid("", Column(ratio=1), "", padding=(0, 1), expand=True)
+        first.add_row(self._title, bar, self._how_far)
+        waited = duration(self._console.get_time() - self._began)
+        lines = (self._how_well or f"{WAITING} ({waited})", self.remark)
+        return Group(first, Text("\n".join(lines).rstrip(), style="dim"))
 
-    def _print_plain(self) -> None:
-        """Print the progress for a file or a pipe in one line of 80 columns, and a new
-        remark in another."""
-        headlines = (
-            f"{headline.label.split()[-1]} {self._metrics[headline.key]:{headline.format}}"
-            for headline in HEADLINES
-            if headline.key in self._metrics
-        )
-        self.note(" ".join([self._how_far(), *headlines]))
-        self._shown = self._step
-        if self.remark != self._said:
-            self.note(self.remark)
-            self._said = self.remark
-
-    def _how_far(self) -> str:
-        share = min(self._step / max(self._total, 1), 1.0)
-        parts = [f"{share:4.0%}", f"{count(self._step)}/{count(self._total)}"]
-        rate = self._rate()
-        if rate:
-            parts.append(f"{count(rate)}/s")
-        if self._step >= self._total:
-            parts.append(f"in {duration(self._clock() - self._began)}")
-        elif rate:
-            parts.append(f"{duration((self._total - self._step) / rate)} left")
-        return " ".join(parts)
-
-    def _rate(self) -> float | None:
-        """Return the control steps per second over the last logs; None before there are
-        two."""
-        if len(self._history) < 2:
-            return None
-        (t0, step0), (t1, step1) = self._history[0], self._history[-1]
-        return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
+    def _print(self) -> None:
+        """Print how far the run is and the remark, each where it is new."""
+        lines = (f"{self._how_far} {self._how_well}".rstrip(), self.remark)
+        for line, before in zip(lines, self._printed, strict=True):
+            if line != before:
+                self.note(line)
+        self._printed = lines
 
 
 def count(number: float) -> str:

@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import itertools
 import json
 import math
 import os
@@ -90,15 +89,19 @@ class MetricsFile(Writer):
     Args:
         run_dir: the run's folder.
         start_step: where the run goes on. Lines past it are of work that was lost: they
-            are dropped.
-
-    `damaged` is the file to which lines that cannot be read were moved, if there were
-    any.
+            are dropped. Lines that cannot be read stay.
     """
 
     def __init__(self, run_dir: Path, start_step: int):
-        self.damaged = _truncate(run_dir / METRICS, start_step)
-        self._file = open_in_place(run_dir / METRICS)
+        path = run_dir / METRICS
+        if path.exists():
+            kept = [
+                line + b"\n"
+                for line in _lines(path)
+                if (_record_of(line) or {"step": 0})["step"] <= start_step
+            ]
+            write_bytes(path, b"".join(kept))
+        self._file = open_in_place(path)
 
     def write(self, record: Record) -> None:
         """See `Writer`."""
@@ -249,30 +252,6 @@ def _lines(path: Path) -> list[bytes]:
     """Return the whole lines of a metrics file; what a kill has left of a last one has
     no line break."""
     return read_bytes(path, LARGEST_METRICS).split(b"\n")[:-1] if path.exists() else []
-
-
-def _truncate(path: Path, last_step: int) -> Path | None:
-    """Drop lines of a metrics file past `last_step`; move lines that cannot be read to
-    a new file, and return its path."""
-    if not path.exists():
-        return None
-    kept, damaged = [], []
-    for line in _lines(path):
-        record = _record_of(line)
-        if record is None:
-            damaged.append(line)
-        elif record["step"] <= last_step:
-            kept.append(line)
-    aside = None
-    if damaged:
-        names = (
-            path.with_name(f"{path.stem}.damaged-{n}{path.suffix}")
-            for n in itertools.count(1)
-        )
-        aside = next(name for name in names if not name.exists())
-        write_bytes(aside, b"".join(line + b"\n" for line in damaged))
-    write_bytes(path, b"".join(line + b"\n" for line in kept))
-    return aside
 
 
 def _record_of(line: bytes) -> dict[str, Any] | None:

@@ -117,12 +117,12 @@ def test_loss_and_gradient_are_braxs_on_the_same_batch():
         )
     )
     key = jax.random.PRNGKey(3)
-    (ours, our_terms), our_gradient = jax.value_and_grad(learner.loss, has_aux=True)(
-        params, state.normalizer, data
-    )
-    (theirs, terms), their_gradient = jax.value_and_grad(brax_loss, has_aux=True)(
-        params, state.normalizer, full, key
-    )
+    (ours, our_terms), our_gradient = jax.jit(
+        jax.value_and_grad(learner.loss, has_aux=True)
+    )(params, state.normalizer, data)
+    (theirs, terms), their_gradient = jax.jit(
+        jax.value_and_grad(brax_loss, has_aux=True)
+    )(params, state.normalizer, full, key)
     output = learner.network.policy_network.apply(
         state.normalizer, params.policy, data.observation
     )
@@ -154,9 +154,11 @@ def test_one_train_step_is_its_parts_done_by_hand():
     state = learner.init(4)
     key_unroll = jax.random.split(state.key, 3)[1]
     keys = jax.random.split(key_unroll, config.num_envs)
-    _, data, _ = learner.unroll(state.params, state.normalizer, state.fleet, keys)
-    gradient = jax.grad(lambda p: learner.loss(p, state.normalizer, data)[0])(
-        state.params
+    _, data, _ = jax.jit(learner.unroll)(
+        state.params, state.normalizer, state.fleet, keys
+    )
+    gradient, _ = jax.jit(jax.grad(learner.loss, has_aux=True))(
+        state.params, state.normalizer, data
     )
     norm = np.sqrt(sum(np.sum(np.square(g)) for g in jax.tree.leaves(gradient)))
     scale = min(1.0, config.max_grad_norm / norm)

@@ -326,6 +326,8 @@ def test_a_second_process_is_refused_in_one_line_and_changes_nothing(run, tmp_pa
         pytest.raises(UserError, match="another process trains in"),
     ):
         training.start(tiny(), fresh)
+    with pytest.raises(UserError, match=f"{copy} holds a run already"):
+        training.start(tiny(), copy)
     assert {
         path: path.read_bytes() for path in copy.rglob("*") if path.is_file()
     } == before | {copy / ".lock": b""}

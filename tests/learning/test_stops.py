@@ -4,6 +4,7 @@ was kept is lost or changed."""
 import contextlib
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from aim_run import begin, metrics
 
-from bp2_rl.learning.checkpoint import latest_step
+from bp2_rl.learning.checkpoint import latest_step, saved_steps
 from bp2_rl.learning.judged import own_policy
 from bp2_rl.learning.policy import load_policy
 
@@ -163,7 +164,7 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
 
 
 @pytest.mark.parametrize("heeded", [True, False], ids=["heeded", "nohup"])
-def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(
+def test_a_run_whose_terminal_is_closed_saves_and_stops_unless_it_is_told_not_to(
     heeded, uninterrupted, new, total, tmp_path
 ):
     """The terminal is a pseudo-terminal's other end; the kernel sends SIGHUP, and what
@@ -205,8 +206,9 @@ def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(
             in log
         )
         assert 0 < saved < total
-        finish("--resume", run)
-    assert_same_run(run, uninterrupted)
+        assert load_policy(run).card.physics_steps == saved * PER_STEP * 5
+    else:
+        assert_same_run(run, uninterrupted)
 
 
 def read_all(terminal):
@@ -237,25 +239,18 @@ def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
 
 
 def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(
-    uninterrupted, new, tmp_path
+    uninterrupted, total, tmp_path
 ):
     run = tmp_path / "run"
-    with running(*new, "--out", run, pause=60) as process:
-        wait_for(lambda: latest_step(run) == 0, process)
-        start_again = begin(*new, "--out", run)
-        also = begin("--resume", run)
-        for other, why in (
-            (start_again, "holds a run already"),
-            (also, "another process trains in"),
-        ):
-            _, error = other.communicate(timeout=180)
-            assert other.returncode == 2
-            assert why in error
-            assert error.count("\n") == 1
+    shutil.copytree(uninterrupted, run)
+    for step in sorted(saved_steps(run))[1:]:
+        shutil.rmtree(run / "checkpoints" / str(step))
+    assert (latest_step(run) or 0) < total
     both = [begin("--resume", run, pause=0.1) for _ in range(2)]
     errors = [process.communicate(timeout=180)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]
     assert f"another process trains in {run}" in "".join(errors)
+    assert "".join(errors).count("\n") == 1
     assert_same_run(run, uninterrupted)
 
 
