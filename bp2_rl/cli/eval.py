@@ -16,10 +16,10 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError, require_one_of
+from bp2_rl.base.errors import require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.settings.training import TaskWish
 
@@ -58,8 +58,7 @@ how:
   --speed M/S           speed to command [as the card's result was measured]
   --acceleration M/S2   how fast the command rises
   --hold S              how long to hold the speed
-  --robots N|posterior  how many are drawn; of robustness [200], posterior [32];
-                        posterior: the benchmark of this name
+  --robots N            how many are drawn; of robustness [200], posterior [32]
   --seed N              what robots, rough ground and noise are drawn from [0]
   --sensor-noise        let the sensors be as noisy as in training
 
@@ -134,12 +133,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             prog,
             screen=SCREEN.replace("{benchmarks}", "\n".join(rows)),
         )
-        if config.robots == POSTERIOR:
-            if config.benchmark not in (Target.benchmark, POSTERIOR):
-                raise UserError(
-                    f"--robots {POSTERIOR} is a benchmark of its own; leave --benchmark out"
-                )
-            config = dataclasses.replace(config, benchmark=POSTERIOR)
         require_one_of("--benchmark", config.benchmark, BENCHMARKS)
         evaluate(config, again=f"{prog} {shlex.join(words)}".strip())
 
