@@ -2,9 +2,6 @@
 mistake."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import aim_run
@@ -15,7 +12,6 @@ from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
 from bp2_rl.learning.policy import load_policy
 
-ROOT = Path(__file__).parents[2]
 SMALL = [
     *aim_run.SMALL,
     *["--impl", "kernel", "--run.steps", "128", "--run.checkpoints", "1"],
@@ -122,18 +118,3 @@ def test_a_mistake_is_told_with_status_2(tmp_path, monkeypatch, capsys, argv, wo
     assert is_told(error)
     assert [word for word in words if word not in error] == []
     assert [*Path().rglob("*")] == [Path("taken")]
-
-
-@pytest.mark.parametrize("script", ["train.py", "eval.py"])
-def test_the_scripts_answer_help_from_anywhere(tmp_path, script):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(ROOT / script), "--help"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0
-    assert script in done.stdout
-    assert "warp" not in done.stderr
