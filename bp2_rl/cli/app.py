@@ -71,9 +71,12 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
     """
     try:
         output: Any = _ClosableStream(sys.stdout)
-        with _terminable(patient), contextlib.redirect_stdout(output):
+        with (
+            _terminable(patient),
+            contextlib.redirect_stdout(output),
+            failures_into(None),
+        ):
             command()
-            output.flush()
     except SystemExit as end:  # help was asked for
         return int(end.code or OK)
     except FlagError as error:
@@ -88,9 +91,8 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
     except RunStopped as stop:
         _tell(one_line(str(stop)))
         return stop.status
-    except Exception as error:
-        logged = error if isinstance(error, LoggedError) else LoggedError(error)
-        _tell(f"failed: {logged}")
+    except LoggedError as error:
+        _tell(f"failed: {error}")
         return FAILED
     return OK
 
@@ -174,50 +176,47 @@ class _ClosableStream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._leaving():
-            self._stream.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        with self._leaving():
-            self._stream.flush()
-
-    @contextlib.contextmanager
-    def _leaving(self) -> Generator[None]:
         try:
-            yield
+            self._stream.write(text)
+            self._stream.flush()
         except OSError as error:
             if error.errno not in (errno.EPIPE, errno.EIO):  # a pipe's and a terminal's
                 raise
             _forget(self._stream)
             _tell("standard output was closed; the command goes on without output")
+        return len(text)
 
 
 class LoggedError(Exception):
-    """A failure whose traceback is in a log file: in `folder` if it exists, else among
-    the temporary files."""
-
-    def __init__(self, error: Exception, folder: Path | None = None):
-        folder = folder if folder is not None and os.access(folder, os.W_OK) else None
-        with tempfile.NamedTemporaryFile(
-            "w", prefix="failure-", suffix=".log", dir=folder, delete=False
-        ) as log:
-            traceback.print_exception(error, file=log)
-        super().__init__(
-            f"{type(error).__name__}: {one_line(str(error))}; log: {log.name}"
-        )
+    """A failure in one line, which names the log file of its traceback."""
 
 
 @contextlib.contextmanager
-def failures_into(folder: Path) -> Generator[None]:
-    """Write the traceback of a failure in the block into `folder`, if it exists by
-    then."""
+def failures_into(folder: Path | None) -> Generator[None]:
+    """Write the traceback of a failure in the block to a log file, and raise a
+    `LoggedError`.
+
+    Args:
+        folder: where the log goes, if it exists by then; else, as with None, among the
+            temporary files.
+    """
     try:
         yield
-    except (UserError, RunStopped):
+    except (UserError, RunStopped, LoggedError):
         raise
     except Exception as error:
-        raise LoggedError(error, folder) from error
+        there = folder is not None and os.access(folder, os.W_OK)
+        with tempfile.NamedTemporaryFile(
+            "w",
+            prefix="failure-",
+            suffix=".log",
+            dir=folder if there else None,
+            delete=False,
+        ) as log:
+            traceback.print_exception(error, file=log)
+        raise LoggedError(
+            f"{type(error).__name__}: {one_line(str(error))}; log: {log.name}"
+        ) from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -374,25 +373,29 @@ def run_module(name: str, argv: Sequence[str] | None = None) -> int:
     return module.main(argv)
 
 
+def listed(meanings: Mapping[str, str]) -> str:
+    """Return names with their meanings as the lines of a help screen."""
+    wide = max(map(len, meanings)) + 2
+    return "\n".join(
+        textwrap.fill(
+            meaning,
+            COLUMNS,
+            initial_indent=f"  {name:{wide}}",
+            subsequent_indent=" " * (wide + 2),
+        )
+        for name, meaning in meanings.items()
+    )
+
+
 def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
     """Run the command named first in `argv`, or list all commands; return the exit
     status."""
     words = sys.argv[1:] if argv is None else argv
     if not words or words[0] in HELP:
-        wide = max(map(len, commands)) + 2
-        rows = [
-            textwrap.fill(
-                what,
-                COLUMNS,
-                initial_indent=f"  {name:{wide}}",
-                subsequent_indent=" " * (wide + 2),
-            )
-            for name, (what, _) in commands.items()
-        ]
         print(
             f"usage: {prog} COMMAND ...",
             "\ncommands:",
-            *rows,
+            listed({name: what for name, (what, _) in commands.items()}),
             f"\n`{prog} COMMAND --help` shows a command's flags.",
             sep="\n",
             file=sys.stdout if words else sys.stderr,

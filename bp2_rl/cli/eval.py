@@ -8,7 +8,6 @@ import importlib
 import os
 import shlex
 import sys
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -16,10 +15,10 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError, require_one_of
+from bp2_rl.base.errors import require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.settings.training import TaskWish
 
@@ -43,8 +42,7 @@ SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 what is run:
   POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
                         or of a run
-  --benchmark NAME      what is measured [topspeed]
-{benchmarks}
+  --benchmark NAME      what is measured, of the list below [topspeed]
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
                         one that BP2 may be [the policy's; built for ideal]
   --task FILE[:NAME]    the task that the policy was trained with, where the task
@@ -58,8 +56,7 @@ how:
   --speed M/S           speed to command [as the card's result was measured]
   --acceleration M/S2   how fast the command rises
   --hold S              how long to hold the speed
-  --robots N|posterior  how many are drawn; of robustness [200], posterior [32];
-                        posterior: the benchmark of this name
+  --robots N            how many are drawn; of robustness [200], posterior [32]
   --seed N              what robots, rough ground and noise are drawn from [0]
   --sensor-noise        let the sensors be as noisy as in training
 
@@ -67,12 +64,17 @@ what is left:
   --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
   --no-video            do not film the best seconds
 
+benchmarks:
+{benchmarks}
+
 all flags, with the operator's: {prog} --help-all
 
 examples:
   python eval.py --no-video                 # the policy that ships
-  python eval.py runs/RUN --benchmark sprint"""
-"""What `--help` prints; the benchmarks are filled in."""
+  python eval.py runs/RUN --benchmark sprint""".replace(
+    "{benchmarks}", app.listed(BENCHMARKS)
+)
+"""What `--help` prints."""
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
 
@@ -117,29 +119,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command `bp2 eval`; return its exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     prog = "python eval.py" if argv is None else "bp2 eval"
-    rows = (
-        textwrap.fill(
-            f"{name}: {what}",
-            app.COLUMNS,
-            initial_indent=" " * 24,
-            subsequent_indent=" " * 24,
-        )
-        for name, what in BENCHMARKS.items()
-    )
 
     def command() -> None:
-        config = app.parse(
-            EvalConfig,
-            words,
-            prog,
-            screen=SCREEN.replace("{benchmarks}", "\n".join(rows)),
-        )
-        if config.robots == POSTERIOR:
-            if config.benchmark not in (Target.benchmark, POSTERIOR):
-                raise UserError(
-                    f"--robots {POSTERIOR} is a benchmark of its own; leave --benchmark out"
-                )
-            config = dataclasses.replace(config, benchmark=POSTERIOR)
+        config = app.parse(EvalConfig, words, prog, screen=SCREEN)
         require_one_of("--benchmark", config.benchmark, BENCHMARKS)
         evaluate(config, again=f"{prog} {shlex.join(words)}".strip())
 

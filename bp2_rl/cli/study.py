@@ -11,7 +11,7 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.app import Command
+from bp2_rl.cli.app import Command, listed
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps, label
@@ -34,16 +34,15 @@ flags:
   --no-train            only summarise what is there
 
 variants:
-""" + "\n".join(
-    [
-        *(f"  {name:22}{variant.meaning}" for name, variant in VARIANTS.items()),
-        "",
-        "all flags, with --jobs.*: {prog} --help-all",
-        "",
-        "examples:",
-        "  bp2 study --variants ours kinematic --seeds 0 1 2",
-        "  bp2 study --variants ours my_task.py   # a task beside the recipe",
-    ]
+{variants}
+
+all flags, with --jobs.*: {prog} --help-all
+
+examples:
+  bp2 study --variants ours kinematic --seeds 0 1 2
+  bp2 study --variants ours my_task.py   # a task beside the recipe""".replace(
+    "{variants}",
+    listed({name: variant.meaning for name, variant in VARIANTS.items()}),
 )
 """What `--help` prints."""
 

@@ -1,7 +1,8 @@
 """`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run.
 
-The command line is read twice: first the flags on which the defaults of all others and
-the start of JAX depend, then all.
+The command line is read in two steps: first the flags on which the defaults of all
+others and the start of JAX depend (`EarlyFlags`), then all (`TrainArguments`), with the
+preset as default. A mistake is answered before JAX is imported, where that is possible.
 """
 
 import contextlib
@@ -102,7 +103,8 @@ examples:
 
 @dataclasses.dataclass(frozen=True)
 class EarlyFlags:
-    """The flags that are read first: defaults of others and JAX's start hang on them."""
+    """The flags that are read first: the defaults of all others and JAX's start depend
+    on them."""
 
     stage: Stage = "imitation"
     """imitation first, then relaxed"""
@@ -203,32 +205,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Read the flags, train, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     prog = "python train.py" if argv is None else PROG
-    early: list[tuple[EarlyFlags, TrainArguments | None]] = []
-    status = app.run(lambda: early.append(_read_early(words, prog)))
-    if not early:
+    status = app.run(lambda: _run(words, prog), patient=False)
+    if "jax" not in sys.modules:  # the flags are wrong, or help was asked for
         return status
-    [(flags, arguments)] = early
-
-    with unused_left_out(flags):
-        from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
-    return cluster.leave(
-        app.run(lambda: _train(words, prog, flags, arguments), patient=False)
-    )
+    return cluster.leave(status)
 
 
-def _read_early(
-    words: list[str], prog: str
-) -> tuple[EarlyFlags, TrainArguments | None]:
-    """Parse the flags before JAX is imported, to report mistakes at once; return all
-    arguments if already known."""
+def _run(words: list[str], prog: str) -> None:
+    """Read the flags, before JAX is imported if the defaults are known by then; train,
+    or go on with a run."""
     flags = read_early_flags(words, prog, SCREEN, TrainArguments)
-    if app.HELP_ALL not in words and not flags.known_without_jax:
-        return flags, None
-    arguments = read_arguments(words, prog, flags)
-    choose_tracker(flags.track, flags.resume)
-    return flags, arguments
+    arguments = None
+    if app.HELP_ALL in words or flags.known_without_jax:
+        arguments = read_arguments(words, prog, flags)
+        choose_tracker(flags.track, flags.resume)
+    _start_jax(flags)
+    from bp2_rl.evaluation import judged_training
+    from bp2_rl.learning import cluster
+    from bp2_rl.learning.run import replay
+
+    with cluster.together():
+        arguments = arguments or read_arguments(words, prog, flags)
+        tracker = (
+            choose_tracker(flags.track, flags.resume) if cluster.is_first() else None
+        )
+    if flags.replay is not None:
+        with app.failures_into(flags.replay):
+            print(replay(flags.replay))
+    elif flags.resume is not None:
+        with app.failures_into(flags.resume):
+            judged_training.resume(flags.resume, tracker=tracker)
+    else:
+        _train(arguments, tracker)
 
 
 def read_early_flags(
@@ -246,21 +256,12 @@ def read_early_flags(
     return flags
 
 
-def _train(
-    words: list[str],
-    prog: str,
-    flags: EarlyFlags,
-    arguments: TrainArguments | None,
-) -> None:
-    import numpy as np
-
+def _start_jax(flags: EarlyFlags) -> None:
+    """Import JAX and find its devices, set up as the flags say, with all processes of a
+    cluster."""
+    with unused_left_out(flags):
+        from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.base.processes import keep_compiled
-    from bp2_rl.cli.runtime import (
-        find_backend,
-        repeat_bit_for_bit,
-        require_accelerator,
-        wake_device,
-    )
     from bp2_rl.learning import cluster
 
     end_with_caller()
@@ -270,29 +271,22 @@ def _train(
             raise UserError(
                 "--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax"
             )
-        repeat_bit_for_bit()
+        runtime.repeat_bit_for_bit()
     keep_compiled()
     cluster.join(flags.cluster)
-    find_backend()  # where there is none, every further word to the others would fail
-    wake_device()
-    from bp2_rl.evaluation import judged_training
-    from bp2_rl.learning.run import replay
+    # where there is none, every further word to the others would fail
+    runtime.find_backend()
+    runtime.wake_device()
 
-    with cluster.together():
-        arguments = arguments or read_arguments(words, prog, flags)
-        tracker = (
-            choose_tracker(flags.track, arguments.resume)
-            if cluster.is_first()
-            else None
-        )
-    if arguments.replay is not None:
-        with app.failures_into(arguments.replay):
-            print(replay(arguments.replay))
-        return
-    if arguments.resume is not None:
-        with app.failures_into(arguments.resume):
-            judged_training.resume(arguments.resume, tracker=tracker)
-        return
+
+def _train(arguments: TrainArguments, tracker: Tracker | None) -> None:
+    """Train with these settings, judged in C MuJoCo, in a new folder."""
+    import numpy as np
+
+    from bp2_rl.cli.runtime import require_accelerator
+    from bp2_rl.evaluation import judged_training
+    from bp2_rl.learning import cluster
+
     require_accelerator(arguments.preset)
     env = dataclasses.replace(arguments.env, task=arguments.own_task)
     config = TrainConfig(
@@ -329,11 +323,15 @@ def read_arguments(
             other settings than its own.
     """
     flags = flags or app.parse_known(EarlyFlags, words, prog)
-    parent = flags.parent
-    preset = find_preset(flags)
-    if parent is None and flags.stage == "relaxed" and flags.goes_on is None:
-        parent = None if app.HELP_ALL in words else _newest_imitation_run()
-    if parent is None or flags.goes_on is not None:
+    if flags.goes_on is not None:
+        _require_own_settings(words, flags)
+        app.parse(EarlyFlags, words, prog)  # refuses all words that are no flags
+        load_run_config(flags.goes_on)
+        return TrainArguments(resume=flags.resume, replay=flags.replay)
+    preset, parent = find_preset(flags), flags.parent
+    if parent is None and flags.stage == "relaxed" and app.HELP_ALL not in words:
+        parent = _newest_imitation_run()
+    if parent is None:
         defaults = presets.preset(
             flags.stage, preset, flags.weights, flags.robot or "built", flags.task
         )
@@ -349,27 +347,19 @@ def read_arguments(
         run=defaults.run,
     )
     arguments = app.parse(TrainArguments, words, prog, default)
-    _require_runs(words, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _require_runs(words: list[str], arguments: TrainArguments) -> None:
-    """Raise UserError for a named run that does not exist, or for settings given to a
-    run that has its own."""
-    for flag in ("--resume", "--replay"):
-        allowed = (flag, "--cluster.", "--deterministic", "--track")
-        others = [
-            word
-            for word in words
-            if word.startswith("--") and not word.startswith(allowed)
-        ]
-        if getattr(arguments, flag[2:]) is not None and others:
+def _require_own_settings(words: list[str], flags: EarlyFlags) -> None:
+    """Raise UserError for a flag that would change the settings of a run that goes
+    on."""
+    name = "--replay" if flags.resume is None else "--resume"
+    allowed = (name, "--cluster.", "--deterministic", "--track")
+    for word in words:
+        if word.startswith("--") and not word.startswith(allowed):
             raise UserError(
-                f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}"
+                f"{name} takes the run's own settings: leave out {word.split('=')[0]}"
             )
-    for folder in (arguments.resume, arguments.replay, arguments.parent):
-        if folder is not None:
-            load_run_config(folder)
 
 
 def use_processors(flags: EarlyFlags) -> None:

@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 import tyro
@@ -25,7 +25,7 @@ from rich.progress import (
 from rich.status import Status
 from rich.table import Table
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder, own_folder
 from bp2_rl.cli import app
@@ -121,7 +121,15 @@ all flags, with --problem.* and --slow.*: {prog} build --help-all"""
 
 
 @dataclasses.dataclass(frozen=True)
-class SolveArguments:
+class ProblemArguments(Bounded):
+    """Flags of a command that solves a problem on a robot."""
+
+    problem: Annotated[Problem, Flat] = Problem()
+    robot: Robot = "ideal"
+
+
+@dataclasses.dataclass(frozen=True)
+class SolveArguments(ProblemArguments):
     """Find the stride that costs least at one speed, by trajectory optimisation; verify
     it and draw it.
 
@@ -129,8 +137,6 @@ class SolveArguments:
     and its picture are named after the speed.
     """
 
-    problem: Annotated[Problem, Flat] = Problem()
-    robot: Robot = "ideal"
     starts: Starts = 3
     """guesses to start from; the cheapest solution is kept"""
     refine: Annotated[int, Within(0, 500)] = 32
@@ -140,7 +146,7 @@ class SolveArguments:
     def __post_init__(self) -> None:
         """Raise UserError for values out of bounds, and for speeds that the joints
         cannot reach."""
-        check_bounds(self)
+        super().__post_init__()
         if self.refine == 1:
             raise UserError("refine must be 0 or at least 2 intervals, got 1")
         hardware = self.problem.hardware
@@ -195,17 +201,7 @@ class LibraryArguments:
             raise UserError(f"--to {self.to}: a library is an .npz file")
 
 
-@runtime_checkable
-class _OnRobot(Protocol):
-    """A protocol of arguments that hold an optimisation problem of a robot."""
-
-    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[object]]]
-
-    @property
-    def problem(self) -> Problem: ...
-
-
-Solving = TypeVar("Solving", bound=_OnRobot)
+Solving = TypeVar("Solving", bound=ProblemArguments)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,7 +19,8 @@ class CommandState(struct.PyTreeNode):
     current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
     target: Float[Array, "... 3"]
     acceleration: Float[Array, "..."]  # m/s2, of the forward command
-    time_left: Float[Array, "..."]  # s, from reaching the target to the next draw
+    # s, from reaching the target's forward speed to the next draw
+    time_left: Float[Array, "..."]
     # m, integral of the forward speed error near the limit, since the last draw
     error: Float[Array, "..."]
     time: Float[Array, "..."]  # s, spent near the limit since the last draw
@@ -151,6 +152,9 @@ def advance(
     limit for long enough and followed within tolerance. What it follows far from the
     limit says nothing about the limit. Where the limit does not rise, the level is that
     of the ground alone, and all commands count.
+
+    The hold begins at the target's forward speed; lateral and yaw commands may still be
+    on their way, for half a second or one from a stand.
     """
     dt, curriculum = conventions.CONTROL_STEP, config.curriculum
     top = max_forward_at(level, config)

@@ -34,7 +34,7 @@ def metrics(
     curriculum level afterwards.
 
     `error/A` over `share/A` is the mean speed error at commands from A m/s to the next
-    bin.
+    bin. A fall counts once, under the first of its reasons.
     """
     error = jnp.abs(step.motion.velocity[0] - step.command[0])
     speed = jnp.abs(step.command[0])
@@ -44,20 +44,13 @@ def metrics(
         inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
-    exploded, too_low, tilted, self_collision, own = step.fall
-    if self_collision is not None:
-        named["fall/self_collision"] = (
-            self_collision & ~tilted & ~too_low & ~exploded
-        ).astype(jnp.float32)
-    named |= {
-        f"fall/task/{name}": x.astype(jnp.float32) for name, x in (own or {}).items()
-    }
+    earlier = jnp.zeros((), bool)
+    for name, reason in step.fall.reasons.items():
+        named[f"fall/{name}"] = (reason & ~earlier).astype(jnp.float32)
+        earlier = earlier | reason
     return named | {
         "speed_error": error,
         "curriculum_level": level,
         "speed": step.motion.velocity[0],
         "power": jnp.sum(jnp.maximum(step.effort.power, 0.0)),
-        "fall/exploded": exploded.astype(jnp.float32),
-        "fall/too_low": (too_low & ~exploded).astype(jnp.float32),
-        "fall/tilted": (tilted & ~too_low & ~exploded).astype(jnp.float32),
     }

@@ -29,13 +29,22 @@ class Fall(NamedTuple):
     own: Mapping[str, Bool[Array, "..."]] | None = None
 
     @property
+    def reasons(self) -> dict[str, Bool[Array, "..."]]:
+        """The reasons that are looked for, by name, the gravest first: where several
+        hold at once, the first is the fall's."""
+        found = {
+            "exploded": self.exploded,
+            "too_low": self.too_low,
+            "tilted": self.tilted,
+        }
+        if self.self_collision is not None:
+            found["self_collision"] = self.self_collision
+        return found | {f"task/{name}": own for name, own in (self.own or {}).items()}
+
+    @property
     def happened(self) -> Bool[Array, "..."]:
         """Return whether the robot is down for any reason."""
-        down = self.exploded | self.too_low | self.tilted
-        others = [] if self.self_collision is None else [self.self_collision]
-        return functools.reduce(
-            operator.or_, [*others, *(self.own or {}).values()], down
-        )
+        return functools.reduce(operator.or_, self.reasons.values())
 
 
 def fall(

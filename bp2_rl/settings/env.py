@@ -76,10 +76,11 @@ class CommandConfig:
     """m/s2, rate at which the forward command approaches its target"""
     # m/s2 and rad/s2, rate of the lateral and yaw commands
     turn_acceleration: Amount = 2.0
-    # s, from reaching a target to the next draw
+    # s, from reaching a target's forward speed to the next draw
     hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)
     stand_time: Annotated[Range | None, Within(0.0, 1000.0)] = None
-    """s, from reaching a target to stand to the next draw; None: hold_time"""
+    """s, from the end of a stop to the next draw, of targets to stand; None:
+    hold_time"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,6 @@ import re
 import jax
 import pytest
 from aim import Aim
-from refusals import is_told
 from rich.console import Console
 
 from bp2_rl.base.errors import UserError
@@ -139,32 +138,6 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(
         measuring.run_bench(TrainConfig(), sizes, ("training",), 1.0, tmp_path)
     assert tried == [(15, 1), (16, 1), (64, 1), (64, 2), (48, 1)]
     assert "64 robots on 1 device: out of memory" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("argv", "words"),
-    [
-        (["--robots", "0"], ["--robots"]),
-        (["--robots", "many"], ["--robots"]),
-        (["--devices", "64"], ["--devices 64", "JAX sees"]),
-        (["--devices", "-1"], ["--devices"]),
-        (["--seconds", "0"], ["--seconds"]),
-        (["--seconds", "nan"], ["--seconds"]),
-        (["--parts", "brains"], ["--parts", "physics"]),
-        (["--parts", "brax"], ["--parts"]),
-        (["--preset", "huge"], ["--preset", "smoke"]),
-        (["--ppo.num-minibatches", "3"], ["num_minibatches"]),
-        (["--speed"], ["--speed"]),
-    ],
-)
-def test_wrong_flags_are_told_and_status_2(argv, words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert command.main(["--preset", "smoke", *argv]) == 2
-    error = capsys.readouterr().err
-    assert is_told(error)
-    for word in words:
-        assert word in error
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_with_other_things_in_it_and_what_measures_nothing_are_refused(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import is_told
+from refusals import refused
 from synthetic import make_card
 
 from bp2_rl.cli import eval as eval_command
@@ -64,20 +64,6 @@ def here(measured, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
     return tmp_path
-
-
-def refused(capsys, *arguments):
-    """Require that the command refuses the arguments with exit status 2, leaving
-    nothing behind; return its one line."""
-    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    assert command.main([str(argument) for argument in arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert is_told(err)
-    assert {
-        path: path.read_bytes() for path in Path().rglob("*") if path.is_file()
-    } == before
-    return err
 
 
 # --- Done -----------------------------------------------------------------------------
@@ -182,7 +168,7 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
 def test_a_mistake_is_told(capsys, arguments, words):
-    assert words in refused(capsys, *arguments)
+    assert words in refused(capsys, command.main, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -199,14 +185,16 @@ def test_a_mistake_is_told(capsys, arguments, words):
 )
 def test_a_report_of_another_shape_is_refused(capsys, content, words):
     Path("report/metrics.json").write_text(content)
-    message = refused(capsys, "run", "--to", "kept", "--report", "report")
+    message = refused(capsys, command.main, "run", "--to", "kept", "--report", "report")
     assert words in message
     assert "report/metrics.json" in message
 
 
 def test_a_report_of_another_policy_or_of_none_is_refused(capsys):
     save_policy(Path("other"), standing_policy(seed=1))
-    message = refused(capsys, "other", "--to", "kept", "--report", "report")
+    message = refused(
+        capsys, command.main, "other", "--to", "kept", "--report", "report"
+    )
     assert "report report is of another policy" in message
     for name in ("run", "other"):
         assert load_policy(name).card.weights_sha256[:12] in message
@@ -214,11 +202,13 @@ def test_a_report_of_another_policy_or_of_none_is_refused(capsys):
     report = json.loads(path.read_text())
     del report["conditions"]["weights_sha256"]
     path.write_text(json.dumps(report))
-    message = refused(capsys, "run", "--to", "kept", "--report", "report")
+    message = refused(capsys, command.main, "run", "--to", "kept", "--report", "report")
     assert "weights unknown" in message
 
 
 def test_a_damaged_policy_is_not_passed_on(capsys):
     weights = Path("run/policies/64/weights.npz")
     weights.write_bytes(weights.read_bytes()[:-50])
-    assert "weights.npz is truncated" in refused(capsys, "run", "--to", "kept")
+    assert "weights.npz is truncated" in refused(
+        capsys, command.main, "run", "--to", "kept"
+    )

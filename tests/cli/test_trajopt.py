@@ -1,79 +1,12 @@
 import json
 import re
 
-import pytest
-from refusals import is_told
-
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.trajopt import load_family
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import speed_name
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["leap"], "no command 'leap'; bp2 trajopt has: solve, verify"),
-        (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
-        (
-            ["solve", "--speed", "23"],
-            "speed must be at most 22.5 m/s, as fast as hip and knee move a foot, got 23",
-        ),
-        (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
-        (["solve", "--gait", "amble"], "amble"),
-        (
-            ["solve", "--hardware.spring-stiffness", "-6000"],
-            "spring_stiffness must be from 100 to",
-        ),
-        (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
-        (["solve", "--refine", "1"], "refine must be 0 or at least 2"),
-        (["solve", "--refine", "-3"], "refine must be from 0 to 500, got -3"),
-        (
-            ["solve", "--intervals", "9" * 400],
-            "intervals must be from 2 to 500, got a huge integer",
-        ),
-        (["solve", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
-        (
-            ["library", "build", "--workers", "0"],
-            "workers must be from 1 to 256, got 0",
-        ),
-        (["library", "build", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
-        (
-            ["library", "build", "--starts", "-1"],
-            "starts must be from 1 to 1000, got -1",
-        ),
-        (
-            ["library", "build", "--coarse", "-5"],
-            "coarse must be from 2 to 500, got -5",
-        ),
-        (
-            ["library", "build", "--proximity", "nan"],
-            "proximity must be from 0 to 1e+06, got nan",
-        ),
-        (["library", "build", "--step", "1e-9"], "makes more than 1000 speeds"),
-        (
-            ["solve", "--robot", "built", "--hardware.losses.bus-sag", "2"],
-            "losses.bus_sag must be from 0 to 1, got 2",
-        ),
-        (
-            ["solve", "--rotor-coupling", "--hardware.rotor-inertia", "0.05"],
-            "must be below the inertia of the thigh",
-        ),
-        (["verify", "x" * 5000], "cannot be read: File name too long"),
-        (["library", "build", "--to", "library.json"], "a library is an .npz file"),
-        (["library", "burn"], "burn"),
-        (["verify", "nowhere.npz"], "nowhere.npz cannot be read"),
-    ],
-)
-def test_a_mistake_is_told_with_status_2(argv, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert trajopt.main(argv) == 2
-    error = capsys.readouterr().err
-    assert is_told(error[max(error.find("error: "), 0) :])
-    assert message in error
-    assert not list(tmp_path.rglob("*.npz"))
 
 
 def test_a_speed_without_a_trajectory_is_one_line_and_status_2(
@@ -90,11 +23,17 @@ def test_a_speed_without_a_trajectory_is_one_line_and_status_2(
             self, 0.1, perhaps_infeasible
         ),
     )
-    flags = ["--speed", "21", "--intervals", "2", "--starts", "1"]
-    assert trajopt.main(["solve", *flags]) == 2
-    errors = re.findall("^error:.*", capsys.readouterr().err, re.MULTILINE)
-    assert len(errors) == 1
-    assert "no trajectory at 21 m/s" in errors[0]
+    for flags, told in (
+        (["--speed", "21", "--intervals", "2", "--starts", "1"], "no trajectory at 21"),
+        (
+            ["--rotor-coupling", "--hardware.rotor-inertia", "0.05"],
+            "must be below the inertia of the thigh",
+        ),
+    ):
+        assert trajopt.main(["solve", *flags]) == 2
+        errors = re.findall("^error:.*", capsys.readouterr().err, re.MULTILINE)
+        assert len(errors) == 1
+        assert told in errors[0]
     assert not list(tmp_path.rglob("*.npz"))
 
 

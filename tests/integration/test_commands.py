@@ -1,21 +1,14 @@
-"""Whole commands as a user types them: two stages and an evaluation, and every
-mistake."""
+"""Whole commands as a user types them: two stages and an evaluation."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import aim_run
-import pytest
-from refusals import is_told
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
 from bp2_rl.learning.policy import load_policy
 
-ROOT = Path(__file__).parents[2]
 SMALL = [
     *aim_run.SMALL,
     *["--impl", "kernel", "--run.steps", "128", "--run.checkpoints", "1"],
@@ -83,57 +76,3 @@ def assert_judged(run, printed):
     assert judged[128]["judged/launches"] == 3
     assert load_policy(run).card.results["judged"]["control_steps"] in judged
     assert "judged: " in printed
-
-
-@pytest.mark.parametrize(
-    ("argv", "words"),
-    [
-        (["--velocity", "3"], ["--velocity"]),
-        (["--preset", "huge"], ["preset"]),
-        (["--stage", "flying"], ["stage"]),
-        (["--env.commands.max-forward", "-3"], ["max_forward", "from 0.001 to 1000"]),
-        (["--ppo.num-envs", "0"], ["num_envs"]),
-        (
-            ["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"],
-            ["num_envs", "num_minibatches"],
-        ),
-        (["--env.hardware.spring-stiffness", "-1"], ["spring_stiffness"]),
-        (["--run.steps", "0"], ["steps"]),
-        (["--stage", "relaxed"], ["imitation", "--from"]),
-        (
-            ["--stage", "relaxed", "--from", "nowhere"],
-            ["no training run at nowhere", "there is no such folder"],
-        ),
-        (
-            ["--resume", "nowhere"],
-            ["no training run at nowhere", "there is no such folder"],
-        ),
-        (["--resume", "nowhere", "--run.steps", "5"], ["--run.steps"]),
-        (["--impl", "warp"], ["warp"]),
-        ([*SMALL, "--out", "taken/run"], ["taken/run", "cannot write"]),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
-)
-def test_a_mistake_is_told_with_status_2(tmp_path, monkeypatch, capsys, argv, words):
-    monkeypatch.chdir(tmp_path)
-    Path("taken").write_text("a file, not a folder")
-    assert train_command.main(argv) == 2
-    error = capsys.readouterr().err
-    assert is_told(error)
-    assert [word for word in words if word not in error] == []
-    assert [*Path().rglob("*")] == [Path("taken")]
-
-
-@pytest.mark.parametrize("script", ["train.py", "eval.py"])
-def test_the_scripts_answer_help_from_anywhere(tmp_path, script):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(ROOT / script), "--help"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0
-    assert script in done.stdout
-    assert "warp" not in done.stderr

@@ -1,10 +1,6 @@
-"""The policy that ships, run by the commands that a newcomer types first, in processes
-of their own as he runs them."""
+"""The policies that ship, run by the commands that a newcomer types first."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +10,6 @@ from bp2_rl.cli import eval as command
 from bp2_rl.evaluation.benchmarks.conditions import on_card
 from bp2_rl.learning.policy import load_policy
 
-ROOT = Path(__file__).parents[2]
 FASTEST = "policies/fastest"
 
 either = pytest.mark.parametrize(
@@ -27,28 +22,23 @@ either = pytest.mark.parametrize(
 )
 
 
-def evaluate(folder: Path, *words: str) -> dict:
-    """Run eval.py in a folder without runs, so on the shipped policy, and return its
+@pytest.fixture
+def evaluate(tmp_path, monkeypatch):
+    """Run eval.py in a folder without runs, so on a shipped policy, and return its
     report."""
-    command = [
-        sys.executable,
-        str(ROOT / "eval.py"),
-        *words,
-        "--no-video",
-        "--out",
-        "report",
-    ]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MUJOCO_GL": ""}
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads((folder / "report/metrics.json").read_text())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MUJOCO_GL", "")
+
+    def evaluate(*words: str) -> dict:
+        assert command.main([*words, "--no-video", "--out", "report"]) == 0
+        return json.loads(Path("report/metrics.json").read_text())
+
+    return evaluate
 
 
 @either
-def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
-    report = evaluate(tmp_path, *words, "--hold", "6")
+def test_eval_reproduces_the_top_speed_on_the_card(evaluate, shipped, words):
+    report = evaluate(*words, "--hold", "6")
     policy = load_policy(asset_path(shipped))
     assert report["conditions"]["weights_sha256"] == policy.card.weights_sha256
     measured = report["metrics"]
@@ -67,8 +57,8 @@ def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
 
 
 @either
-def test_the_sprint_on_the_card_is_run_again(tmp_path, shipped, words):
-    results = evaluate(tmp_path, *words, "--benchmark", "sprint")["results"]["sprint"]
+def test_the_sprint_on_the_card_is_run_again(evaluate, shipped, words):
+    results = evaluate(*words, "--benchmark", "sprint")["results"]["sprint"]
     policy = load_policy(asset_path(shipped))
     assert results["time_100m"] == pytest.approx(
         on_card(policy, "sprint", "time_100m"), abs=0.05

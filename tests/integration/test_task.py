@@ -1,6 +1,8 @@
 """A task as its page has it: trained, killed, resumed, judged, evaluated, exported,
 rehearsed and studied, word by word."""
 
+import contextlib
+import io
 import json
 import re
 import shlex
@@ -15,6 +17,8 @@ import pytest
 from aim_run import SMALL
 from refusals import is_told, python
 
+from bp2_rl.cli.__main__ import main
+
 PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_row.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 TRAIN, RELAXED, EVAL, EXPORT, _, STUDY = [
@@ -28,9 +32,24 @@ FIRST = [*TRAIN, *SHORT, "--run.judged", "1"]
 
 def bp2(folder, *words):
     """Run `bp2` in a folder; return its output, or a mistake in one line."""
-    status, printed, errors = python(folder, "-m", "bp2_rl", *words)
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        status = main([*map(str, words)])
+    errors = err.getvalue()
     assert status == 0 or (status == 2 and is_told(errors)), errors
-    return errors or printed
+    return errors or out.getvalue()
+
+
+def bp2_process(folder, *words):
+    """Run `bp2` in a folder, in a process of its own, with the devices of one; return
+    its output."""
+    status, printed, errors = python(folder, "-m", "bp2_rl", *words)
+    assert (status, errors) == (0, "")
+    return printed
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +60,7 @@ def here(tmp_path_factory):
     (folder / "helper.py").write_text("SHARP = 20.0\n")
     text = text.replace("20.0", "SHARP")
     (folder / "my_task.py").write_text(f"from helper import SHARP\n{text}")
-    assert "judged: " in bp2(folder, *FIRST)
+    assert "judged: " in bp2_process(folder, *FIRST)
     return folder
 
 
@@ -61,7 +80,7 @@ def test_a_killed_run_resumes_exactly_and_notices_a_changed_task(here):
     copy = (run / "task/my_task.py").rename(run / "task/moved.py")
     assert "task/my_task.py cannot be read" in bp2(here, *resume)
     copy.rename(run / "task/my_task.py")
-    bp2(here, *resume)
+    bp2_process(here, *resume)
     (here / "moved.py").rename(here / "my_task.py")
     found = {file.parent.name: file for file in run.glob("policies/*/weights.npz")}
     assert len(found) >= 4

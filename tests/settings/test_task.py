@@ -45,7 +45,8 @@ def test_the_environment_computes_rows_terminations_and_entries(task):
     task.write_text(FILE.replace("> 3.0", "> -1.0"))  # each step skids
     env = bp2.make("bp2_kinematic", task=task)
     state = jax.jit(env.reset)(jax.random.PRNGKey(0))
-    after = jax.jit(env.step)(state, np.zeros(12))
+    step = jax.jit(env.step)
+    after = step(state, np.zeros(12))
     sizes = {name: len(value) for name, value in state.obs.items()}
     assert sizes == env.observation_size == {"state": 48, "privileged_state": 91}
     assert state.obs["state"][47] == state.obs["state"][30]  # the noisy `up`, too
@@ -57,6 +58,11 @@ def test_the_environment_computes_rows_terminations_and_entries(task):
         0.1 * np.exp(-20.0 * 2.0 * (x**2 + y**2)), rel=1e-4
     )
     assert (after.done, after.metrics["fall/task/skids"]) == (1.0, 1.0)
+    physics = state.pipeline_state.physics
+    low = physics.replace(qpos=physics.qpos.at[2].set(0.2))
+    episode = state.pipeline_state.replace(physics=low)
+    both = step(state.replace(pipeline_state=episode), np.zeros(12)).metrics
+    assert (both["fall/too_low"], both["fall/task/skids"]) == (1.0, 0.0)
 
 
 def test_a_robots_computer_computes_the_entry_of_training(task):

@@ -152,7 +152,7 @@ class RobustnessMetrics:
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run a fleet of randomised robots; return falls, speeds and lane offsets as an
     evaluation."""
-    count = setup.robots if isinstance(setup.robots, int) else NUM_ROBOTS
+    count = setup.robots or NUM_ROBOTS
     seed = setup.seed or 0
     robot = robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization

@@ -4,7 +4,7 @@ They are read before JAX is imported, so that a mistake is answered at once.
 """
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
@@ -43,11 +43,10 @@ class Setup(Bounded, path="--"):
     """How long to hold the speed; by default 20 (robustness: 15, losses: 6,
     sensitivity: 5). Not of sprint."""
     robots: Annotated[
-        Annotated[int, Within(1, 2**20)] | Literal["posterior"] | None,
-        tyro.conf.arg(metavar="N|posterior"),
+        Annotated[int, Within(1, 2**20)] | None, tyro.conf.arg(metavar="N")
     ] = None
-    """How many robots are drawn; by default 200, of posterior 32. Of these two.
-    posterior: the benchmark of this name."""
+    """How many robots the benchmarks robustness and posterior draw; by default 200 and
+    32."""
     seed: Annotated[
         Annotated[int, Within(0, LARGEST_SEED)] | None, tyro.conf.arg(metavar="N")
     ] = None

@@ -65,7 +65,7 @@ class PosteriorMetrics:
 def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
     """Run a policy on plausible robots; return belt, road and 100 m as an
     evaluation."""
-    count = setup.robots if isinstance(setup.robots, int) else NUM_ROBOTS
+    count = setup.robots or NUM_ROBOTS
     with keep_workers():  # for belt and road, and for the race after them
         robots = run_plausible(policy, read_posterior(count), race.acceleration)
     times = [one.time_100m for one in robots if one.time_100m is not None]
@@ -116,7 +116,7 @@ def ramp_to_posterior(policy: Policy, setup: Setup) -> Ramp:
     """
     if not policy.card.env.hardware.is_bp2:
         raise UserError(
-            f"--robots {POSTERIOR}: these robots may be BP2; the policy runs {policy.card.env.hardware.anatomy.name}"
+            f"--benchmark {POSTERIOR}: these robots may be BP2; the policy runs {policy.card.env.hardware.anatomy.name}"
         )
     return ramp_to_sprint(policy, setup)
 

@@ -75,7 +75,7 @@ def plausible_rows(
         Row(
             "Plausible robots",
             "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*found, unit),
-            "median (90 %) of robots that BP2 may be, by --robots posterior",
+            "median (90 %) of robots that BP2 may be, by --benchmark posterior",
         ),
     )
 

@@ -17,7 +17,7 @@ class PosteriorSettings(Bounded, path="--"):
     paper's numbers.
 
     Takes half an hour on two cores. runs.csv is what `bp2 paper figures
-    identifiability` reads, robots.csv what `eval.py --robots posterior` runs.
+    identifiability` reads, robots.csv what `eval.py --benchmark posterior` runs.
 
     For example: bp2 paper posterior --out posterior
     """

@@ -24,7 +24,7 @@ from bp2_rl.cli.trajopt import (
     PROBLEM_SCREEN,
     Flat,
     Folder,
-    Robot,
+    ProblemArguments,
     Workers,
     problem_of_robot,
 )
@@ -39,12 +39,11 @@ from bp2_rl.paper.trajectories import codesign, objective
 
 
 @dataclasses.dataclass(frozen=True)
-class LimitsArguments(Bounded):
+class LimitsArguments(ProblemArguments):
     """Find the greatest speed that has a trajectory at all, for BP2 and with one thing
     about it changed at a time."""
 
     problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
-    robot: Robot = "ideal"
     losses: bool = False
     """instead, for the robot without its losses, with each alone, with all, and with
     all but each; needs a robot that loses something, such as --robot built"""

@@ -56,7 +56,12 @@ def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
 
 def sized(env: EnvConfig) -> EnvConfig:
     """Return settings that were written for BP2, scaled to the size of their robot; those
-    of BP2 stay."""
+    of BP2 stay.
+
+    Times of a robot's motion scale with the square root of its length. Times of the
+    training stay: episodes, the interval between pushes, the curriculum's evidence and
+    the stand before a first launch.
+    """
     size = env.hardware.size
     robot = env.hardware
     if robot.is_bp2:
