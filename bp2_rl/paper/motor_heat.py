@@ -1,7 +1,6 @@
 """Heat in the motors, and the torque-speed envelope of warm motors.
 
-Pure and batched; NumPy and JAX arrays alike. Temperatures are in C; T_0 is that of the
-published envelope.
+Pure and batched. Temperatures are in C; T_0 is that of the published envelope.
 
     C_w dT_w/dt = P - (T_w - T_c) / R_wc
     C_c dT_c/dt = P_fe + (T_w - T_c) / R_wc - (T_c - T_a) / R_ca
@@ -25,17 +24,16 @@ to case.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from flax import struct
 from jaxtyping import Float
 
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.bp2 import ENDURANCE_TIME, HEATING_RATE
 
-Motors = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
+Motors = Float[np.ndarray, "..."]  # "... 12" in the robot, but any shape will do
 ENVELOPE_TEMPERATURE = AMBIENT
 """T_0, C: the temperature at which a motor has its published envelope."""
 RISE = HEATING_RATE * ENDURANCE_TIME  # K, of a rear hip's winding in the paper's run
@@ -45,36 +43,7 @@ CAPACITIES = 10.0, 1e5  # J/K of a winding that are looked at
 HALVINGS = 30
 
 
-class Network(struct.PyTreeNode):
-    """Thermal network of a motor: heat flows from the winding through the case to the
-    air."""
-
-    winding_capacity: float  # J/K
-    winding_to_case: float  # K/W
-    case_capacity: float  # J/K
-    case_to_air: float  # K/W
-    air: float  # C
-    copper_growth: float  # 1/K
-    magnet_loss: float  # 1/K
-    iron_loss: float  # W
-
-    @classmethod
-    def from_spec(cls, heat: MotorHeat, winding_to_case: float) -> "Network":
-        """Return a motor's thermal network with a resistance, K/W, between winding and
-        case."""
-        return cls(
-            winding_capacity=heat.winding_capacity,
-            winding_to_case=winding_to_case,
-            case_capacity=heat.case_capacity,
-            case_to_air=heat.case_to_air,
-            air=heat.air,
-            copper_growth=heat.copper_growth,
-            magnet_loss=heat.magnet_loss,
-            iron_loss=heat.iron_loss,
-        )
-
-
-class Temperatures(struct.PyTreeNode):
+class Temperatures(NamedTuple):
     """Temperatures of every motor's winding and case, C."""
 
     winding: Motors
@@ -86,33 +55,31 @@ class Temperatures(struct.PyTreeNode):
         return cls(np.full(shape, temperature), np.full(shape, temperature))
 
 
-def resistance_ratio(network: Network, temperatures: Temperatures) -> Motors:
+def resistance_ratio(motor: MotorHeat, temperatures: Temperatures) -> Motors:
     """Return the windings' electrical resistance over its value at T_0."""
-    return 1.0 + network.copper_growth * (temperatures.winding - ENVELOPE_TEMPERATURE)
+    return 1.0 + motor.copper_growth * (temperatures.winding - ENVELOPE_TEMPERATURE)
 
 
-def flux_ratio(network: Network, temperatures: Temperatures) -> Motors:
+def flux_ratio(motor: MotorHeat, temperatures: Temperatures) -> Motors:
     """Return k, the torque per ampere over its value at T_0; back EMF scales alike."""
-    return 1.0 - network.magnet_loss * (temperatures.case - ENVELOPE_TEMPERATURE)
+    return 1.0 - motor.magnet_loss * (temperatures.case - ENVELOPE_TEMPERATURE)
 
 
-def heat_ratio(network: Network, temperatures: Temperatures) -> Motors:
+def heat_ratio(motor: MotorHeat, temperatures: Temperatures) -> Motors:
     """Return the windings' heat under a given torque over its value at T_0."""
-    return (
-        resistance_ratio(network, temperatures) / flux_ratio(network, temperatures) ** 2
-    )
+    return resistance_ratio(motor, temperatures) / flux_ratio(motor, temperatures) ** 2
 
 
 def heated(
-    actuator: Actuator, network: Network, temperatures: Temperatures
+    actuator: Actuator, motor: MotorHeat, temperatures: Temperatures
 ) -> Actuator:
     """Return motors with the torque-speed envelope of their temperatures; at T_0 the
     cold motors to the last bit.
 
     `winding_heat` of what is returned is P.
     """
-    k = flux_ratio(network, temperatures)
-    growth = resistance_ratio(network, temperatures) - 1.0
+    k = flux_ratio(motor, temperatures)
+    growth = resistance_ratio(motor, temperatures) - 1.0
     corner, no_load = actuator.corner_speed, actuator.no_load_speed
     return dataclasses.replace(
         actuator,
@@ -124,27 +91,27 @@ def heated(
 
 
 def warming(
-    network: Network, temperatures: Temperatures, cold_heat: Motors
+    motor: MotorHeat, temperatures: Temperatures, cold_heat: Motors
 ) -> Temperatures:
     """Return the rates at which winding and case temperatures rise, K/s.
 
     `cold_heat` is the windings' heat at T_0 under the same torque, W.
     """
-    n, t = network, temperatures
-    out = (t.winding - t.case) / n.winding_to_case
+    m, t = motor, temperatures
+    out = (t.winding - t.case) / m.to_case
     return Temperatures(
-        winding=(cold_heat * heat_ratio(n, t) - out) / n.winding_capacity,
-        case=(n.iron_loss + out - (t.case - n.air) / n.case_to_air) / n.case_capacity,
+        winding=(cold_heat * heat_ratio(m, t) - out) / m.winding_capacity,
+        case=(m.iron_loss + out - (t.case - m.air) / m.case_to_air) / m.case_capacity,
     )
 
 
 def advance(
-    network: Network, temperatures: Temperatures, cold_heat: Motors, seconds: float
+    motor: MotorHeat, temperatures: Temperatures, cold_heat: Motors, seconds: float
 ) -> Temperatures:
     """Return the temperatures `seconds` later, by one Runge-Kutta step of order four.
 
     Args:
-        network: the motors.
+        motor: all twelve are alike.
         temperatures: now, C.
         cold_heat: W, of the windings at T_0 under the torque of the meantime:
             `winding_heat` of cold motors, its mean.
@@ -158,10 +125,10 @@ def advance(
             temperatures.case + step * rate.case,
         )
 
-    k1 = warming(network, temperatures, cold_heat)
-    k2 = warming(network, after(0.5, k1), cold_heat)
-    k3 = warming(network, after(0.5, k2), cold_heat)
-    k4 = warming(network, after(1.0, k3), cold_heat)
+    k1 = warming(motor, temperatures, cold_heat)
+    k2 = warming(motor, after(0.5, k1), cold_heat)
+    k3 = warming(motor, after(0.5, k2), cold_heat)
+    k4 = warming(motor, after(1.0, k3), cold_heat)
     return after(
         1.0 / 6.0,
         Temperatures(
@@ -189,8 +156,10 @@ def calibrated(heat: MotorHeat, cold_heat: float) -> MotorHeat:
         return heat
 
     def too_hot(way: float, capacity: float) -> bool:
-        network = Network.from_spec(heat, way).replace(winding_capacity=capacity)
-        return bool(rise(network, np.array([cold_heat]))[0] > RISE)
+        motor = dataclasses.replace(
+            heat, winding_to_case=way, winding_capacity=capacity
+        )
+        return bool(rise(motor, np.array([cold_heat]))[0] > RISE)
 
     copper = heat.winding_capacity
     if too_hot(WAYS[1], copper):
@@ -211,27 +180,27 @@ def _halve(is_below: Callable[[float], bool], low: float, high: float) -> float:
     return float(np.exp(0.5 * (low + high)))
 
 
-def rise(network: Network, cold_heat: Motors) -> Motors:
+def rise(motor: MotorHeat, cold_heat: Motors) -> Motors:
     """Return by how much windings warm in the paper's 86 s, K."""
-    return course(network, cold_heat, ENDURANCE_TIME)[1][-1].winding - network.air
+    return course(motor, cold_heat, ENDURANCE_TIME)[1][-1].winding - motor.air
 
 
 def course(
-    network: Network, cold_heat: Motors, seconds: float
+    motor: MotorHeat, cold_heat: Motors, seconds: float
 ) -> tuple[Float[np.ndarray, " T"], list[Temperatures]]:
     """Return times (s) and temperatures under a constant torque, starting as warm as
     the air."""
-    steps = int(np.ceil(seconds / _course_step(network)))
-    now = [Temperatures.uniform(float(network.air), cold_heat.shape)]
+    steps = int(np.ceil(seconds / _course_step(motor)))
+    now = [Temperatures.uniform(motor.air, cold_heat.shape)]
     for _ in range(steps):
-        now.append(advance(network, now[-1], cold_heat, seconds / steps))
+        now.append(advance(motor, now[-1], cold_heat, seconds / steps))
     return np.linspace(0.0, seconds, steps + 1), now
 
 
-def _course_step(network: Network) -> float:
+def _course_step(motor: MotorHeat) -> float:
     """Return the time step of `course`, s: half of the shortest time constant, at most
     `STEP`."""
-    n = network
-    between = (1.0 / n.winding_capacity + 1.0 / n.case_capacity) / n.winding_to_case
-    rate = between + 1.0 / n.case_to_air / n.case_capacity
+    m = motor
+    between = (1.0 / m.winding_capacity + 1.0 / m.case_capacity) / m.to_case
+    rate = between + 1.0 / m.case_to_air / m.case_capacity
     return float(min(STEP, 0.5 / rate))

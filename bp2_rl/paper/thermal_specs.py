@@ -41,3 +41,8 @@ class MotorHeat:
             raise UserError(
                 f"--heat.limit ({self.limit:g} C) must be above --heat.air ({self.air:g} C)"
             )
+
+    @property
+    def to_case(self) -> float:
+        """Thermal resistance from winding to case, K/W; 1 until it is calibrated."""
+        return self.winding_to_case or 1.0

@@ -2,19 +2,21 @@
 allow."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.trajopt import Workers
 from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import with_folder
 
+Robot = TypeVar("Robot")
 OUT = Path("reports/scaling")
 FIGURE = "limits"
 # of the optimiser: whose limits it looks for, and those found
@@ -34,8 +36,8 @@ class LimitSettings(Bounded, path="--"):
     simulate: bool = False
     """find the limits anew, by the optimiser"""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...")] = ()
-    """with --simulate: only robots whose names have one of these words; bp2 has its
-    variants"""
+    """with --simulate: only robots whose names have one of these words; bp2: BP2 and
+    its variants"""
     intervals: Annotated[Intervals, Within(2, 500)] = 16
     """with --simulate: of the optimiser's mesh, in each segment; three times as many
     where there are springs"""
@@ -46,41 +48,44 @@ class LimitSettings(Bounded, path="--"):
 
 
 def _compare(arguments: Any) -> None:
-    from bp2_rl.base.errors import UserError
+    from bp2_rl.base.assets import asset_path
     from bp2_rl.base.files import require_name
-    from bp2_rl.base.serialization import claim_folder, save_config
+    from bp2_rl.base.metric import table_of
+    from bp2_rl.base.serialization import claim_folder, load_config, save_config
     from bp2_rl.cli.trajopt import progress_bar
     from bp2_rl.paper.cli.figures import open_figure_folder, show_and_leave
     from bp2_rl.paper.figures.drawn import Drawn
     from bp2_rl.paper.published import read_robots
     from bp2_rl.paper.scaling import study
-    from bp2_rl.paper.scaling.figure import draw_limits
-    from bp2_rl.paper.scaling.limits import Rules
+    from bp2_rl.paper.scaling.limits import (
+        LimitSearch,
+        Rules,
+        SpeedLimits,
+        search_limits,
+    )
+    from bp2_rl.paper.scaling.robots import find_robots
 
     settings, out = arguments.settings, arguments.out
     require_name(out)
     if settings.robots and not settings.simulate:
         raise UserError("--robots chooses whose limits to find anew: add --simulate")
-    robots, variants = study.choose_robots(settings.robots)
+    robots = choose_robots(find_robots(), settings.robots)
     if not (out / SEARCH).is_file():
         open_figure_folder(out, FIGURE)
-    limits = study.read_limits()
+    limits = load_config(SpeedLimits, asset_path(study.FOUND))
     if settings.simulate:
-        search = study.LimitSearch(
-            robots, variants, Rules(settings.intervals, settings.impact)
-        )
+        search = LimitSearch(robots, Rules(settings.intervals, settings.impact))
         claim_folder(out, SEARCH, search, "a search")
-        begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
+        kept = out / LIMITS
+        begun = load_config(SpeedLimits, kept) if kept.is_file() else None
         with progress_bar() as bar:
-            found = study.simulate(search, settings.workers, begun)
-            for limits in bar.track(
-                found, len(robots) + len(variants) + 1, description="limits"
-            ):
-                save_config(out / LIMITS, limits)  # as they are found
+            found = search_limits(search, settings.workers, begun)
+            for limits in bar.track(found, len(robots) + 1, description="limits"):
+                save_config(kept, limits)  # as they are found
     compared = study.compare_limits(limits, read_robots(), study.read_learned())
     print(*study.refutations(compared), sep="\n")
-    picture = {"scaling": draw_limits(compared)}
-    drawn = Drawn(compared, study.tables(compared), picture)
+    table = table_of("Robots beside their limits", compared.robots, words=True)
+    drawn = Drawn(compared, (table,), {"scaling": study.draw_limits(compared)})
     show_and_leave(arguments, FIGURE, drawn)
     for what, names in (
         ("no trot was found of", compared.not_found),
@@ -89,6 +94,26 @@ def _compare(arguments: Any) -> None:
         if names:
             print(f"{what}: {', '.join(names)}")
     print(f"picture and numbers: {out}")
+
+
+def choose_robots(
+    robots: Mapping[str, Robot], words: Sequence[str]
+) -> dict[str, Robot]:
+    """Return the robots whose names have one of these words; all of them without words.
+
+    Raises:
+        UserError: a word is in no name.
+    """
+    found: dict[str, Robot] = {}
+    for shown in words:
+        word = shown.replace("_", " ").casefold()
+        named = {name: robots[name] for name in robots if word in name.casefold()}
+        if not named:
+            raise UserError(
+                f"--robots: no robot's name has {shown!r}; there are {', '.join(robots)}"
+            )
+        found |= named
+    return found or dict(robots)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -15,7 +15,7 @@ from bp2_rl.paper.benchmarks.efficiency.measured import ENDS, motors_of
 from bp2_rl.paper.figures.drawn import DASHES, Drawn, note, swatch
 from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingFigureSettings
-from bp2_rl.paper.motor_heat import Network, Temperatures, heated
+from bp2_rl.paper.motor_heat import Temperatures, heated
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -131,9 +131,8 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
     )
     hardware = parts[0].hardware
     cold = Actuator.from_hardware(hardware)
-    warm = Temperatures(np.array(numbers.winding), np.array(AMBIENT))
-    # the way from winding to case does not count here
-    hot = heated(cold, Network.from_spec(MotorHeat(), 1.0), warm)
+    warm = Temperatures(np.array([numbers.winding]), np.array([AMBIENT]))
+    hot = heated(cold, MotorHeat(), warm)
     fastest = max(float(np.max(np.abs(part.joint_velocity))) for part in parts)
     reach = 1.08 * max(hardware.joint_no_load_speed, fastest)
     highest = 1.2 * hardware.joint_peak_torque

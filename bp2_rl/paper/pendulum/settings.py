@@ -3,12 +3,11 @@ anything slow is imported."""
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import bp2, conventions
 
@@ -55,118 +54,109 @@ Hertz = Annotated[float, Within(0.01, 1000.0), tyro.conf.arg(metavar="HZ")]
 Length = Annotated[float, Within(0.001, 1000.0), tyro.conf.arg(metavar="M")]
 
 
+MOST = 12  # values of a list: rows, columns or panels of a picture
+
+
 @dataclasses.dataclass(frozen=True)
-class PendulumExchangeSettings:
+class PendulumSettings(Bounded, path="--"):
+    """Settings of a figure of pendulums; each list has a value at least, and none
+    twice."""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        super().__post_init__()
+        for name, values in vars(self).items():
+            if not isinstance(values, tuple):
+                continue
+            flag = f"--{name.replace('_', '-')}"
+            if not 1 <= len(values) <= MOST:
+                raise UserError(f"{flag} takes 1 to {MOST} values, got {len(values)}")
+            if len(set(values)) < len(values):
+                shown = " ".join(f"{value:g}" for value in values)
+                raise UserError(f"{flag}: {shown} has a value twice")
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivenSettings(PendulumSettings):
+    """Settings of a figure of pendulums that motors drive."""
+
+    frequency: Hertz = 5.0
+    """of the motion; the paper's by default"""
+    length: Length = 1.0
+    """of a pendulum: the paper gives none, and in Hz the frequency needs one"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values, and a motion at resonance."""
+        super().__post_init__()
+        driven_frequency(self.frequency, self.length)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumExchangeSettings(PendulumSettings):
     """Figure of two pendulums' energies after one is released (paper, Fig. 3C)."""
 
     mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)
-    """the beam's mass over one pendulum's; a row of the picture each, at most 6"""
+    """the beam's mass over one pendulum's; a row of the picture each"""
     amplitude: Angle = math.pi / 3.0
     """from which the first is let go; the paper's 60 deg by default"""
     periods: Periods = 40.0
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        _check_list("--mass-ratio", self.mass_ratio, 6)
-
 
 @dataclasses.dataclass(frozen=True)
-class PendulumSectionsSettings:
+class PendulumSectionsSettings(PendulumSettings):
     """Figure of Poincare sections of two pendulums, by mass ratio (paper, Fig. 3D)."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 5.0, 20.0, 25.0, 100.0)
-    """the beam's mass over one pendulum's; a panel each, at most 12"""
+    """the beam's mass over one pendulum's; a panel each"""
     amplitude: Angle = math.pi / 3.0
     """from which the first is let go; the paper's 60 deg by default"""
     periods: Periods = 200.0
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        _check_list("--mass-ratio", self.mass_ratio, 12)
-
 
 @dataclasses.dataclass(frozen=True)
-class PendulumTorqueSettings:
+class PendulumTorqueSettings(DrivenSettings):
     """Figure of two pendulums' torques, beam free and beam fixed (paper, Fig. 3E)."""
 
     mass_ratio: MassRatio = 1.0
     """the beam's mass over one pendulum's"""
     amplitude: Angle = 1.0
-    frequency: Hertz = 5.0
     phase: Annotated[
         float, Within(-2.0 * math.pi, 2.0 * math.pi), tyro.conf.arg(metavar="RAD")
     ] = math.pi / 4.0
     """by which the second is ahead of the first"""
-    length: Length = 1.0
-    """of a pendulum: the paper gives none, and in Hz the frequency needs one"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        driven_frequency(self.frequency, self.length)
 
 
 @dataclasses.dataclass(frozen=True)
-class PendulumMapSettings:
-    """Figure of where a free beam lowers two pendulums' peak torque, and BP2's."""
+class PendulumMapSettings(DrivenSettings):
+    """Figure of where a free beam lowers two pendulums' peak torque, and BP2's.
+
+    Frequency and length are those of the maps over amplitudes, but BP2's.
+    """
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
-    """the beam's mass over one pendulum's; a column each beside BP2's, at most 4"""
-    frequency: Hertz = 5.0
-    """of the maps over amplitudes but BP2's; the paper's by default"""
-    length: Length = 1.0
-    """of their pendulums"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        _check_list("--mass-ratio", self.mass_ratio, 4)
-        driven_frequency(self.frequency, self.length)
+    """the beam's mass over one pendulum's; a column each beside BP2's"""
 
 
 @dataclasses.dataclass(frozen=True)
-class PendulumTrappingSettings:
+class PendulumTrappingSettings(PendulumSettings):
     """Figure of how heavy a beam keeps a swing in its pendulum (beyond the paper)."""
 
     thresholds: tuple[Swing, ...] = (0.5, 0.6, 0.8, math.pi / 3.0, 1.2, 1.4)
-    """amplitudes whose threshold is searched for; at most 12"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        _check_list("--thresholds", self.thresholds, 12)
+    """amplitudes whose threshold is searched for"""
 
 
 @dataclasses.dataclass(frozen=True)
-class PendulumGaitsSettings:
+class PendulumGaitsSettings(DrivenSettings):
     """Figure of torque that a free beam saves four legs, by gait (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (MASS_RATIO, 1.0)
     """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
-    default; a panel each, at most 3"""
+    default; a panel each"""
     amplitude: Angle = HIP_AMPLITUDE
     frequency: Hertz = STRIDE_FREQUENCY
     """of the stride; BP2's at 10 m/s by default"""
     length: Length = LEG_LENGTH
     """of the pendulum that a leg stands for; BP2's thigh by default"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-        _check_list("--mass-ratio", self.mass_ratio, 3)
-        driven_frequency(self.frequency, self.length)
-
-
-def _check_list(flag: str, values: Sequence[float], most: int) -> None:
-    """Refuse a flag's list that is empty, longer than `most`, or has a value twice."""
-    if not 1 <= len(values) <= most:
-        raise UserError(f"{flag} takes 1 to {most} values, got {len(values)}")
-    if len(set(values)) < len(values):
-        raise UserError(
-            f"{flag}: {' '.join(f'{value:g}' for value in values)} has a value twice"
-        )
 
 
 def driven_frequency(frequency: float, length: float) -> float:

@@ -4,8 +4,7 @@ it back."""
 import concurrent.futures
 import contextlib
 import dataclasses
-from collections.abc import Hashable, Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -45,8 +44,6 @@ CHANGES: dict[str, Change] = {
 """Limits that may bind, by name: each a change that multiplies the limit by a
 factor."""
 
-Key = TypeVar("Key", bound=Hashable)
-
 
 @dataclasses.dataclass(frozen=True)
 class SpeedLimit:
@@ -54,8 +51,6 @@ class SpeedLimit:
     gain."""
 
     speed: float  # m/s
-    period: float  # s
-    duty: float
     gains: dict[str, float]  # by limit: d ln speed / d ln limit
     unsound: tuple[str, ...]  # what the verifier objects to
 
@@ -84,9 +79,43 @@ class Rules:
         )
 
 
+@dataclasses.dataclass(frozen=True)
+class LimitSearch:
+    """A search for the speed limits of robots, by name."""
+
+    robots: dict[str, HardwareSpec]
+    rules: Rules
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedLimits:
+    """The speed limits that the optimiser found, by robot; None where it found no
+    trot."""
+
+    rules: Rules
+    limits: dict[str, SpeedLimit | None]
+
+
+def search_limits(
+    search: LimitSearch, workers: int, begun: SpeedLimits | None = None
+) -> Iterator[SpeedLimits]:
+    """Search for robots' speed limits in `workers` processes, and yield all limits
+    found yet after each new one.
+
+    Limits in `begun` are kept: the same search found them before it was interrupted.
+    """
+    before = begun.limits if begun else {}
+    found = {name: before.get(name) for name in search.robots}
+    left = {name: search.robots[name] for name in found if found[name] is None}
+    yield SpeedLimits(search.rules, found)
+    for name, limit in find_limits(left, search.rules, workers):
+        found = found | {name: limit}
+        yield SpeedLimits(search.rules, found)
+
+
 def find_limits(
-    robots: Mapping[Key, HardwareSpec], rules: Rules, workers: int
-) -> Iterator[tuple[Key, SpeedLimit]]:
+    robots: Mapping[str, HardwareSpec], rules: Rules, workers: int
+) -> Iterator[tuple[str, SpeedLimit]]:
     """Yield robots' names and fastest trots as they are found; a robot without any trot
     is left out."""
     with spawned(workers) as pool:
@@ -148,12 +177,9 @@ def _refine(start: Solution, problem: Problem) -> SpeedLimit:
         start, problem=problem, motion=resample(start.problem, start.motion, problem)
     )
     priced = find_shadow_prices(near, CHANGES, greatest=True)
-    trot = priced.solution
-    speed = trot.problem.speed
+    speed = priced.solution.problem.speed
     return SpeedLimit(
-        speed=speed,
-        period=trot.period,
-        duty=trot.duty,
+        speed,
         gains={name: price / speed for name, price in priced.prices.items()},
-        unsound=tuple(failures(verify(trot), exact=False)),
+        unsound=tuple(failures(verify(priced.solution), exact=False)),
     )

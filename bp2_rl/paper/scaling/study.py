@@ -8,28 +8,25 @@ the model.
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Annotated
+
+import numpy as np
+from matplotlib.figure import Figure
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
-from bp2_rl.base.errors import UserError
-from bp2_rl.base.metric import NOT_MEASURED, Table, show
-from bp2_rl.base.serialization import load_config
+from bp2_rl.base.metric import metric, show
+from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.paper.figures.drawn import name_rows, note
 from bp2_rl.paper.figures.scaling import shipped
-from bp2_rl.paper.published import PublishedRobot, read_robots
+from bp2_rl.paper.published import PublishedRobot
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
-from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
-from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
-from bp2_rl.paper.scaling.variants import BP2, bp2_variants, leg_share
-from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.named import shipped_files
-from bp2_rl.robot.robot_file import load_robot
+from bp2_rl.paper.scaling.limits import SpeedLimit, SpeedLimits
+from bp2_rl.paper.scaling.robots import BP2, find_robots, read_legs
 
 LEARNED = "scaling/learned.csv"
-CACHED = "scaling/limits.json"
-SIMULATE = "bp2 paper scaling --simulate"
+FOUND = "scaling/limits.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,25 +38,15 @@ class LearnedSpeed:
     command: str  # that trained it
 
 
-@dataclasses.dataclass(frozen=True)
-class LimitSearch:
-    """A search for greatest speeds: robots and BP2's variants by name, and the
-    rules."""
-
-    robots: dict[str, HardwareSpec]
-    variants: dict[str, HardwareSpec]
-    rules: Rules
+def _show_greatest(speeds: Sequence[float]) -> str:
+    return show(max(speeds, default=None), ".2f")
 
 
-@dataclasses.dataclass(frozen=True)
-class SpeedLimits:
-    """The speed limits that the optimiser found, by robot and variant; None where it
-    found no trot."""
-
-    command: str
-    rules: Rules
-    robots: dict[str, SpeedLimit | None]
-    variants: dict[str, SpeedLimit | None]
+def _show_gains(limit: SpeedLimit) -> str:
+    """Return the limits that matter, by gain, and the verifier's objections as text."""
+    ranked = sorted(limit.gains.items(), key=lambda gain: -gain[1])
+    said = ", ".join(f"{name} {gain:.2f}" for name, gain in ranked if gain >= 0.05)
+    return "; ".join((said, *limit.unsound))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,134 +54,26 @@ class LimitedRobot:
     """A robot's published and learned speeds, m/s, and its speed limit by the
     optimiser."""
 
-    robot: str
-    mass: float  # kg
-    published: float
-    learned: tuple[float, ...]  # one a policy
-    limit: SpeedLimit
-    links_published: bool
-
-    @property
-    def fastest(self) -> float:
-        """Greatest published or learned speed of the robot, m/s."""
-        return max(self.published, *self.learned, 0.0)
-
-    @property
-    def ratio(self) -> float:
-        """Speed limit by the optimiser over the published speed."""
-        return self.limit.speed / self.published
-
-
-@dataclasses.dataclass(frozen=True)
-class LimitedVariant:
-    """A variant of BP2: its legs' share of mass and length, and its speed limit."""
-
-    variant: str
-    leg_share: float  # of the mass, in thighs and below
-    leg_length: float  # m, hip to sole
-    limit: SpeedLimit
+    robot: str = metric("Robot", form="s")
+    # None of BP2's variants
+    published: float | None = metric("Published", "m/s")
+    learned: tuple[float, ...] = metric("Learned", "m/s", _show_greatest)
+    ratio: float | None = metric("Limit / published")
+    # whether some of its links' masses are ASSUMED
+    assumed: bool
+    limit: float = metric("Limit", "m/s")
+    found: SpeedLimit = metric("% for 1 % more", form=_show_gains)
 
 
 @dataclasses.dataclass(frozen=True)
 class ScalingStudy:
-    """All results of the study: robots and BP2's variants with their speed limits."""
+    """All results of the study: robots with their speed limits."""
 
-    # the least ratio of limit to published speed first
+    # the least ratio of limit to published speed first, then BP2's variants
     robots: tuple[LimitedRobot, ...]
-    variants: tuple[LimitedVariant, ...]
-    not_found: tuple[str, ...]  # robots and variants without any trot
+    not_found: tuple[str, ...]  # robots without any trot
     # legged robots of Table S1 whose legs or motors are not published
     left_out: tuple[str, ...]
-
-
-def find_robots() -> dict[str, HardwareSpec]:
-    """Return the hardware of all robots whose speed limit is studied, by name in Table
-    S1."""
-    masses = {robot.robot: robot.mass for robot in read_robots()}
-    files = {
-        robot.name: robot.hardware
-        for robot in map(load_robot, shipped_files().values())
-    }
-    return files | {
-        legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()
-    }
-
-
-def find_variants() -> dict[str, HardwareSpec]:
-    """Return the hardware of BP2 and its variants, by name."""
-    return bp2_variants(
-        {
-            robot.name: robot.hardware
-            for robot in map(load_robot, shipped_files().values())
-        }
-    )
-
-
-def choose_robots(
-    words: Sequence[str],
-) -> tuple[dict[str, HardwareSpec], dict[str, HardwareSpec]]:
-    """Return the robots, and the variants of BP2, whose names have one of these words;
-    all of them without words.
-
-    Raises:
-        UserError: a word is in no name.
-    """
-    robots = find_robots()
-    variants = find_variants()
-    wanted = [word.replace("_", " ").casefold() for word in words]
-    for word, shown in zip(wanted, words, strict=True):
-        if not any(word in name.casefold() for name in (*robots, BP2)):
-            raise UserError(
-                f"--robots: no robot's name has {shown!r}; there are {', '.join((*robots, BP2))}"
-            )
-    if not words:
-        return robots, variants
-    chosen = {
-        name: robot
-        for name, robot in robots.items()
-        if any(word in name.casefold() for word in wanted)
-    }
-    return chosen, variants if any(word in BP2.casefold() for word in wanted) else {}
-
-
-def simulate(
-    search: LimitSearch, workers: int, begun: SpeedLimits | None = None
-) -> Iterator[SpeedLimits]:
-    """Search for robots' speed limits, and yield all limits found yet after each new
-    one.
-
-    Args:
-        search: whose limits are found.
-        workers: processes.
-        begun: what the same search found before it was interrupted.
-    """
-    kinds = {"robots": search.robots, "variants": search.variants}
-    before = {
-        kind: dict[str, SpeedLimit | None](getattr(begun, kind, {})) for kind in kinds
-    }
-    found = {
-        kind: {name: before[kind].get(name) for name in robots}
-        for kind, robots in kinds.items()
-    }
-    left = {
-        (kind, name): robot
-        for kind, robots in kinds.items()
-        for name, robot in robots.items()
-        if found[kind][name] is None
-    }
-    yield SpeedLimits(SIMULATE, search.rules, **found)
-    for (kind, name), limit in find_limits(left, search.rules, workers):
-        found[kind] = found[kind] | {name: limit}
-        yield SpeedLimits(SIMULATE, search.rules, **found)
-
-
-def read_limits(path: Path | None = None) -> SpeedLimits:
-    """Read the speed limits in a file, by default the file that ships.
-
-    Raises:
-        UserError: it cannot be read.
-    """
-    return load_config(SpeedLimits, asset_path(CACHED) if path is None else path)
 
 
 def compare_limits(
@@ -203,46 +82,27 @@ def compare_limits(
     learned: Sequence[LearnedSpeed],
 ) -> ScalingStudy:
     """Return the study: speed limits beside published and learned speeds."""
-    table = {robot.robot: robot for robot in published}
-    variants = find_variants()
-    assumed = {legs.robot for legs in read_legs() if not legs.links_published}
-    speeds = {
-        name: tuple(one.speed for one in learned if one.robot == name) for name in table
-    }
-    bp2 = limits.variants.get(BP2)
-    found = {name: limit for name, limit in limits.robots.items() if limit} | (
-        {BP2: bp2} if bp2 else {}
-    )
+    speeds = {robot.robot: robot.top_speed for robot in published}
+    assumed = {legs.robot for legs in read_legs() if legs.thigh_mass is None}
     robots = [
         LimitedRobot(
             name,
-            table[name].mass,
-            table[name].top_speed,
-            speeds[name],
+            speeds.get(name),
+            tuple(one.speed for one in learned if one.robot == name),
+            limit.speed / speeds[name] if name in speeds else None,
+            name in assumed,
+            limit.speed,
             limit,
-            name not in assumed,
         )
-        for name, limit in found.items()
+        for name, limit in limits.limits.items()
+        if limit
     ]
-    bodies = {name: robot.anatomy for name, robot in variants.items()}
+    known = find_robots()
     return ScalingStudy(
-        robots=tuple(sorted(robots, key=lambda robot: robot.ratio)),
-        variants=tuple(
-            LimitedVariant(
-                name, leg_share(bodies[name]), 2.0 * bodies[name].leg_length, limit
-            )
-            for name, limit in limits.variants.items()
-            if limit
-        ),
-        not_found=tuple(
-            name
-            for name, limit in (limits.robots | limits.variants).items()
-            if limit is None
-        ),
+        robots=tuple(sorted(robots, key=lambda robot: robot.ratio or float("inf"))),
+        not_found=tuple(name for name, limit in limits.limits.items() if not limit),
         left_out=tuple(
-            r.robot
-            for r in published
-            if not r.wheels and r.robot not in {*find_robots(), BP2}
+            one.robot for one in published if not one.wheels and one.robot not in known
         ),
     )
 
@@ -257,91 +117,56 @@ def read_learned() -> tuple[LearnedSpeed, ...]:
     return (*read_table(asset_path(LEARNED), LearnedSpeed), *own)
 
 
-# --- What comes of it -----------------------------------------------------------------
-
-
 def refutations(study: ScalingStudy) -> list[str]:
-    """Return a line for each robot that runs faster than its speed limit, published
-    speeds first."""
+    """Return a line for each published or learned speed above a robot's limit, or one
+    line that there is none."""
     lines = [
-        f"{robot.robot} runs {speed:.2f} m/s ({kind}), and its limit is {robot.limit.speed:.2f} m/s: the model is wrong"
-        for kind in ("published", "learned")
+        f"{robot.robot} runs {speed:.2f} m/s ({kind}), and its limit is {robot.limit:.2f} m/s: the model is wrong"
         for robot in study.robots
-        if (
-            speed := robot.published
-            if kind == "published"
-            else max(robot.learned, default=0.0)
+        for kind, speed in (
+            ("published", robot.published or 0.0),
+            ("learned", max(robot.learned, default=0.0)),
         )
-        > robot.limit.speed
+        if speed > robot.limit
     ]
+    known = sum(robot.published is not None for robot in study.robots)
     return lines or [
-        f"no speed of {len(study.robots)} robots, published or learned, is above the optimiser's limit"
+        f"no speed of {known} robots, published or learned, is above the optimiser's limit"
     ]
 
 
-def tables(study: ScalingStudy) -> tuple[Table, ...]:
-    """Return the tables of robots beside their speed limits, and of BP2's variants."""
-    robots = [
-        (
-            robot.robot + ("" if robot.links_published else " *"),
-            f"{robot.mass:g}",
-            f"{robot.published:.2f}",
-            show(max(robot.learned, default=None), ".2f"),
-            f"{robot.limit.speed:.2f}",
-            f"{robot.ratio:.2f}",
-            f"{1.0 / robot.limit.period:.1f}",
-            f"{robot.limit.duty:.2f}",
-            _binding(robot.limit),
-        )
-        for robot in study.robots
-    ]
-    base = next((one.limit.speed for one in study.variants if one.variant == BP2), None)
-    variants = [
-        (
-            one.variant,
-            f"{one.leg_share:.2f}",
-            f"{one.leg_length:.2f}",
-            f"{one.limit.speed:.2f}",
-            NOT_MEASURED if base is None else f"{one.limit.speed - base:+.2f}",
-            _binding(one.limit),
-        )
-        for one in study.variants
-    ]
-    head = (
-        "Robot",
-        "kg",
-        "published, m/s",
-        "learned",
-        "limit",
-        "limit / published",
-        "Hz",
-        "duty",
-        "% for 1 % more",
+@styled
+def draw_limits(study: ScalingStudy) -> Figure:
+    """Draw published and learned speeds and the limit robot by robot, BP2's variants
+    at the bottom."""
+    robots = study.robots[::-1]
+    figure = Figure(figsize=(WIDTH, 1.6 + 0.27 * len(robots)), layout="constrained")
+    axes = figure.subplots()
+    limits = [(robot.limit,) for robot in robots]
+    published = [(robot.published,) if robot.published else () for robot in robots]
+    learned = [robot.learned for robot in robots]
+    for row, robot in enumerate(robots):
+        speeds = (*robot.learned, robot.published or 0.0)
+        limit = robot.limit
+        color = FALL if max(speeds) > limit else QUIET
+        if robot.published:
+            axes.plot((robot.published, limit), (row, row), color=color, linewidth=0.8)
+        ratio = f"{robot.ratio:.2f}, " if robot.ratio else ""
+        said = f"{ratio}{robot.found.binds}"
+        note(axes, said, (max(*speeds, limit), row), (7, 0), va="center", fontsize=8)
+    for label, columns, mark, size, color in (
+        ("optimiser's limit", limits, "|", 11, LEG_COLORS["FL"]),
+        ("learned, simulated", learned, "D", 4, FRONT),
+        ("published", published, "o", 5, INK),
+    ):
+        points = [(x, row) for row, speeds in enumerate(columns) for x in speeds]
+        at = np.reshape(points, (-1, 2)).T
+        axes.plot(*at, mark, ms=size, mew=1.5, color=color, label=label)
+    name_rows(axes, [robot.robot + " *" * robot.assumed for robot in robots])
+    axes.set_title(
+        "Beside: limit over published speed, and what binds; *: links ASSUMED", x=0.0
     )
-    other = (
-        "BP2",
-        "legs' share of mass",
-        "legs, m",
-        "limit, m/s",
-        "change",
-        "% for 1 % more",
-    )
-    titles = (
-        "Robots beside their limits; *: masses of the links ASSUMED",
-        "BP2 and its variants, at equal motors",
-    )
-    return tuple(
-        Table(title, names, lines, words=True)
-        for title, names, lines in zip(
-            titles, (head, other), (robots, variants), strict=True
-        )
-        if lines
-    )
-
-
-def _binding(limit: SpeedLimit) -> str:
-    """Return a cell's text: the limits that matter, by gain, and the verifier's
-    objections."""
-    ranked = sorted(limit.gains.items(), key=lambda gain: -gain[1])
-    said = ", ".join(f"{name} {gain:.2f}" for name, gain in ranked if gain >= 0.05)
-    return "; ".join((said, *limit.unsound))
+    axes.set(xlabel="Speed [m/s]", xlim=(0.0, None))
+    axes.margins(x=0.22)
+    axes.legend(loc="center right", fontsize=8.5)
+    return figure

@@ -101,8 +101,8 @@ def test_an_item_without_its_number_is_left_out(tmp_path):
         ),
         (["exchange", "--mass-ratio", "1", "1"], "--mass-ratio: 1 1 has a value twice"),
         (
-            ["exchange", "--mass-ratio", *"1234567"],
-            "--mass-ratio takes 1 to 6 values, got 7",
+            ["exchange", "--mass-ratio", *map(str, range(1, 14))],
+            "--mass-ratio takes 1 to 12 values, got 13",
         ),
         (
             ["exchange", "--amplitude", "4"],
@@ -126,7 +126,6 @@ def test_an_item_without_its_number_is_left_out(tmp_path):
             ["trapping", "--thresholds", "2"],
             "--thresholds must be from 0.3 to 1.5, got 2",
         ),
-        (["gaits", "--mass-ratio", *"1234"], "--mass-ratio takes 1 to 3 values, got 4"),
         (["gaits", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
     ],
 )

@@ -5,27 +5,30 @@ import dataclasses
 
 import pytest
 
+from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import INTERRUPTED, OK, WRONG_INPUT
 from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import scaling
+from bp2_rl.paper.cli.scaling import choose_robots
 from bp2_rl.paper.published import read_robots
-from bp2_rl.paper.scaling import study
-from bp2_rl.paper.scaling.limits import Rules, SpeedLimit
-from bp2_rl.paper.scaling.study import (
+from bp2_rl.paper.scaling import limits as module
+from bp2_rl.paper.scaling.limits import (
     LimitSearch,
+    Rules,
+    SpeedLimit,
     SpeedLimits,
-    choose_robots,
+    search_limits,
+)
+from bp2_rl.paper.scaling.robots import BP2, find_robots
+from bp2_rl.paper.scaling.study import (
+    FOUND,
     compare_limits,
-    find_robots,
-    find_variants,
     read_learned,
-    read_limits,
     refutations,
-    simulate,
 )
 from bp2_rl.robot.hardware import times
 
-A1 = "Unitree A1"
+A1, LITE = "Unitree A1", "DeepRobotics Lite3"
 
 
 SLOWER = 0.8  # times the speed of A1's motors
@@ -40,10 +43,9 @@ def found() -> dict[str, SpeedLimit]:
         times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed)
     )
     slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
-    *_, limits = simulate(
-        LimitSearch({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1
-    )
-    return {name: limit for name, limit in limits.robots.items() if limit}
+    search = LimitSearch({A1: robot, "slow": slow}, Rules(intervals=4))
+    *_, found = search_limits(search, workers=1)
+    return {name: limit for name, limit in found.limits.items() if limit}
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +71,7 @@ def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
 
 
 def test_a_speed_above_its_limit_is_said_first(a1):
-    limits = SpeedLimits("by hand", Rules(4), {A1: a1}, {})
+    limits = SpeedLimits(Rules(4), {A1: a1})
     fine = compare_limits(limits, read_robots(), ())
     assert refutations(fine) == [
         "no speed of 1 robots, published or learned, is above the optimiser's limit"
@@ -84,32 +86,38 @@ def test_a_speed_above_its_limit_is_said_first(a1):
     ]
 
 
-def test_what_ships_is_of_the_robots_that_there_are():
-    limits = read_limits()
-    assert limits.robots.keys() == find_robots().keys()
-    assert limits.variants.keys() == find_variants().keys()
-    study = compare_limits(limits, read_robots(), read_learned())
+@pytest.fixture
+def shipped() -> SpeedLimits:
+    return load_config(SpeedLimits, asset_path(FOUND))
+
+
+def test_what_ships_is_of_the_robots_that_there_are(shipped):
+    assert shipped.limits.keys() == find_robots().keys()
+    study = compare_limits(shipped, read_robots(), read_learned())
     assert {robot.robot for robot in study.robots if robot.learned} >= {
-        "BP2",
+        BP2,
         "Unitree Go1",
         "Unitree B2",
     }
     assert "WildCat" in study.left_out
-    assert not {"BP2", "Unitree Go2-W"} & set(study.left_out)
+    assert not {BP2, "Unitree Go2-W"} & set(study.left_out)
 
 
 def test_words_choose_robots():
-    assert set(choose_robots(("go1", "mini_cheetah"))[0]) == {
-        "Unitree Go1",
+    robots = find_robots()
+    assert choose_robots(robots, ("mini_cheetah",)).keys() == {
         "MIT Mini Cheetah",
+        "BP2, rigid legs of MIT Mini Cheetah",
     }
-    assert choose_robots(("bp2",)) == ({}, find_variants())
+    of_bp2 = choose_robots(robots, ("bp2", "rigid"))
+    assert set(of_bp2) == {name for name in robots if name.startswith(BP2)}
+    assert choose_robots(robots, ()) == robots
 
 
-def test_the_command_prints_refutations_first(tmp_path, capsys):
+def test_the_command_prints_refutations_first(shipped, tmp_path, capsys):
     assert scaling.main(["--out", str(tmp_path / "out")]) == OK
     first = capsys.readouterr().out.splitlines()[0]
-    study = compare_limits(read_limits(), read_robots(), read_learned())
+    study = compare_limits(shipped, read_robots(), read_learned())
     assert first == refutations(study)[0]
     assert (tmp_path / "out" / "scaling.png").stat().st_size > 10_000
 
@@ -117,7 +125,7 @@ def test_the_command_prints_refutations_first(tmp_path, capsys):
 def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatch):
     """What a first search left in its folder is kept, and the rest is found; another
     search is refused."""
-    asked: list[tuple[str, str]] = []
+    asked: list[str] = []
     interrupts = iter([True, False])
 
     def find(robots, rules, workers):
@@ -127,15 +135,13 @@ def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatc
             if next(interrupts):
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(study, "find_limits", find)
-    words = ["--simulate", "--robots", "a1", "go1", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(module, "find_limits", find)
+    words = ["--simulate", "--robots", "a1", "lite", "--out", str(tmp_path / "out")]
     assert scaling.main(words) == INTERRUPTED
     assert scaling.main(words) == OK
-    assert asked == [("robots", "Unitree Go1"), ("robots", A1), ("robots", A1)]
-    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS).robots == {
-        "Unitree Go1": a1,
-        A1: a1,
-    }
+    assert asked == [A1, LITE, LITE]
+    kept = load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS)
+    assert kept.limits == {A1: a1, LITE: a1}
     assert scaling.main([*words, "--intervals", "5"]) == WRONG_INPUT
 
 

@@ -8,7 +8,6 @@ motor gets hottest, how long it lasts at other speeds, and what ends it.
 """
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,7 +46,7 @@ from bp2_rl.paper.benchmarks.endurance.heating import (
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import table_over_speed
-from bp2_rl.paper.motor_heat import RISE, Network, Temperatures, calibrated, heated
+from bp2_rl.paper.motor_heat import RISE, Temperatures, calibrated, heated
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -123,8 +122,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         robot,
         setup.operator,
         ramp,
-        _network(setup.heat),
-        math.inf,
+        setup.heat,
         longest=0.0,
         pace=1.0,
         cold_window=CALIBRATION,
@@ -132,9 +130,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     (cold,) = run_hot(policy, [gait.at(SPEED)])
     cold_heat = max(cold.endured.first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
-    full = HeatingTry(
-        robot, setup.operator, ramp, _network(heat), heat.limit, ramp.hold, pace=1.0
-    )
+    full = HeatingTry(robot, setup.operator, ramp, heat, ramp.hold, pace=1.0)
     fast = dataclasses.replace(full, pace=PACE)
     kinds = [fast] if setup.quick else [full, fast]
     ran = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
@@ -187,10 +183,6 @@ def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
     """Return the command's ramp to the top speed, held until the run ends, at most
     `LONGEST` s by default."""
     return ramp_to_topspeed(policy, setup, hold=LONGEST)
-
-
-def _network(heat: MotorHeat) -> Network:
-    return Network.from_spec(heat, heat.winding_to_case or 1.0)
 
 
 def say_endurance(metrics: EnduranceMetrics) -> str:
@@ -316,7 +308,6 @@ def draw_operating_points(
     figure = Figure(figsize=(WIDTH, 0.6 + 3.3 * count), layout="constrained")
     panels = figure.subplots(count, 2, sharex=True, sharey=True, squeeze=False)
     motors = Actuator.from_hardware(robot)
-    network = Network.from_spec(heat, heat.winding_to_case or 1.0)
     fastest = max(float(np.max(np.abs(run.rate), initial=0.0)) for run in runs)
     reach = 1.12 * max(robot.joint_no_load_speed, fastest)
     speeds = np.linspace(-reach, reach, 601)
@@ -326,7 +317,7 @@ def draw_operating_points(
         leg = 3 * (conventions.MOTOR_NAMES.index(end.hottest) // 3)
         for axes, i in zip(row, (leg + 1, leg + 2), strict=True):
             now = Temperatures(np.array([end.winding[i]]), np.array([end.case[i]]))
-            hot = torque_limits(heated(motors, network, now), speeds)
+            hot = torque_limits(heated(motors, heat, now), speeds)
             axes.fill_between(speeds, *cold, color=FAINT, alpha=0.6, linewidth=0)
             points = axes.scatter(
                 run.rate[:, i],

@@ -17,7 +17,8 @@ from jaxtyping import Float
 from bp2_rl.base.metric import metric
 from bp2_rl.env.controller import motors_of
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.motor_heat import Network, Temperatures, advance, heated
+from bp2_rl.paper.motor_heat import Temperatures, advance, heated
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.hardware import HardwareSpec
@@ -48,29 +49,27 @@ class Heating:
     or weak.
 
     Args:
-        network: the motors' heat.
+        motor: the motors' thermal model.
         cold: the motors at T_0.
         start: s into the run, when the clock starts, a multiple of `UPDATE`.
         pace: how many seconds of heat a second of running stands for.
-        limit: C, of a winding.
         window: s, the last before the clock starts, over which the cold gait counts.
     """
 
     def __init__(
         self,
-        network: Network,
+        motor: MotorHeat,
         cold: Actuator,
         *,
         start: float,
         pace: float = 1.0,
-        limit: float = math.inf,
         window: float = WINDOW,
     ):
-        self.network, self.cold, self.pace, self.limit = network, cold, pace, limit
+        self.motor, self.cold, self.pace = motor, cold, pace
         self.window = round(window / DT)  # ms
         self.start = round(start / DT)  # ms
         self.history = [
-            Temperatures.uniform(float(network.air), (conventions.NUM_MOTORS,))
+            Temperatures.uniform(motor.air, (conventions.NUM_MOTORS,))
         ]  # at the start of each update
         self.over: Cause | None = None  # why the run was ended, if it was
         self._step = 0  # ms of running so far
@@ -103,15 +102,15 @@ class Heating:
         """Warm the motors by the heat since the last update; return them with their new
         envelope."""
         now = advance(
-            self.network, self.history[-1], self._heat / UPDATE, self.pace * UPDATE * DT
+            self.motor, self.history[-1], self._heat / UPDATE, self.pace * UPDATE * DT
         )
         self.history.append(now)
         self._heat[:] = 0.0
-        if np.max(now.winding) >= self.limit:
+        if np.max(now.winding) >= self.motor.limit:
             self.over = "winding"
         elif self._made_good(self._places, SECOND) < MARGIN * self.cold_speed:
             self.over = "torque margin"
-        return heated(self.cold, self.network, now)
+        return heated(self.cold, self.motor, now)
 
     def _made_good(self, places: list[np.ndarray], steps: int) -> float:
         """Return the mean speed over the last `steps` ms of trunk positions, m/s."""
@@ -128,8 +127,7 @@ class HeatingTry:
     robot: HardwareSpec
     operator: HeadingHold
     rise: Ramp  # to the speed commanded, but for its hold
-    network: Network
-    limit: float  # C, of a winding
+    motor: MotorHeat
     longest: float  # s of heat
     pace: float
     cold_window: float = WINDOW  # s, the last before the clock starts
@@ -156,11 +154,10 @@ class HeatingTry:
         """Return the rollout request of this run, for a policy of the environment
         `config`."""
         heating = Heating(
-            self.network,
+            self.motor,
             motors_of(dataclasses.replace(config, hardware=self.robot)),
             start=self.start,
             pace=self.pace,
-            limit=self.limit,
             window=self.cold_window,
         )
         return RunRequest(self.ramp, self.robot, self.operator, watch=heating)
@@ -268,7 +265,7 @@ def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
     case = np.stack([now.case for now in history])
     update = np.clip((np.arange(end) - start) // UPDATE, 0, len(history) - 1)
     now = Temperatures(winding[update], case[update])
-    use = envelope_use(run, heated(heating.cold, heating.network, now))
+    use = envelope_use(run, heated(heating.cold, heating.motor, now))
 
     def window(stop: int, steps: int) -> AveragingWindow:
         part = slice(max(stop - steps, 0), max(stop, 1))
@@ -290,7 +287,7 @@ def measure_heat(run: Trajectory, heating: Heating) -> HeatedRun:
     by_heat = cause in ("winding", "none")
     weak = hot if by_heat else int(np.argmax(last.on_envelope))
     lasted = _heating_time(run, heating)
-    warmed = float(winding[-1, hot] - heating.network.air)
+    warmed = float(winding[-1, hot] - heating.motor.air)
     seconds = np.arange(start, end - SECOND + 1, SECOND)  # the first sample of each
     clock = np.arange(start, end)
     rng = np.random.default_rng(0)
@@ -332,7 +329,7 @@ def _heating_time(run: Trajectory, heating: Heating) -> float:
     if heating.over != "winding":
         return max(heating.pace * (len(run) - heating.start) * DT, 0.0)
     before, after = (np.max(t.winding) for t in heating.history[-2:])
-    share = (heating.limit - before) / (after - before)
+    share = (heating.motor.limit - before) / (after - before)
     return float(heating.pace * UPDATE * DT * (len(heating.history) - 2 + share))
 
 

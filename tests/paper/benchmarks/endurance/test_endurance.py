@@ -36,14 +36,20 @@ def ran(monkeypatch):
         torque = np.array([10.0, 45.0, 40.0] * 4) * speed / 10.74
         torque[HOTTEST] = 51.0 * speed / 10.74
         heat = winding_heat(Actuator.from_hardware(one.robot), torque)
-        times, warmed = course(one.network, heat, one.longest or 1.0)
+        times, warmed = course(one.motor, heat, one.longest or 1.0)
         hottest = np.array([now.winding[HOTTEST] for now in warmed])
-        too_hot = one.longest > 0.0 and hottest[-1] >= one.limit
-        time = float(np.interp(one.limit, hottest, times)) if too_hot else one.longest
+        too_hot = one.longest > 0.0 and hottest[-1] >= one.motor.limit
+        time = (
+            float(np.interp(one.motor.limit, hottest, times))
+            if too_hot
+            else one.longest
+        )
         n = int(time / one.pace)
         winding = np.linspace(
             25.0,
-            np.where(np.arange(12) == HOTTEST, one.limit if too_hot else 100.0, 90.0),
+            np.where(
+                np.arange(12) == HOTTEST, one.motor.limit if too_hot else 100.0, 90.0
+            ),
             n + 2,
         )
         window = AveragingWindow(

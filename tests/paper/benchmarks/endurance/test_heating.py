@@ -17,7 +17,6 @@ from bp2_rl.paper.benchmarks.endurance.heating import (
     HeatingTry,
     measure_heat,
 )
-from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -28,7 +27,7 @@ from bp2_rl.simulation.simulator import RobotSetup, Simulator
 
 MOTOR = MotorHeat()
 # heat stays in the winding
-SHUT = Network.from_spec(MotorHeat(winding_capacity=10.0), winding_to_case=1e12)
+SHUT = MotorHeat(winding_capacity=10.0, winding_to_case=1e6)
 # Nm; the last leg's hip is the hottest motor
 TORQUE = np.array([10.0, 70.0, 40.0] * 4) + np.arange(12)
 HOTTEST = 10
@@ -57,7 +56,8 @@ def watched(make_run):
         )
         slow = run.time >= slower_from
         run.qpos[slow, 0] -= 0.06 * 5.0 * (run.time[slow] - slower_from)
-        heating = Heating(SHUT, COLD, start=START, pace=pace, limit=limit)
+        motor = dataclasses.replace(SHUT, limit=limit)
+        heating = Heating(motor, COLD, start=START, pace=pace)
         simulator = Simulator([RobotSetup(EnvConfig())])
         for k in range(len(run)):
             simulator.qpos[0] = run.qpos[k]
@@ -95,7 +95,7 @@ def test_a_run_ends_when_a_winding_is_at_its_limit_whatever_the_pace(watched, pa
 
 
 def test_a_run_that_gets_slower_than_it_was_cold_has_no_torque_margin_left(watched):
-    run = watched(slower_from=10.0, limit=1e9).endured
+    run = watched(slower_from=10.0, limit=1000.0).endured
     assert run.cause == "torque margin"
     # By 6 %: the mean of a second is 5 % slow after 5/6 of a second, 1.5 s after the
     # clock started.
@@ -103,7 +103,7 @@ def test_a_run_that_gets_slower_than_it_was_cold_has_no_torque_margin_left(watch
 
 
 def test_a_run_that_nothing_ends_was_long_enough(watched):
-    run = watched(limit=1e9, seconds=11.0).endured
+    run = watched(limit=1000.0, seconds=11.0).endured
     assert run.cause == "none"
     assert run.seconds == pytest.approx(2.5)
 
@@ -123,7 +123,7 @@ def test_a_robot_that_falls_before_the_clock_starts_has_endured_nothing(make_run
 def test_heat_of_which_nothing_comes_leaves_the_run_as_it_was_to_the_last_bit(hardware):
     """Motors heat, and get an envelope anew, but neither copper nor magnets mind."""
     config, ramp = EnvConfig(hardware=hardware), Ramp((1.0, 0.0, 0.0), hold=0.3)
-    indifferent = SHUT.replace(copper_growth=0.0, magnet_loss=0.0)
+    indifferent = dataclasses.replace(SHUT, copper_growth=0.0, magnet_loss=0.0)
     heating = Heating(indifferent, motors_of(config), start=0.1, pace=1.0)
     plain, watched = (
         run_one(no_action, ramp, config, watch=watch) for watch in (None, heating)
@@ -150,12 +150,10 @@ def test_torque_never_leaves_the_envelope_of_the_moment(hardware, make_policy):
 def _run(policy, hardware, action, **motor):
     config = policy.card.env
     cold = motors_of(dataclasses.replace(config, hardware=hardware))
-    heating = Heating(
-        SHUT.replace(case_capacity=50.0, winding_to_case=0.2, **motor),
-        cold,
-        start=0.05,
-        pace=60.0,
+    hot = dataclasses.replace(
+        SHUT, case_capacity=50.0, winding_to_case=0.2, limit=1000.0, **motor
     )
+    heating = Heating(hot, cold, start=0.05, pace=60.0)
     return measure_heat(
         run_one(action, Ramp((0.5, 0.0, 0.0), hold=0.6), config, watch=heating), heating
     )
@@ -167,7 +165,6 @@ def test_a_try_starts_its_clock_after_a_cold_lap_in_steady_gait():
         HEADING_HOLD,
         Ramp((10.74, 0.0, 0.0), 2.4),
         SHUT,
-        180.0,
         longest=80.0,
         pace=8.0,
     )

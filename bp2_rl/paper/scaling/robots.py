@@ -1,5 +1,7 @@
-"""A rigid quadruped from one row of published numbers; what nobody publishes follows
-rules, all ASSUMED.
+"""The robots whose speed limit is studied: rigid quadrupeds from rows of published
+numbers, those that ship as files, and variants of BP2.
+
+What nobody publishes follows rules, all ASSUMED.
 
 The plane knows pitch alone, so a link has one published inertia, and the trunk's centre
 of mass is midway between the hips. The trunk weighs what the legs leave of the robot's
@@ -8,16 +10,19 @@ published mass. Fore and hind legs are alike and bend backwards.
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Annotated
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
+from bp2_rl.paper.published import read_robots
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import HardwareSpec, Losses
-from bp2_rl.robot.robot_file import mirrored
+from bp2_rl.robot.hardware import BUILT, HardwareSpec, Losses
+from bp2_rl.robot.named import shipped_files
+from bp2_rl.robot.robot_file import load_robot, mirrored
 
 TABLE = "scaling/legs.csv"
 
@@ -90,11 +95,6 @@ class PublishedLegs:
     hip_armature: Annotated[float | None, SIZE, ColumnHeading("hip armature [kg m2]")]
     knee_armature: Annotated[float | None, SIZE, ColumnHeading("knee armature [kg m2]")]
     source: str
-
-    @property
-    def links_published(self) -> bool:
-        """Return whether the masses of the links are published."""
-        return self.thigh_mass is not None
 
 
 def read_legs() -> tuple[PublishedLegs, ...]:
@@ -219,3 +219,98 @@ def _box(mass: float, length: float, width: float, height: float) -> Inertia:
 
 def _or(published: float | None, assumed: float) -> float:
     return assumed if published is None else published
+
+
+# --- Variants of BP2, at equal motors -------------------------------------------------
+
+BP2 = "BP2"
+THIGHS = 0.5, 2.0  # times the mass of BP2's
+
+
+def find_robots() -> dict[str, HardwareSpec]:
+    """Return the hardware of all robots whose speed limit is studied, by name in Table
+    S1; variants of BP2 come last, and their names begin with BP2."""
+    masses = {robot.robot: robot.mass for robot in read_robots()}
+    files = {
+        robot.name: robot.hardware
+        for robot in map(load_robot, shipped_files().values())
+    }
+    tabled = {legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()}
+    return files | tabled | bp2_variants(files)
+
+
+def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
+    """Return the hardware of BP2, with other thighs, with rigid shanks, and on rigid
+    legs of other robots, by name."""
+    rigid = rigid_shanks(BUILT)
+    return {
+        BP2: BUILT,
+        **{
+            f"BP2, thighs x {factor:g}": BUILT.changed(
+                thigh_mass=factor * BUILT.bp2.thigh_mass
+            )
+            for factor in THIGHS
+        },
+        "BP2, rigid shanks": rigid,
+        **{
+            f"BP2, rigid legs of {name}": on_legs_of(other.anatomy, rigid)
+            for name, other in others.items()
+        },
+    }
+
+
+def rigid_shanks(hardware: HardwareSpec) -> HardwareSpec:
+    """Return a robot whose toes are welded to its shanks where its springs have them at
+    rest."""
+
+    def rigid(leg: Leg) -> Leg:
+        return (
+            leg
+            if leg.toe is None
+            else dataclasses.replace(
+                leg, shank=merged(leg.shank, leg.toe, leg.seat), toe=None
+            )
+        )
+
+    fr, fl, rr, rl = map(rigid, hardware.anatomy.legs)
+    body = dataclasses.replace(hardware.anatomy, legs=(fr, fl, rr, rl))
+    return dataclasses.replace(hardware, body=body)
+
+
+def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
+    """Return a robot with rigid shanks on the thighs and shanks of another one, which
+    is scaled to the same mass.
+
+    Lengths go with the cube root of the mass. The trunk has what the legs leave. Hips,
+    joint ranges and motors stay.
+
+    Args:
+        other: the robot whose legs are taken.
+        hardware: the robot that gets them.
+    """
+    body = hardware.anatomy
+    scale = (body.mass / other.mass) ** (1.0 / 3.0)
+
+    def refit(leg: Leg, model: Leg) -> Leg:
+        return dataclasses.replace(
+            leg,
+            knee=(0.0, 0.0, scale * model.knee[2]),
+            foot=(0.0, 0.0, scale * model.foot[2]),
+            foot_radius=scale * model.foot_radius,
+            thigh=_scaled(model.thigh, scale, scale**3),
+            shank=_scaled(model.shank, scale, scale**3),
+        )
+
+    fr, fl, rr, rl = map(refit, body.legs, other.legs)
+    trunk = body.mass - sum(link.mass for leg in (fr, fl, rr, rl) for link in leg.links)
+    lighter = _scaled(body.trunk, 1.0, trunk / body.trunk.mass)
+    return dataclasses.replace(
+        hardware, body=dataclasses.replace(body, legs=(fr, fl, rr, rl), trunk=lighter)
+    )
+
+
+def _scaled(link: Link, length: float, mass: float) -> Link:
+    """Return a link with its lengths multiplied by `length` and its mass by `mass`."""
+    x, y, z = (length * c for c in link.com)
+    xx, yy, zz, xy, xz, yz = (mass * length**2 * i for i in link.inertia)
+    return Link(mass * link.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))

@@ -10,18 +10,25 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.paper.published import read_robots
-from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
-from bp2_rl.paper.scaling.variants import (
+from bp2_rl.paper.scaling.robots import (
     bp2_variants,
-    leg_share,
     on_legs_of,
+    read_legs,
+    rigid_robot,
     rigid_shanks,
 )
+from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.model import load_spec
 
 MASSES = {robot.robot: robot.mass for robot in read_robots()}
 LEGS = {legs.robot: legs for legs in read_legs()}
+
+
+def leg_share(anatomy: Anatomy) -> float:
+    """Return the share of a robot's mass that is in its legs from the thighs down."""
+    legs = sum(link.mass for leg in anatomy.legs for link in leg.links[1:])
+    return legs / anatomy.mass
 
 
 def inertia(hardware: HardwareSpec) -> tuple[float, np.ndarray, np.ndarray]:
@@ -102,10 +109,10 @@ def test_other_legs_are_scaled_to_bp2s_mass():
     for name, variant in variants.items():
         assert variant.anatomy.mass == pytest.approx(BUILT.anatomy.mass), name
         assert variant.peak_torque == BUILT.peak_torque, name
-    other = variants["rigid, legs of x"].anatomy
+    other = variants["BP2, rigid legs of x"].anatomy
     assert other.leg_length == pytest.approx(scale * go2.anatomy.leg_length)
     assert leg_share(other) == pytest.approx(leg_share(go2.anatomy))
     assert math.isclose(
-        leg_share(variants["thighs x 2"].anatomy),
+        leg_share(variants["BP2, thighs x 2"].anatomy),
         leg_share(BUILT.anatomy) + 4.0 * 2.2 / 35.8,
     )
