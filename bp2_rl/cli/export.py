@@ -77,6 +77,16 @@ def export(config: ExportConfig) -> None:
         )
     if config.format != "page" and config.mujoco_package:
         raise UserError("--mujoco-package is of a page: give --format page, too")
+    eased = {
+        name: value
+        for name in COMMAND_LIMITS
+        if (value := getattr(config, name)) is not None
+    }
+    if eased and config.report:
+        raise UserError(
+            f"--report was measured without --{next(iter(eased)).replace('_', '-')}: export the copy without "
+            "--report, run eval.py on it, and export it again with the new report"
+        )
     find_policy(config.run)
     # Imported here so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
@@ -85,11 +95,6 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run, task=config.task)
-    eased = {
-        name: value
-        for name in COMMAND_LIMITS
-        if (value := getattr(config, name)) is not None
-    }
     env = policy.card.env
     # refuses what cannot be
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))

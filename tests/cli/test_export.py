@@ -158,6 +158,10 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
         ),
         (["run", "--to", "kept", "--report", "run"], "no report in run"),
         (["run", "--to", "report"], "holds files that are no policy's"),
+        (
+            ["run", "--to", "kept", "--report", "report", "--braking", "4"],
+            "--report was measured without --braking",
+        ),
         (["run", "--to", "run"], "holds files that are no policy's"),
         (["run", "--to", "report/speed.png"], "cannot write policy report/speed.png"),
         (
