@@ -34,7 +34,12 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
-from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Measured
+from bp2_rl.evaluation.benchmarks.tries.rules import (
+    CHATTER_WINDOW,
+    STOPPED,
+    Assessment,
+    Measured,
+)
 from bp2_rl.evaluation.benchmarks.tries.tasks import (
     AFTER_PUSH,
     ARROWS,
@@ -126,15 +131,16 @@ class ManoeuvreMetrics(Tries):
 
 
 def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
-    """Judge the run of a trial by the trial's rule; a robot that falls fails."""
-    found = one.assess(run)
+    """Judge the run of a trial by the trial's rule; a robot that falls fails, and is
+    not measured."""
     fell = run.fell_at is not None
+    found = Assessment(False, FELL, {}) if fell else one.assess(run)
     return TryOutcome(
         group=one.group,
         asked=one.asked,
         rule=one.rule,
-        did=FELL if fell else found.said,
-        passed=found.passed and not fell,
+        did=found.said,
+        passed=found.passed,
         fell_at=run.fell_at,
         measured=found.measured,
     )
@@ -293,7 +299,7 @@ def _measured(name: str, tries: Tries) -> float | None:
     """Return a figure of the last trial that measured it; for straightness this is the
     run without steering."""
     found = [o.measured[name] for o in tries.outcomes if name in o.measured]
-    return found[-1]
+    return found[-1] if found else None
 
 
 # --- Disturbances ---------------------------------------------------------------------
