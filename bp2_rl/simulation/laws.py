@@ -64,7 +64,7 @@ def numbers_of(
         np.broadcast_to(np.float64(value), conventions.NUM_MOTORS) for value in values
     ]
     rest = (*vars(motors.bus or NO_BUS).values(), *resisting.values(), seconds)
-    return np.concatenate([*by_joint, np.array(rest, np.float64)])
+    return np.concatenate([*by_joint, *(np.ravel(np.float64(x)) for x in rest)])
 
 
 def forces(

@@ -36,7 +36,7 @@ _kept: list[concurrent.futures.ProcessPoolExecutor] = []
 def keep_workers() -> Generator[None]:
     """Keep the worker processes and their compiled programs alive over all benchmarks
     in the block."""
-    with _workers(processors()) as pool:
+    with _pool(processors()) as pool:
         _kept.append(pool)
         try:
             yield
@@ -51,9 +51,8 @@ def in_parallel(
 
     `run` and all else must be picklable.
     """
-    count = min(processors(), len(tasks))
-    shares = [list(range(worker, len(tasks), count)) for worker in range(count)]
-    return _share_out(functools.partial(_run_all, run), policy, tasks, shares)
+    with _pool(min(processors(), len(tasks))) as pool:
+        return list(pool.map(functools.partial(run, policy), tasks))
 
 
 def simulate_all(
@@ -67,8 +66,14 @@ def simulate_all(
 
     `measure` and all else must be picklable.
     """
-    run = functools.partial(_measure_all, measure, backend)
-    return _share_out(run, policy, requests, shares_of(requests, processors()))
+    shares = shares_of(requests, processors())
+    work = functools.partial(_measure_all, measure, backend, policy)
+    done: dict[int, Result] = {}
+    with _pool(len(shares)) as pool:
+        parts = pool.map(work, ([requests[i] for i in share] for share in shares))
+        for share, part in zip(shares, parts, strict=True):
+            done.update(zip(share, part, strict=True))
+    return [done[i] for i in range(len(requests))]
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
@@ -105,34 +110,17 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     ]
 
 
-def _share_out(
-    run_all: Callable[[Policy, list[Task]], list[Result]],
-    policy: Policy,
-    tasks: Sequence[Task],
-    shares: Sequence[Sequence[int]],
-) -> list[Result]:
-    """Run the tasks in worker processes by `shares`; return the results in the order of
-    the tasks."""
-    done: dict[int, Result] = {}
-    if not tasks:
-        return []
-    with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
-        futures = [
-            pool.submit(run_all, policy, [tasks[i] for i in share]) for share in shares
-        ]
-        for share, future in zip(shares, futures, strict=True):
-            done.update(zip(share, future.result(), strict=True))
-    return [done[i] for i in range(len(tasks))]
-
-
-def _workers(
+def _pool(
     count: int,
 ) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
+    """Return the workers that are kept, or else start `count` for a block."""
+    if _kept:
+        return contextlib.nullcontext(_kept[-1])
     keep_compiled()
     # When the block ends, nothing that is asked for is left to do; after an
     # interruption nobody wants it.
     return spawned(
-        count,
+        max(count, 1),
         functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]),
         abandon=True,
     )
@@ -146,12 +134,6 @@ def _measure_all(
 ) -> list[Result]:
     runs = simulate(policy, requests, backend=backend)
     return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
-
-
-def _run_all(
-    run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]
-) -> list[Result]:
-    return [run(policy, task) for task in tasks]
 
 
 def compute_here() -> None:

@@ -271,7 +271,7 @@ class _SideBySide:
         )
         self._finish = np.array([min(one.finish, one.world.end) for one in requests])
         self._grounds = {
-            i: _laid_out(self._simulator.models[i])
+            i: _data_on_ground(self._simulator.models[i])
             for i, one in enumerate(requests)
             if one.world.ground
         }
@@ -372,7 +372,7 @@ class _SideBySide:
         self._ended |= runs
 
 
-def _laid_out(model: mujoco.MjModel) -> mujoco.MjData:
+def _data_on_ground(model: mujoco.MjModel) -> mujoco.MjData:
     """Return MuJoCo's data with the ground in its place."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

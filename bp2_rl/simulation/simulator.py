@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from bp2_rl.env.controller import motors_of
+from bp2_rl.env.randomization import randomize_actuator, randomize_resistance
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.coordinates import joint_positions, motor_indices
@@ -104,17 +105,17 @@ class RobotSetup:
     def motors(self) -> Actuator:
         """Return the robot's motor model, randomised if the robot is."""
         motors = motors_of(self.config)
-        return self.drawn.motors(motors, self.config.hardware) if self.drawn else motors
+        if self.drawn is None:
+            return motors
+        return randomize_actuator(motors, self.drawn.values(self.config.hardware))
 
     def resistance(self) -> Resistance | None:
         """Return the model of the robot's losses, such as friction and air; None
         without losses."""
         resistance = Resistance.from_hardware(self.config.hardware)
-        return (
-            self.drawn.resistance(resistance, self.config.hardware)
-            if self.drawn and resistance
-            else resistance
-        )
+        if self.drawn is None or resistance is None:
+            return resistance
+        return randomize_resistance(resistance, self.drawn.values(self.config.hardware))
 
     @property
     def latency(self) -> float:

@@ -15,7 +15,6 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.env import randomization
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import conventions
-from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.ground import (
     BREADTH,
     HALF,
@@ -28,7 +27,6 @@ from bp2_rl.robot.ground import (
 )
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.settings.terrain import Terrain
@@ -190,21 +188,6 @@ class Draw:
         ):
             field[:] = randomization.as_drawn(field, factor)
         mujoco.mj_setConst(model, mujoco.MjData(model))
-
-    def motors(self, motors: Actuator, hardware: HardwareSpec) -> Actuator:
-        """Return the motors with their strength, speeds, brakes, gains, lag and
-        bus."""
-        return randomization.randomize_actuator(motors, self.values(hardware))
-
-    def resistance(self, resistance: Resistance, hardware: HardwareSpec) -> Resistance:
-        """Return the losses scaled by the drawn factors."""
-        changed = vars(
-            randomization.randomize_resistance(resistance, self.values(hardware))
-        )
-        numbers = {name: np.asarray(value) for name, value in changed.items()}
-        return Resistance(
-            **{name: x.item() if x.size == 1 else x for name, x in numbers.items()}
-        )
 
     def pushes(self, duration: float) -> tuple[Push, ...]:
         """Draw the pushes of a run of `duration` s, as likely at every control step."""

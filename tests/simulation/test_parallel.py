@@ -2,13 +2,13 @@
 kept with their compiled code."""
 
 import dataclasses
-import functools
 import os
 import signal
 from typing import Any
 
 import numpy as np
 import pytest
+from synthetic import still_policy
 
 from bp2_rl.learning.policy import NETWORKS
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -70,12 +70,8 @@ def compiled(one, run):
 
 
 @pytest.fixture
-def zero_policy(make_policy):
-    zeros = functools.partial(np.zeros, dtype=np.float32)
-    layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
-    return dataclasses.replace(
-        make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers
-    )
+def zero_policy(make_card):
+    return still_policy(make_card())
 
 
 def test_one_program_serves_all_policies_of_a_network(zero_policy):
@@ -119,7 +115,7 @@ def test_workers_are_kept_with_what_they_have_compiled(zero_policy, monkeypatch)
     assert in_parallel(where, zero_policy, ("four",)) != first[:1]
 
 
-def test_requests_that_take_no_time_are_requests(make_policy):
+def test_requests_that_take_no_time_are_requests():
     assert shares_of([RunRequest(Course(), BUILT)], 2) == [[0]]
     assert sorted(
         i

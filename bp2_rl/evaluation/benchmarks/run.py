@@ -15,6 +15,7 @@ from bp2_rl.base.metric import (
     metric,
     rows_of,
     show,
+    show_fall,
     table_of,
     table_of_rows,
 )
@@ -102,8 +103,11 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         | {
             "good": f"no fall, and a mean speed of {FOLLOWS:.0%} of the commanded one or more"
         },
-        verdict=summarise_topspeed(metrics),
-        good=metrics.fell_at is None and follows(metrics),
+        verdict=f"Ran {metrics.mean_speed:.2f} m/s in the mean of {metrics.steady_to - metrics.steady_from:.1f} s, "
+        f"{show(metrics.best_speed, '.2f', 'm/s')} in the best second; "
+        f"told {metrics.commanded_speed:g} m/s; fall: {show_fall(metrics.fell_at)}.",
+        good=metrics.fell_at is None
+        and metrics.mean_speed >= FOLLOWS * metrics.commanded_speed,
         rows=(*rows_of(metrics), *plausible_rows(policy, setup, "road", "m/s")),
         tiles=(
             "Best speed",
@@ -133,26 +137,6 @@ def ramp_to_topspeed(
     speed = setup.speed or speed or speed_to_command(policy)
     ramp = Ramp(speed, setup.acceleration or COMMAND_ACCELERATION, setup.hold or hold)
     return ramp.under(policy.card.env.control)
-
-
-def follows(metrics: RunMetrics) -> bool:
-    """Return whether the robot's mean speed is at least `FOLLOWS` of the commanded
-    speed."""
-    return metrics.mean_speed >= FOLLOWS * metrics.commanded_speed
-
-
-def summarise_topspeed(metrics: RunMetrics) -> str:
-    """Say in one sentence at which speed the robot ran, or when it fell."""
-    if metrics.fell_at is not None:
-        return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
-    if not follows(metrics):
-        return f"Does not run: {metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded."
-    best = (
-        ""
-        if metrics.best_speed is None
-        else f", {metrics.best_speed:.2f} m/s in the best second"
-    )
-    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of {metrics.hold_time:.1f} s{best}, without a fall."
 
 
 # --- Sprint ---------------------------------------------------------------------------
@@ -265,7 +249,9 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         | {
             "good": f"{TRACK:g} m in the time allowed, with trunk and feet inside one lane"
         },
-        verdict=summarise_sprint(metrics),
+        verdict=f"{TRACK:g} m in {show(metrics.time, '.2f', 's')}, "
+        f"{'inside' if metrics.lane.kept else 'not inside'} one lane; "
+        f"ran {metrics.run.distance:.1f} m; fall: {show_fall(metrics.run.fell_at)}.",
         good=metrics.time is not None and metrics.lane.kept,
         rows=(
             *rows_of(metrics, *own),
@@ -363,16 +349,6 @@ def measure_first_metres(run: Trajectory) -> SprintLaunch:
     )
     speed = float(ahead - behind) / RIPPLE
     return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH_DISTANCE / time**2)
-
-
-def summarise_sprint(metrics: SprintMetrics) -> str:
-    """Say in one sentence the time of a sprint, or the distance before a fall."""
-    run = metrics.run
-    if run.fell_at is not None:
-        return f"Fell after {run.fell_at:.2f} s and {run.distance:.1f} m."
-    if metrics.time is None:
-        return f"Came {run.distance:.1f} m far in {run.duration:.0f} s."
-    return f"{TRACK:g} m in {metrics.time:.2f} s, {'inside' if metrics.lane.kept else 'but not inside'} one lane."
 
 
 # --- What is shown of a run -----------------------------------------------------------

@@ -82,7 +82,11 @@ def write_report(
     no_video = None
     if evaluation.trajectory is not None:
         evaluation.trajectory.save(folder / TRAJECTORY)
-        no_video = _film(folder, gl_library) if video else None
+        if video:
+            try:
+                make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
+            except NoVideo as reason:
+                no_video = f"{reason}, or pass --no-video"
     write_text(
         folder / PAGE,
         page(evaluation, has_video=(folder / VIDEO).is_file(), command=command),
@@ -100,15 +104,6 @@ def write_overview(evaluations: Sequence[Evaluation], folder: Path) -> None:
     }
     save_config(folder / METRICS, Report(ALL, shared, results))
     write_text(folder / PAGE, overview(evaluations))
-
-
-def _film(folder: Path, gl_library: str | None) -> str | None:
-    """Film a report's run; return the reason, in one line, if that fails."""
-    try:
-        make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
-    except NoVideo as reason:
-        return f"{reason}, or pass --no-video"
-    return None
 
 
 def read_report(folder: Path) -> Report:

@@ -1,6 +1,7 @@
 import dataclasses
 import re
 
+import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
@@ -9,7 +10,6 @@ from bp2_rl.evaluation.benchmarks import run as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.run import (
-    follows,
     ramp_to_topspeed,
     topspeed,
 )
@@ -151,11 +151,12 @@ def test_topspeed_says_how_noisy_its_sensors_are(make_policy, asked, setup, seed
 
 @pytest.mark.parametrize(("speed", "runs"), [(5.1, True), (4.9, False)])
 def test_a_robot_that_is_slower_than_half_the_command_does_not_run(
-    make_run, speed, runs
+    make_policy, make_run, monkeypatch, speed, runs
 ):
-    metrics = make_run(speed=speed).metrics
-    told = dataclasses.replace(metrics, commanded_speed=10.0)
-    assert follows(told) is runs
+    ran = make_run(speed=speed)
+    told = dataclasses.replace(ran, command=np.full_like(ran.command, 10.0))
+    monkeypatch.setattr(module, "simulate", lambda *_, **__: [told])
+    assert run(make_policy(), Setup(speed=10.0)).good is runs
 
 
 def test_the_command_offers_all_benchmarks_there_are():

@@ -195,7 +195,7 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
         30.0,
     )
     assert (request.finish, request.operator) == (100.0, setup.operator)
-    assert evaluation.verdict == "100 m in 11.00 s, inside one lane."
+    assert evaluation.verdict.startswith("100 m in 11.00 s, inside one lane; ran 100.")
     assert evaluation.good
     assert evaluation.results["time_100m"] == 11.0
     assert evaluation.results["splits"][0] == 2.0

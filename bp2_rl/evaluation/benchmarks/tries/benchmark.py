@@ -34,7 +34,12 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
-from bp2_rl.evaluation.benchmarks.tries.rules import CHATTER_WINDOW, STOPPED, Measured
+from bp2_rl.evaluation.benchmarks.tries.rules import (
+    CHATTER_WINDOW,
+    STOPPED,
+    Assessment,
+    Measured,
+)
 from bp2_rl.evaluation.benchmarks.tries.tasks import (
     AFTER_PUSH,
     ARROWS,
@@ -126,15 +131,16 @@ class ManoeuvreMetrics(Tries):
 
 
 def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
-    """Judge the run of a trial by the trial's rule; a robot that falls fails."""
-    found = one.assess(run)
+    """Judge the run of a trial by the trial's rule; a robot that falls fails, and is
+    not measured."""
     fell = run.fell_at is not None
+    found = Assessment(False, FELL, {}) if fell else one.assess(run)
     return TryOutcome(
         group=one.group,
         asked=one.asked,
         rule=one.rule,
-        did=FELL if fell else found.said,
-        passed=found.passed and not fell,
+        did=found.said,
+        passed=found.passed,
         fell_at=run.fell_at,
         measured=found.measured,
     )
@@ -196,7 +202,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         subject=describe_subject(policy, setup),
         conditions=said
         | {"ground": GROUND, "rough ground's seed": f"{seed}", "measures": MEASURES},
-        verdict=summarise_manoeuvres(metrics),
+        verdict=f"{share_passed(metrics.outcomes)} manoeuvres passed; {metrics.fell} fell.",
         good=metrics.passed == len(metrics.outcomes),
         rows=manoeuvre_rows(metrics),
         tiles=(
@@ -237,14 +243,6 @@ def level_speed(
     [run] = simulate(policy, [request])
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
-
-
-def summarise_manoeuvres(metrics: Tries) -> str:
-    """Say in one sentence how many manoeuvres passed."""
-    falls = {0: "without a fall", 1: "one fall"}.get(
-        metrics.fell, f"{metrics.fell} falls"
-    )
-    return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
 
 
 def hardest(outcomes: Iterable[TryOutcome]) -> str:
@@ -293,7 +291,7 @@ def _measured(name: str, tries: Tries) -> float | None:
     """Return a figure of the last trial that measured it; for straightness this is the
     run without steering."""
     found = [o.measured[name] for o in tries.outcomes if name in o.measured]
-    return found[-1]
+    return found[-1] if found else None
 
 
 # --- Disturbances ---------------------------------------------------------------------
@@ -310,7 +308,6 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
     asked = all_disturbances(speed, stride, robot, setup.operator, seed)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
-    total = len(tries.outcomes)
     told = (
         f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there, of "
         f"{SHOVE * robot.size.speed:.3g} m/s and {TURN * robot.size.rate:.3g} rad/s"
@@ -329,13 +326,17 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="disturbances",
         subject=describe_subject(policy, setup),
         conditions=said | {"ground": ground, "rough ground's seeds": seeds},
-        verdict=f"{tries.passed} of {total} disturbances without a fall.",
+        verdict=f"{share_passed(tries.outcomes)} disturbances without a fall.",
         good=tries.fell == 0,
         rows=disturbance_rows(tries),
         tiles=("Without a fall", "Pushes", "Rough ground"),
         pictures=(Picture("disturbances", caption, tries_figure(tries.outcomes)),),
         metrics=tries,
-        results=rounded({"of": total, "passed": tries.passed, "passes": tries.passes}),
+        results={
+            "of": len(tries.outcomes),
+            "passed": tries.passed,
+            "passes": tries.passes,
+        },
         tables=(table_of("Disturbances", tries.outcomes, words=True),),
     )
 

@@ -1,5 +1,5 @@
-"""The pass rules of the manoeuvres and disturbances: what is measured in a run, and
-what passes."""
+"""The pass rules of the manoeuvres and disturbances: what is measured in a run without
+a fall, and what passes."""
 
 import dataclasses
 import math
@@ -52,10 +52,6 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
     Measured: the `speed` when it begins to fall, the `slowest` from there on (m/s), the
     `distance` from there until slower than `STOPPED`, and the one `allowed` (m).
     """
-    names = "speed", "slowest", "distance", "allowed"
-    measured: Measured = {"deceleration": deceleration, **dict.fromkeys(names)}
-    if run.time[-1] < since:
-        return Assessment(False, "not begun", measured)
     start = round(since / run.dt)
     ripple = round(RIPPLE / run.dt)
     before = float(
@@ -64,12 +60,17 @@ def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Ass
     speed = np.linalg.norm(_smooth(run, run.qvel[:, :2]), axis=-1)[start:]
     allowed = BRAKING_DISTANCE * before**2 / (2.0 * deceleration)
     slow = np.flatnonzero(speed < STOPPED)
-    measured |= {"speed": before, "slowest": float(np.min(speed)), "allowed": allowed}
+    measured: Measured = {
+        "deceleration": deceleration,
+        "speed": before,
+        "slowest": float(np.min(speed)),
+        "distance": None,
+        "allowed": allowed,
+    }
     if not len(slow):
         return Assessment(False, "no stop", measured)
     way = run.qpos[start + slow[0], :2] - run.qpos[start, :2]
-    distance = float(np.linalg.norm(way))
-    measured["distance"] = distance
+    measured["distance"] = distance = float(np.linalg.norm(way))
     if speed[-1] >= STOPPED:
         return Assessment(False, "moves again", measured)
     return Assessment(distance <= allowed, f"{distance:.0f} m", measured)
@@ -110,19 +111,17 @@ def assess_turn(
     greatest distance from the start, `wander` (m).
     """
     wander = _wander(run)
-    measured: Measured = {
-        "commanded_yaw_rate": yaw_rate,
-        **dict.fromkeys(("yaw_rate", "speed", "radius")),
-        "wander": wander,
-    }
-    if run.time[-1] < since + RIPPLE:
-        return Assessment(False, "not begun", measured)
     steady = run.between(since, math.inf)
     turned = float(steady.heading[-1] - steady.heading[0])
     rate = turned / float(steady.time[-1] - steady.time[0])
     mean = float(np.linalg.norm(np.mean(steady.ground_velocity, axis=0)))
-    radius = mean / abs(rate) if rate else None
-    measured |= {"yaw_rate": rate, "speed": mean, "radius": radius}
+    measured: Measured = {
+        "commanded_yaw_rate": yaw_rate,
+        "yaw_rate": rate,
+        "speed": mean,
+        "radius": mean / abs(rate) if rate else None,
+        "wander": wander,
+    }
     share = rate / yaw_rate
     kept = mean >= SPEED_SHARE * speed
     told = abs(share - 1.0) <= YAW_ERROR
@@ -141,17 +140,18 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
     (m), and the electrical `cost_of_transport`, None where it goes nowhere.
     """
     told = math.hypot(*command[:2])
-    names = "speed", "height", "cost_of_transport"
-    measured: Measured = {"commanded_speed": told, **dict.fromkeys(names)}
-    if run.time[-1] < since + RIPPLE:
-        return Assessment(False, "not begun", measured)
     steady = run.between(since, math.inf)
     along = np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])
     speed = float(along) / told
-    measured |= {"speed": speed, "height": float(np.mean(steady.qpos[:, 2]))}
-    if speed > 0.1 * told:
-        drag = run.mass * conventions.GRAVITY * speed
-        measured["cost_of_transport"] = mean_powers(steady)[1] / drag
+    drag = run.mass * conventions.GRAVITY * speed
+    measured: Measured = {
+        "commanded_speed": told,
+        "speed": speed,
+        "height": float(np.mean(steady.qpos[:, 2])),
+        "cost_of_transport": mean_powers(steady)[1] / drag
+        if speed > 0.1 * told
+        else None,
+    }
     passed = abs(speed - told) <= VELOCITY_ERROR * told
     return Assessment(passed, f"{speed:.2f} m/s", measured)
 
@@ -201,17 +201,15 @@ def assess_run(run: Trajectory, *, level: float) -> Assessment:
     """Judge whether the best speed reaches `SPEED_SHARE` of `level`, the speed on level
     ground (m/s).
 
-    Measured: the best 1-s mean, `speed`, None for a shorter run, and the `distance`.
+    Measured: the best 1-s mean, `speed`, 0 for a shorter run, and the `distance`.
     """
     best = best_window(run, 1.0)
-    speed = None if best is None else best.speed
+    speed = best.speed if best else 0.0
     measured: Measured = {
         "level": level,
         "speed": speed,
         "distance": float(track_position(run)[0][-1]),
     }
-    if speed is None:
-        return Assessment(False, "-", measured)
     return Assessment(speed >= SPEED_SHARE * level, f"{speed:.1f} m/s", measured)
 
 

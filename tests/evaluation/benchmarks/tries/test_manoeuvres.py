@@ -1,10 +1,10 @@
 import dataclasses
-import functools
 import math
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from synthetic import still_policy
 
 from bp2_rl.base.plotting import FALL
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -165,13 +165,9 @@ def told_and_lasted(one, run):
     return one.asked, len(run)
 
 
-def test_workers_give_the_outcomes_in_order(make_policy):
+def test_workers_give_the_outcomes_in_order(make_card):
     """Short stands of a robot whose policy is all zeros: it holds its pose."""
-    zeros = functools.partial(np.zeros, dtype=np.float32)
-    layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
-    policy = dataclasses.replace(
-        make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers
-    )
+    policy = still_policy(make_card())
     [still, _] = group(
         all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0), "Stand for 10 s"
     )

@@ -40,7 +40,7 @@ def moving(make_run):
     return make
 
 
-def braked(moving, deceleration, floor=0.0, seconds=12.0):
+def braked(moving, deceleration, floor, seconds=12.0):
     """Return a run at 10 m/s for a second that then decelerates down to `floor`,
     m/s."""
     time = np.arange(round(1000 * seconds)) * 1e-3
@@ -53,23 +53,19 @@ def braked(moving, deceleration, floor=0.0, seconds=12.0):
 
 
 @pytest.mark.parametrize(
-    ("deceleration", "floor", "seconds", "judged", "measured"),
+    ("deceleration", "floor", "judged", "measured"),
     [
         # v^2 / 2a = 25 m, less what is left at 0.3 m/s; a mean of 0.25 s may move that
         # by 3 cm
-        (2.0, 0.0, 12.0, (True, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 37.5)),
+        (2.0, 0.0, (True, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 37.5)),
         # too long
-        (4.0, 0.0, 12.0, (False, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 18.75)),
+        (4.0, 0.0, (False, "25 m"), (10.0, 0.0, 25.0 - 0.3**2 / 4.0, 18.75)),
         # it walks on
-        (2.0, 0.4, 12.0, (False, "no stop"), (10.0, 0.4, None, 37.5)),
-        # it ended before
-        (2.0, 0.0, 0.8, (False, "not begun"), (None, None, None, None)),
+        (2.0, 0.4, (False, "no stop"), (10.0, 0.4, None, 37.5)),
     ],
 )
-def test_a_stop_is_as_short_as_commanded(
-    moving, deceleration, floor, seconds, judged, measured
-):
-    run = braked(moving, 2.0, floor, seconds)
+def test_a_stop_is_as_short_as_commanded(moving, deceleration, floor, judged, measured):
+    run = braked(moving, 2.0, floor)
     assessed = assess_braking(run, since=1.0, deceleration=deceleration)
     assert (assessed.passed, assessed.said) == judged
     names = "speed", "slowest", "distance", "allowed"
@@ -109,7 +105,6 @@ def test_a_turn_is_as_fast_as_told_within_its_error(moving, rate, passed):
     ("seconds", "forward", "rate", "told", "passed", "said"),
     [
         (4.0, 6.0, 0.5, {"yaw_rate": -0.5}, False, "-100%"),  # the wrong side
-        (1.5, 6.0, 0.5, {"yaw_rate": 0.5}, False, "not begun"),
         # too slow ahead, and too wide as well
         (4.0, 5.0, 0.5, {"yaw_rate": 0.5, "speed": 6.0}, False, "5.0 m/s"),
         (4.0, 5.0, 0.4, {"yaw_rate": 0.5, "speed": 6.0}, False, "80%"),
@@ -157,12 +152,8 @@ def test_slow_motion_has_the_speed_that_was_told_in_its_direction(
     assert assessed.measured["height"] == pytest.approx(0.55)
 
 
-@pytest.mark.parametrize(("seconds", "forward"), [(3.0, 0.0), (0.5, 1.0)])
-def test_a_robot_that_goes_nowhere_or_has_not_begun_has_no_cost(
-    moving, seconds, forward
-):
-    run = moving(seconds, forward)
-    assessed = assess_motion(run, command=(1.0, 0.0, 0.0), since=1.0)
+def test_a_robot_that_goes_nowhere_has_no_cost(moving):
+    assessed = assess_motion(moving(3.0, 0.0), command=(1.0, 0.0, 0.0), since=1.0)
     assert not assessed.passed
     assert assessed.measured["cost_of_transport"] is None
 
@@ -222,5 +213,5 @@ def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(
     moving, seconds, speed, passed
 ):
     assessed = assess_run(moving(seconds, speed), level=10.0)
-    measured = pytest.approx(speed) if seconds > 1.0 else None
+    measured = pytest.approx(speed if seconds > 1.0 else 0.0)
     assert (assessed.passed, assessed.measured["speed"]) == (passed, measured)
