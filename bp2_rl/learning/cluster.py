@@ -76,21 +76,12 @@ def is_first() -> bool:
     return jax.process_index() == 0
 
 
-def from_first(array: np.ndarray) -> np.ndarray:
-    """Return process 0's array on all processes; arrays have the same shape
-    everywhere."""
-    return (
-        array
-        if jax.process_count() == 1
-        else multihost_utils.broadcast_one_to_all(array)
-    )
-
-
 def require_same(text: str, what: str) -> None:
     """Raise `UserError`, on all processes, unless the text is the same on all; `what`
     names it in the plural."""
     ours = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
-    if largest(not np.array_equal(ours, from_first(ours))):
+    first = multihost_utils.broadcast_one_to_all(ours)
+    if largest(not np.array_equal(ours, first)):
         raise UserError(
             f"the processes of the cluster differ in their {what}: give all the same flags and files"
         )

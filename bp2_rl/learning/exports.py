@@ -161,13 +161,11 @@ class ExportedPolicies:
         late = self.reached
         self._judged[steps] = JudgedPolicy(steps, seconds, result)
         self._write(self._best)
-        self._monitor.add(
-            steps,
-            {
-                f"judged/{name}": value
-                for name, value in dataclasses.asdict(result).items()
-            },
-        )
+        metrics = {
+            f"judged/{name}": value
+            for name, value in dataclasses.asdict(result).items()
+        }
+        self._monitor.log(steps, metrics, late=True)
         self._monitor.record(f"judged the policy of {steps:,} control steps: {result}")
         self._show(steps)
         if self.reached and not late:

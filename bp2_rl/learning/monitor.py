@@ -114,17 +114,22 @@ class Monitor:
         """Stop the progress line; the cursor is visible again."""
         self._progress.stop()
 
-    def log(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record the metrics of `step`, by all writers.
+    def log(
+        self, step: int, metrics: Mapping[str, float], *, late: bool = False
+    ) -> None:
+        """Record the metrics of `step`, by all writers; the console does not show `late`
+        ones, of a step that the run has left behind.
 
         On return they are on disk. Raises `OSError` where that is full or gone.
         """
-        self._write(step, metrics, late=False)
-
-    def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record metrics of an earlier step that became known late, as `log` does, but
-        show nothing."""
-        self._write(step, metrics, late=True)
+        values = {name: float(value) for name, value in metrics.items()}
+        record = Record(step, round(time.time(), 3), values, late)
+        for writer in list(self._writers):
+            try:
+                writer.write(record)
+            except TrackerError as lost:
+                self._writers.remove(writer)
+                self.note(f"warning: {lost}")
 
     def show(self, remark: str) -> None:
         """Show a remark below the progress line from now on, in the place of the last
@@ -140,16 +145,6 @@ class Monitor:
         """Write a line with the time to log.txt alone; raises `OSError` where the disk
         is full."""
         self._log.note(text)
-
-    def _write(self, step: int, metrics: Mapping[str, float], *, late: bool) -> None:
-        values = {name: float(value) for name, value in metrics.items()}
-        record = Record(step, round(time.time(), 3), values, late)
-        for writer in list(self._writers):
-            try:
-                writer.write(record)
-            except TrackerError as lost:
-                self._writers.remove(writer)
-                self.note(f"warning: {lost}")
 
 
 # --- The averages of an interval -------------------------------------------------------

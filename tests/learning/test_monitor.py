@@ -110,7 +110,7 @@ def test_the_monitor_of_a_clusters_further_process_leaves_no_trace(
     monkeypatch.chdir(tmp_path)
     with Monitor(None, 100, title="imitation") as monitor:
         monitor.log(10, {"reward": 1.5})
-        monitor.add(5, {"judged/speed": 1.0})
+        monitor.log(5, {"judged/speed": 1.0}, late=True)
         monitor.show("a remark")
         monitor.note("a note")
     assert capsys.readouterr().out == ""
@@ -328,7 +328,7 @@ def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alon
 ):
     with Monitor(tmp_path, 1000, console=console) as monitor:
         monitor.log(500, HEADLINES)
-        monitor.add(300, {"judged/speed": 12.5, "judged/falls": math.nan})
+        monitor.log(300, {"judged/speed": 12.5, "judged/falls": math.nan}, late=True)
     late = read_metrics(tmp_path)[-1]
     assert (late["step"], late["judged/speed"], late["judged/falls"]) == (
         300,

@@ -42,7 +42,7 @@ def follow(
         for step, metrics in logs.items():
             monitor.log(step, metrics)
         # of a policy that the run has left behind
-        monitor.add(10, {"judged/speed": 3.0})
+        monitor.log(10, {"judged/speed": 3.0}, late=True)
 
 
 def twice(tracker: Any, run_dir: Path) -> Tracked:

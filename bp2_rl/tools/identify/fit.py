@@ -1,4 +1,4 @@
-"""Least squares for motor numbers, with the start of each window as unknowns of its own.
+"""Fit the motors' numbers, and the state in which each window starts, by least squares.
 
 Levenberg and Marquardt's method with Huber's smooth loss. The windows' starts, six
 numbers each with a prior about their estimate, are eliminated window by window, so that
@@ -34,16 +34,17 @@ from bp2_rl.tools.identify.swing import (
 )
 
 SMOOTHED, PAST = 7, 8
-"""Rows of the filters that estimate a start: centred, and from past rows alone."""
+"""Lengths, in rows, of the two filters that estimate a window's start: one is centred,
+one reads past rows alone."""
 ANGLE, RATE = 1e-3, 0.7
 """rad, rad/s: how far a window's start may be from its estimate."""
 FARTHEST = 10.0
-"""Step of a start in an iteration, at most, over its prior."""
+"""Largest step of a window's start in an iteration, over its prior."""
 NOISE = (3e-3, 6e-3, 6e-3)
 """rad, of abad, hip and knee: errors beyond twice of it count linearly."""
 HUBER = 2.0
 VANISHED = 0.02
-"""Share of its guess below which a number is 0."""
+"""A number that falls below this share of its guess is taken as 0."""
 HIGHEST = {"corner_share": 0.98}
 """The highest numbers that a fit tries: the envelope must fall over some speeds."""
 INFORMATIVE = 1e-7
@@ -206,8 +207,7 @@ def _smooth(
 
 
 def predictor(rig: Rig, step: float) -> Callable[..., jax.Array]:
-    """Return `predict` of a robot, compiled once for all windows of one shape; `step`:
-    between rows, s."""
+    """Compile `predict` for a robot and a time `step` between rows, s."""
     return jax.jit(partial(predict, rig, substeps=_substeps(step)))
 
 
@@ -389,8 +389,8 @@ class _Normal(NamedTuple):
     def _eliminated(
         self, power: float, damping: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the starts' share of each column, the motors' matrix without the starts,
-        and the motors' gradients by window.
+        """Eliminate the windows' starts; return their share of each column, the motors'
+        matrix, and the motors' gradients by window.
 
         Residuals r weigh (1 + (r / HUBER)^2)^power: -1/2 makes the steps of iteratively
         reweighted least squares, -3/2 is the loss's own curvature.

@@ -53,7 +53,7 @@ ENDS: dict[str, Sequence[str]] = {
     "acceleration": "xyz",
     "contact": LEGS,
 }
-"""Columns that go together, and the ends of their names."""
+"""Groups of columns, with the ends of their names: q.FR_abad, up.x."""
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
@@ -79,7 +79,7 @@ class RobotLog:
 
     @property
     def whole(self) -> Bool[np.ndarray, " rows"]:
-        """Whether no row was lost between each row and the next one."""
+        """True at each row after which no row was lost."""
         return np.append(np.diff(self.time) < GAP * self.step, False)
 
 

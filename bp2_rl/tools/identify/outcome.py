@@ -58,13 +58,13 @@ UNITS = {
     "inertia": "of the file's",
 }
 NAMES = {1: ("all",), 3: JOINTS, 12: MOTOR_NAMES}
-"""Names of the joints to which so many numbers belong."""
+"""Names of the joints, by how many numbers there are."""
 Verdict = Literal["identified", "too wide", "none to be seen", "the log is silent"]
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiedNumber:
-    """A number of one kind of joint, with its 90 % interval."""
+    """An identified motor number, with its 90 % interval."""
 
     name: str = metric("Number", form="")
     joint: str = metric("Joint", form="")

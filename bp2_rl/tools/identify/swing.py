@@ -70,7 +70,7 @@ class Windows(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A robot as the fit takes it."""
+    """A robot's legs and drives, and the motors' numbers with which a fit begins."""
 
     design: Design
     drive: Actuator  # gains and limits, (3,) over abad, hip and knee
