@@ -247,13 +247,14 @@ def read_early_flags(
     """Return the early flags of a command line; for help, print the first screen and
     exit.
 
-    The whole help shows the defaults of the preset `cpu` where none is named.
+    The whole help is a new run's, of the preset `cpu` where none is named.
     """
     app.show_screen(words, prog, screen, arguments)
     flags = app.parse_known(EarlyFlags, words, prog)
-    if app.HELP_ALL in words and flags.preset == "auto":
-        return dataclasses.replace(flags, preset="cpu")
-    return flags
+    if app.HELP_ALL not in words:
+        return flags
+    preset = "cpu" if flags.preset == "auto" else flags.preset
+    return dataclasses.replace(flags, preset=preset, resume=None, replay=None)
 
 
 def _start_jax(flags: EarlyFlags) -> None:
