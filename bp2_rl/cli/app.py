@@ -23,7 +23,7 @@ import threading
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TextIO, TypeVar
 
 from bp2_rl.base.errors import (
     FAILED,
@@ -80,19 +80,19 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
     except SystemExit as end:  # help was asked for
         return int(end.code or OK)
     except FlagError as error:
-        _tell(_printable(str(error)))
+        _print_error(_printable(str(error)))
         return WRONG_INPUT
     except UserError as error:
-        _tell(f"error: {one_line(str(error))}")
+        _print_error(f"error: {one_line(str(error))}")
         return WRONG_INPUT
     except KeyboardInterrupt:
-        _tell("interrupted")
+        _print_error("interrupted")
         return INTERRUPTED
     except RunStopped as stop:
-        _tell(one_line(str(stop)))
+        _print_error(one_line(str(stop)))
         return stop.status
     except LoggedError as error:
-        _tell(f"failed: {error}")
+        _print_error(f"failed: {error}")
         return FAILED
     return OK
 
@@ -118,7 +118,9 @@ def _terminable(patient: bool) -> Generator[None]:
 
     def insist(number: signal.Signals) -> None:
         if not answered.wait(GRACE):
-            _tell("interrupted" if number == signal.SIGINT else str(_stopped(number)))
+            _print_error(
+                "interrupted" if number == signal.SIGINT else str(_stopped(number))
+            )
             # Semaphores are given back, and a run without its first checkpoint is
             # removed. No public function does so.
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)
@@ -143,12 +145,12 @@ def _stopped(number: int) -> RunStopped:
     return RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
 
 
-def _tell(line: str) -> None:
+def _print_error(line: str) -> None:
     """Say a line on standard error, unless its terminal is closed."""
     try:
         print(line, file=sys.stderr, flush=True)
     except OSError:
-        _forget(sys.stderr)
+        _redirect_to_null(sys.stderr)
 
 
 def _printable(text: str) -> str:
@@ -160,7 +162,7 @@ def _printable(text: str) -> str:
     return "\n".join(shown)
 
 
-def _forget(stream: Any) -> None:
+def _redirect_to_null(stream: TextIO) -> None:
     """Redirect a stream without a reader to the null device."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -169,7 +171,7 @@ class _ClosableStream:
     """A standard output that discards text once its reader has left, and says so once
     on standard error."""
 
-    def __init__(self, stream: Any):
+    def __init__(self, stream: TextIO):
         self._stream = stream
 
     def __getattr__(self, name: str) -> Any:
@@ -182,8 +184,10 @@ class _ClosableStream:
         except OSError as error:
             if error.errno not in (errno.EPIPE, errno.EIO):  # a pipe's and a terminal's
                 raise
-            _forget(self._stream)
-            _tell("standard output was closed; the command goes on without output")
+            _redirect_to_null(self._stream)
+            _print_error(
+                "standard output was closed; the command goes on without output"
+            )
         return len(text)
 
 
@@ -241,15 +245,16 @@ class Command(Generic[Config]):
     def __call__(self, argv: Sequence[str] | None = None) -> int:
         """Read the flags, run the command, and return the exit status."""
         words = sys.argv[1:] if argv is None else argv
-        return run(lambda: self.run(self._parse(words)))
 
-    def _parse(self, words: Sequence[str]) -> Config:
-        show_screen(words, self.prog, self.screen, self.arguments)
-        default = None if self.default is None else self.default(words)
-        return parse(self.arguments, words, self.prog, default)
+        def command() -> None:
+            show_screen(words, self.prog, self.screen, self.arguments)
+            default = None if self.default is None else self.default(words)
+            self.run(parse(self.arguments, words, self.prog, default))
+
+        return run(command)
 
     @property
-    def what(self) -> str:
+    def description(self) -> str:
         """Description of the command: the first paragraph of its flags' docstring."""
         said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
         return said[:1].lower() + said[1:].rstrip(".")
@@ -276,7 +281,7 @@ def show_screen(
 
 def parse(
     config: type[Config],
-    argv: Sequence[str] | None,
+    words: Sequence[str],
     prog: str,
     default: Config | None = None,
     screen: str = "",
@@ -286,7 +291,7 @@ def parse(
 
     Args:
         config: a dataclass; its docstring and its fields' are the help.
-        argv: the arguments; None for the process's own.
+        words: the command line.
         prog: the command as the user types it.
         default: what holds where no flag says otherwise; None for the dataclass's own
             defaults.
@@ -297,7 +302,6 @@ def parse(
     """
     import tyro
 
-    words = list(sys.argv[1:] if argv is None else argv)
     show_screen(words, prog, screen, config)
     with _mistakes_raised():
         return tyro.cli(
@@ -344,7 +348,7 @@ def _mistakes_raised() -> Generator[None]:
 
 def entries(commands: Mapping[str, Command[Any]]) -> dict[str, Entry]:
     """Return the list entries (description and main) of commands, by name."""
-    return {name: (command.what, command) for name, command in commands.items()}
+    return {name: (command.description, command) for name, command in commands.items()}
 
 
 def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
@@ -363,10 +367,10 @@ def run_module(name: str, argv: Sequence[str] | None = None) -> int:
     try:
         module = importlib.import_module(name)
     except UserError as missing:
-        _tell(f"error: {missing}")
+        _print_error(f"error: {missing}")
         return WRONG_INPUT
     except ModuleNotFoundError as missing:
-        _tell(
+        _print_error(
             f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
         )
         return WRONG_INPUT
@@ -404,6 +408,6 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
     name, *rest = words
     if name not in commands:
         near = did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
-        _tell(f"error: no command {name!a}{near}")
+        _print_error(f"error: no command {name!a}{near}")
         return WRONG_INPUT
     return commands[name][1](rest)

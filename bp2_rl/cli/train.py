@@ -32,7 +32,7 @@ from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.settings.task import TaskConfig
-from bp2_rl.settings.tracking import Tracker, choose_tracker
+from bp2_rl.settings.tracker import Tracker, choose_tracker
 from bp2_rl.settings.training import (
     ClusterConfig,
     Preset,
@@ -133,7 +133,7 @@ class EarlyFlags:
     cluster: ClusterConfig = ClusterConfig()
 
     @property
-    def goes_on(self) -> Path | None:
+    def existing_run(self) -> Path | None:
         """Folder of the run that is resumed or replayed with its own settings; None for
         a new run."""
         return self.replay if self.resume is None else self.resume
@@ -144,11 +144,11 @@ class EarlyFlags:
         run's settings cannot be read."""
         if self.impl is not None:
             return self.impl
-        if self.goes_on is None:
+        if self.existing_run is None:
             preset = "cpu" if self.preset == "auto" else self.preset
             return presets.preset(self.stage, preset).impl
         with contextlib.suppress(UserError):  # it is told of later
-            return load_run_config(self.goes_on).impl
+            return load_run_config(self.existing_run).impl
         return None
 
     @property
@@ -160,7 +160,7 @@ class EarlyFlags:
         have met.
         """
         return self.cluster.coordinator is None and (
-            self.goes_on is not None
+            self.existing_run is not None
             or (
                 self.task is None
                 and (self.preset != "auto" or jax_is_on_cpu())
@@ -186,7 +186,7 @@ class TrainArguments(EarlyFlags):
     run: RunConfig = RunConfig()
 
     @property
-    def own_task(self) -> TaskConfig:
+    def weighted_task(self) -> TaskConfig:
         """The task with the coefficients of the flags.
 
         Raises:
@@ -247,13 +247,14 @@ def read_early_flags(
     """Return the early flags of a command line; for help, print the first screen and
     exit.
 
-    The whole help shows the defaults of the preset `cpu` where none is named.
+    The whole help is a new run's, of the preset `cpu` where none is named.
     """
     app.show_screen(words, prog, screen, arguments)
     flags = app.parse_known(EarlyFlags, words, prog)
-    if app.HELP_ALL in words and flags.preset == "auto":
-        return dataclasses.replace(flags, preset="cpu")
-    return flags
+    if app.HELP_ALL not in words:
+        return flags
+    preset = "cpu" if flags.preset == "auto" else flags.preset
+    return dataclasses.replace(flags, preset=preset, resume=None, replay=None)
 
 
 def _start_jax(flags: EarlyFlags) -> None:
@@ -288,7 +289,7 @@ def _train(arguments: TrainArguments, tracker: Tracker | None) -> None:
     from bp2_rl.learning import cluster
 
     require_accelerator(arguments.preset)
-    env = dataclasses.replace(arguments.env, task=arguments.own_task)
+    env = dataclasses.replace(arguments.env, task=arguments.weighted_task)
     config = TrainConfig(
         arguments.stage, env, arguments.ppo, arguments.run, arguments.impl
     )
@@ -302,9 +303,9 @@ def _train(arguments: TrainArguments, tracker: Tracker | None) -> None:
         f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}"
     )
     say(
-        "compiling: a minute or more at the first start, whatever XLA says of that; seconds at later ones"
+        "compiling takes a minute or more at the first start, which XLA may call slow; later it takes seconds"
     )
-    say(f"what the words below mean: {WORDS}")
+    say(f"the meaning of the words below: {WORDS}")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
@@ -323,10 +324,10 @@ def read_arguments(
             other settings than its own.
     """
     flags = flags or app.parse_known(EarlyFlags, words, prog)
-    if flags.goes_on is not None:
+    if flags.existing_run is not None:
         _require_own_settings(words, flags)
         app.parse(EarlyFlags, words, prog)  # refuses all words that are no flags
-        load_run_config(flags.goes_on)
+        load_run_config(flags.existing_run)
         return TrainArguments(resume=flags.resume, replay=flags.replay)
     preset, parent = find_preset(flags), flags.parent
     if parent is None and flags.stage == "relaxed" and app.HELP_ALL not in words:

@@ -161,9 +161,6 @@ def layout_of(config: EnvConfig) -> Layout:
 
 LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
 """Names and sizes of `ENTRIES`."""
-CRITIC_LAYOUT: Layout = (*LAYOUT, *((entry.name, entry.size) for entry in PRIVILEGED))
-"""Names and sizes of the entries that the critic sees without a task: the policy's at
-one moment, without noise, and `PRIVILEGED`."""
 
 
 def size_of(layout: Layout) -> int:

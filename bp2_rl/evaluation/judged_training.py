@@ -16,7 +16,7 @@ from bp2_rl.base.processes import keep_compiled, use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, loop, run
 from bp2_rl.learning.exports import Judge
-from bp2_rl.settings.tracking import Tracker
+from bp2_rl.settings.tracker import Tracker
 from bp2_rl.settings.training import TrainConfig
 
 

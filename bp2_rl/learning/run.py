@@ -44,7 +44,7 @@ from bp2_rl.learning.writers import Writer, open_tracker
 from bp2_rl.robot.operator import COMMAND_LIMITS
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.settings.task import FOLDER, TaskSources, read_task
-from bp2_rl.settings.tracking import Tracker
+from bp2_rl.settings.tracker import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")

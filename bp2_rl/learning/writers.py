@@ -22,7 +22,7 @@ from bp2_rl.base.files import (
 )
 from bp2_rl.base.processes import left_out
 from bp2_rl.base.serialization import save_config, to_json, utc_now
-from bp2_rl.settings.tracking import TRACKED, Tracked, Tracker, tracked
+from bp2_rl.settings.tracker import TRACKED, Tracked, Tracker, tracked
 from bp2_rl.settings.training import TrainConfig
 
 LOG, METRICS = "log.txt", "metrics.jsonl"

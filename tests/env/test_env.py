@@ -41,6 +41,10 @@ from bp2_rl.settings.env import (
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
 ZERO = jnp.zeros((ROBOTS, 12))
+CRITIC_LAYOUT = (
+    *observations.LAYOUT,
+    *((entry.name, entry.size) for entry in observations.PRIVILEGED),
+)
 
 
 @pytest.fixture(scope="module")
@@ -368,15 +372,10 @@ def test_the_critic_sees_the_truth_and_the_policy_sees_noise(start):
 
 def test_the_critics_observation_is_laid_out_as_named(start, step, env):
     after = step(start, ZERO)
-    ends = np.cumsum([size for _, size in observations.CRITIC_LAYOUT])
+    names, sizes = zip(*CRITIC_LAYOUT, strict=True)
+    ends = np.cumsum(sizes)
     parts = np.split(np.asarray(after.obs["privileged_state"]), ends[:-1], axis=1)
-    seen = dict(
-        zip(
-            (name for name, _ in observations.CRITIC_LAYOUT),
-            parts,
-            strict=True,
-        )
-    )
+    seen = dict(zip(names, parts, strict=True))
     episode = after.pipeline_state
     for name, expected in {
         "command": episode.command.current,
@@ -523,7 +522,7 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
         after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6
     )
     seen = after.obs["privileged_state"]
-    assert len(seen) == observations.size_of(observations.CRITIC_LAYOUT) == 87
+    assert len(seen) == observations.size_of(CRITIC_LAYOUT) == 87
     np.testing.assert_array_equal(seen[-3:], after.pipeline_state.tracking_error)
     # What is rewarded is the average: a robot that errs for 5 ms has hardly erred.
     near = command + after.pipeline_state.tracking_error

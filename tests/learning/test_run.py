@@ -24,7 +24,7 @@ from bp2_rl.learning.checkpoint import latest_step, restore_checkpoint
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.monitor import summarize
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.settings.tracking import Tracked, tracked
+from bp2_rl.settings.tracker import Tracked, tracked
 from bp2_rl.settings.training import Parent, TrainConfig
 from bp2_rl.tools.throughput import COMPILED, compilations
 

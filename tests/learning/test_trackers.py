@@ -17,7 +17,7 @@ from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.writers import open_tracker
 from bp2_rl.settings import tracking
 from bp2_rl.settings.presets import preset
-from bp2_rl.settings.tracking import TRACKED, Tracked, choose_tracker, tracked
+from bp2_rl.settings.tracker import TRACKED, Tracked, choose_tracker, tracked
 
 CONFIG = preset("imitation", "smoke")
 

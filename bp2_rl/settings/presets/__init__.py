@@ -107,14 +107,14 @@ FIRST: Differences = {
 }
 """From `CPU`: a first training, in which a robot learns to trot at 2 m/s before one's
 eyes."""
-SECONDS: Differences = {
+HALF_OF_FIRST: Differences = {
     "commands": {"max_forward": 2.0},
     "ppo": {"num_envs": 256, "critic_steps": 4, "averaging": 0.8},
     "run": {"steps": 1_200_000, "checkpoints": 2, "judged": 12},
 }
 """From `FIRST`: half the robots and half the control steps make as many train steps;
 more policies are judged, so that `--until` ends a run sooner."""
-REFINED: Differences = {"ppo": {"learning_rate": 1e-4, "entropy_cost": 1e-3}}
+FINE_TUNING: Differences = {"ppo": {"learning_rate": 1e-4, "entropy_cost": 1e-3}}
 """A relaxed stage of `CPU` or `FIRST`, which goes on from trained networks."""
 
 SMOKE: Differences = {
@@ -142,15 +142,15 @@ PRESETS: dict[Preset, dict[Stage, tuple[Differences, ...]]] = {
         "relaxed": (SMOKE, {"ppo": {"learning_rate": 1e-4, "entropy_cost": 2e-3}}),
     },
     "first": {
-        "imitation": (SLOW_TROT, EASY, CPU, FIRST, SECONDS),
-        "relaxed": (SLOW_TROT, EASY, CPU, FIRST, REFINED),
+        "imitation": (SLOW_TROT, EASY, CPU, FIRST, HALF_OF_FIRST),
+        "relaxed": (SLOW_TROT, EASY, CPU, FIRST, FINE_TUNING),
     },
     "cpu": {
         "imitation": (
             *(SLOW_TROT, EASY, CPU, {"ppo": {"critic_steps": 6, "averaging": 0.8}}),
             {"commands": {"max_forward": 13.0, "acceleration": (1.0, 5.0)}},
         ),
-        "relaxed": (SLOW_TROT, ALL_COMMANDS, CPU, REFINED),
+        "relaxed": (SLOW_TROT, ALL_COMMANDS, CPU, FINE_TUNING),
     },
     "gpu": {
         "imitation": (
