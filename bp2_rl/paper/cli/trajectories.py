@@ -5,7 +5,7 @@ is answered at once.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -128,9 +128,8 @@ def run_schemes(arguments: SchemesArguments) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class ObjectiveArguments(Bounded):
-    """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and
-    of co-design under one, two and three body weights of F bar, what forces are divided
-    by in the cost."""
+    """Compare BP2's cheapest trajectories under one, two and three body weights of F
+    bar, what forces are divided by in the cost."""
 
     settings: Annotated[objective.ObjectiveSettings, Flat] = (
         objective.ObjectiveSettings()
@@ -153,18 +152,22 @@ class CodesignArguments(Bounded):
 
 def _leave_rows(
     arguments: ObjectiveArguments | CodesignArguments,
-    find: Callable[..., Sequence[object]],
+    find: Callable[..., Iterable[object]],
     record: Callable[..., object],
     name: str,
 ) -> None:
-    """Print a table of the rows that are found, and leave them in a file; solutions in
-    the folder are not solved again."""
+    """Print a table of the rows that are found, and leave them in a file as they are
+    found."""
     numbers = arguments.out / name
+    rows: list[object] = []
     with own_folder(arguments.out):
-        rows = find(arguments.settings, arguments.out, arguments.workers)
-        save_config(numbers, record(arguments.settings, tuple(rows)))
-    if rows:
-        print_table(table_of("", rows))
+        try:
+            for row in find(arguments.settings, arguments.workers):
+                rows.append(row)
+                save_config(numbers, record(arguments.settings, tuple(rows)))
+        finally:  # also what there is when a mesh loses the design
+            if rows:
+                print_table(table_of("", rows))
     print(f"numbers: {numbers}")
 
 

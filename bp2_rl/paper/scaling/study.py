@@ -49,7 +49,7 @@ def _show_gains(limit: SpeedLimit) -> str:
     return "; ".join((said, *limit.unsound))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class LimitedRobot:
     """A robot's published and learned speeds, m/s, and its speed limit by the
     optimiser."""
@@ -86,13 +86,13 @@ def compare_limits(
     assumed = {legs.robot for legs in read_legs() if legs.thigh_mass is None}
     robots = [
         LimitedRobot(
-            name,
-            speeds.get(name),
-            tuple(one.speed for one in learned if one.robot == name),
-            limit.speed / speeds[name] if name in speeds else None,
-            name in assumed,
-            limit.speed,
-            limit,
+            robot=name,
+            published=speeds.get(name),
+            learned=tuple(one.speed for one in learned if one.robot == name),
+            ratio=limit.speed / speeds[name] if name in speeds else None,
+            assumed=name in assumed,
+            limit=limit.speed,
+            found=limit,
         )
         for name, limit in limits.limits.items()
         if limit

@@ -4,77 +4,54 @@ Trajectory").
 The motors stay; gear ratio, leg length and spring stiffness become unknowns of the
 trajectory's program. A program as this one has many local optima, so each is sought
 from several starts.
-
-Everything is a chain of problems, each started from the last one's solution. What is
-solved is kept in a folder under the hash of its chain, so whatever was interrupted goes
-on where it stood.
 """
 
 import contextlib
 import dataclasses
 import functools
 import itertools
-import math
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Literal, get_args
+from collections.abc import Callable, Iterable, Iterator
+from typing import Annotated, Any
 
 import numpy as np
 
-from bp2_rl.base.bounds import Bounded
+from bp2_rl.base.bounds import POSITIVE, Bounded, Range
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.base.processes import spawned
-from bp2_rl.base.serialization import config_hash
 from bp2_rl.optimiser.problem import (
     CostWeights,
     Intervals,
     Problem,
     Starts,
 )
-from bp2_rl.optimiser.solution import (
-    NotSolved,
-    Solution,
-    is_saved,
-    load_solution,
-    resample,
-    save_solution,
-)
+from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.hardware import IDEAL
 
-Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
-PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
+TIME_LIMIT = 20.0  # s an interval: several times what a solution takes
+PositiveRange = Annotated[Range, POSITIVE]
 
 
 @dataclasses.dataclass(frozen=True)
-class DesignBounds:
+class DesignBounds(Bounded, path="bounds."):
     """Least and greatest values of the design parameters; the shortest leg holds shank,
     toe and the spring's travel."""
 
-    gear_ratio: tuple[float, float] = (5.0, 14.0)
+    gear_ratio: PositiveRange = (5.0, 14.0)
     # m; see CodesignSettings
-    leg_length: tuple[float, float] = (0.29, bp2.HIP_FORE_AFT)
-    spring_stiffness: tuple[float, float] = (2500.0, 15000.0)  # N/m
+    leg_length: PositiveRange = (0.29, bp2.HIP_FORE_AFT)
+    spring_stiffness: PositiveRange = (2500.0, 15000.0)  # N/m
 
     def __post_init__(self) -> None:
-        """Refuse bounds between which there is no design, or one that cannot be
-        built."""
-        for name in PARAMETERS:
-            low, high = getattr(self, name)
-            if not (math.isfinite(low) and math.isfinite(high) and 0.0 < low < high):
-                raise UserError(
-                    f"bounds.{name} must be two numbers with 0 < low < high, got {low:g} and {high:g}"
-                )
+        """Refuse bounds out of order, and a design that cannot be built."""
+        super().__post_init__()
+        for name, (low, high) in vars(self).items():
             for value, ends in ((low, "begins too low"), (high, "ends too high")):
                 try:
                     IDEAL.changed(**{name: value})
                 except UserError as error:
                     raise UserError(f"bounds.{name} {ends}: {error}") from error
-
-    def of(self, names: Iterable[Parameter]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the named design parameters."""
-        return {name: getattr(self, name) for name in names}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,118 +87,6 @@ class CodesignSettings(Bounded):
     confirm: tuple[Intervals, ...] = (16, 24, 32, 48)
 
 
-# --- Problems that are solved one after another ----------------------------------------
-
-TIME_LIMIT = 20.0  # s an interval: several times what a solution takes
-
-
-@dataclasses.dataclass(frozen=True)
-class Chain:
-    """Problems solved one after another, each from the last solution; the first from a
-    cold guess.
-
-    Free parameters are found within `bounds`, starting from the last solution's, or
-    else from the problem's own.
-    """
-
-    problems: tuple[Problem, ...]
-    free: tuple[Parameter, ...]
-    bounds: DesignBounds
-    seed: int = 0  # of the cold guess; 0 is the one that is not varied
-
-    def then(self, problem: Problem) -> "Chain":
-        """Return the chain with one more problem."""
-        return dataclasses.replace(self, problems=(*self.problems, problem))
-
-    @property
-    def parts(self) -> list["Chain"]:
-        """All chains that end with the first problem, with the second, and so on."""
-        return [
-            dataclasses.replace(self, problems=self.problems[: i + 1])
-            for i in range(len(self.problems))
-        ]
-
-
-def solve_chain(chain: Chain, folder: Path) -> Solution | None:
-    """Solve the problems of a chain, keep their solutions in `folder`, and return the
-    last one's; None if IPOPT failed.
-
-    A solution in the folder is not sought again. A problem that cannot be solved is
-    passed over: the next one starts from the last solution before it.
-    """
-    last = solution = None
-    for part in chain.parts:
-        solution = keep_best(
-            _path(part, folder),
-            [lambda part=part, last=last: _solve_end(part, last)],
-            lambda solution: -solution.cost,
-        )
-        last = solution or last
-    return solution
-
-
-def read_solution(chain: Chain, folder: Path) -> Solution | None:
-    """Read what `solve_chain` stored of a chain's last problem; None where IPOPT
-    failed."""
-    path = _path(chain, folder)
-    return load_solution(path) if is_saved(path) else None
-
-
-def solve_chains(chains: Sequence[Chain], folder: Path, workers: int) -> None:
-    """Solve the chains that are not in `folder` yet in `workers` processes, or in this
-    process if `workers` is 1."""
-    with contextlib.ExitStack() as stack:
-        run = map if workers == 1 else stack.enter_context(spawned(workers)).map
-        for done, _ in enumerate(run(solve_chain, chains, itertools.repeat(folder))):
-            print(f"solved {done + 1} of {len(chains)}", flush=True)
-
-
-def _solve_end(chain: Chain, start: Solution | None) -> Solution:
-    """Solve a chain's last problem from a solution, or else from a cold guess."""
-    # CasADi only where something is solved
-    from bp2_rl.optimiser.collocation import cold_guess, solve
-    from bp2_rl.optimiser.transcription import SolveOptions
-
-    problem = chain.problems[-1]
-    if start is None:
-        guess = cold_guess(problem, seed=chain.seed or None)
-    else:
-        problem = problem.on(
-            **{name: start.problem.hardware.parameter(name) for name in chain.free}
-        )
-        guess = resample(start.problem, start.motion, problem)
-    options = SolveOptions(
-        free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals
-    )
-    return solve(problem, guess, options)
-
-
-def keep_best(
-    path: Path,
-    tries: Sequence[Callable[[], Solution]],
-    worth: Callable[[Solution], float],
-) -> Solution | None:
-    """Return the solution stored at `path`, or else the best of all `tries` by `worth`,
-    which is then stored."""
-    if is_saved(path):
-        return load_solution(path)
-    found: list[Solution] = []
-    for solve_it in tries:
-        with contextlib.suppress(NotSolved):
-            found.append(solve_it())
-    best = max(found, key=worth, default=None)
-    if best is not None:
-        save_solution(path, best)
-    return best
-
-
-def _path(chain: Chain, folder: Path) -> Path:
-    return folder / "solutions" / config_hash(chain)
-
-
-# --- The best design, from several starts ----------------------------------------------
-
-
 @dataclasses.dataclass(frozen=True)
 class DesignRow:
     """The optimal design on one mesh, and its gait."""
@@ -247,62 +112,75 @@ class Codesign:
     meshes: tuple[DesignRow, ...]
 
 
-def find_designs(
-    settings: CodesignSettings, folder: Path, workers: int = 1
-) -> list[tuple[Chain, Solution]]:
-    """Return the optimal designs from every start, cheapest first, on the mesh of
-    `settings.problem`.
-
-    The first start is BP2 and the cold guess; the others have designs drawn from within
-    the bounds, and varied guesses.
+def optimise_design(
+    settings: CodesignSettings, workers: int = 1
+) -> Iterator[DesignRow]:
+    """Yield the cheapest design from all starts on the mesh of `settings.problem`, and
+    then on the meshes of `settings.confirm`, each solved from the last.
 
     Raises:
-        NotSolved: no start led to a trajectory.
+        NotSolved: no start led to a trajectory, or a mesh lost it.
     """
-    chains = [start_chain(settings, seed) for seed in range(settings.starts)]
-    solve_chains(chains, folder, workers)
-    ends = [(chain, read_solution(chain, folder)) for chain in chains]
-    found = [(chain, end) for chain, end in ends if end is not None]
-    if not found:
+    from bp2_rl.optimiser.collocation import refine  # CasADi
+    from bp2_rl.optimiser.transcription import SolveOptions
+
+    seeds = range(settings.starts)
+    found = solve_all(find_design, itertools.repeat(settings), seeds, workers=workers)
+    best = min(filter(None, found), key=lambda solution: solution.cost, default=None)
+    if best is None:
         raise NotSolved(
             f"no design for {settings.problem.speed:g} m/s from {settings.starts} starts"
         )
-    return sorted(found, key=lambda pair: pair[1].cost)
+    yield describe_design(best)
+    for intervals in settings.confirm:
+        limit = TIME_LIMIT * intervals
+        options = SolveOptions(free=vars(settings.bounds), time_limit=limit)
+        best = refine(best, intervals, options)
+        yield describe_design(best)
 
 
-def optimise_design(
-    settings: CodesignSettings, folder: Path, workers: int = 1
-) -> tuple[DesignRow, ...]:
-    """Solve the cheapest of `find_designs` again on the meshes of `settings.confirm`,
-    the parameters still free, and return the design on each mesh.
+def solve_all(
+    solve: Callable[..., Solution], *arguments: Iterable[Any], workers: int
+) -> list[Solution | None]:
+    """Return what `solve` finds for each of its arguments, in `workers` processes, or
+    in this process if `workers` is 1; None where there is no trajectory."""
+    attempt = functools.partial(_attempt, solve)
+    with contextlib.ExitStack() as stack:
+        run = map if workers == 1 else stack.enter_context(spawned(workers)).map
+        return list(run(attempt, *arguments))
+
+
+def _attempt(solve: Callable[..., Solution], *arguments: Any) -> Solution | None:
+    with contextlib.suppress(NotSolved):
+        return solve(*arguments)
+
+
+def find_design(settings: CodesignSettings, seed: int) -> Solution:
+    """Return the design found from one start: BP2 and the cold guess, or for a positive
+    seed a design drawn from within the bounds and a varied guess.
 
     Raises:
-        NotSolved: no start led to a trajectory, or the finest mesh lost it.
+        NotSolved: the start led to no trajectory.
     """
-    chain, _ = find_designs(settings, folder, workers)[0]
-    meshes = (settings.problem.on_mesh(n) for n in settings.confirm)
-    chain = functools.reduce(Chain.then, meshes, chain)
-    solve_chains([chain], folder, workers)
-    ends = [read_solution(part, folder) for part in chain.parts]
-    if ends[-1] is None:
-        raise NotSolved(
-            f"the design was lost on {chain.problems[-1].intervals} intervals"
-        )
-    return tuple(describe_design(end) for end in ends if end is not None)
+    # CasADi only where something is solved
+    from bp2_rl.optimiser.collocation import cold_guess, solve
+    from bp2_rl.optimiser.transcription import SolveOptions
+
+    problem = start_problem(settings, seed)
+    guess = cold_guess(problem, seed=seed or None)
+    limit = TIME_LIMIT * problem.intervals
+    return solve(
+        problem, guess, SolveOptions(free=vars(settings.bounds), time_limit=limit)
+    )
 
 
-def start_chain(settings: CodesignSettings, seed: int) -> Chain:
-    """Return a chain of the co-design problem alone, from a start drawn by `seed`."""
-    problem = settings.problem
-    if seed > 0:
-        draw = np.random.default_rng(seed).uniform
-        problem = problem.on(
-            **{
-                name: float(draw(*bounds))
-                for name, bounds in settings.bounds.of(PARAMETERS).items()
-            }
-        )
-    return Chain((problem,), PARAMETERS, settings.bounds, seed)
+def start_problem(settings: CodesignSettings, seed: int) -> Problem:
+    """Return the problem of the start `seed`; a positive seed draws its design."""
+    if seed == 0:
+        return settings.problem
+    draw = np.random.default_rng(seed).uniform
+    bounds = vars(settings.bounds).items()
+    return settings.problem.on(**{name: float(draw(*ends)) for name, ends in bounds})
 
 
 def describe_design(best: Solution) -> DesignRow:
@@ -311,7 +189,7 @@ def describe_design(best: Solution) -> DesignRow:
     speed = float(np.max(np.abs(best.motion.v[..., motors])))
     return DesignRow(
         intervals=best.problem.intervals,
-        **{name: float(hardware.parameter(name)) for name in PARAMETERS},
+        **{name: float(hardware.parameter(name)) for name in vars(DesignBounds())},
         cost=best.cost,
         period=best.period,
         duty=best.duty,
