@@ -27,7 +27,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
-from bp2_rl.deploy.network import require_onnx, to_onnx, to_records
+from bp2_rl.deploy.network import to_onnx, to_records
 from bp2_rl.deploy.onboard.binary import BINARY, pack
 from bp2_rl.deploy.onboard.contents import (
     CODE,
@@ -124,10 +124,8 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
             place cannot be written.
     """
     require_name(directory)
-    require_onnx()  # now, because the description takes seconds
+    network = to_onnx(policy)
     settings, arrays = describe(policy, world)
-    layout = {"observation": json.dumps(settings["observation"])}
-    network = to_onnx(policy, layout | settings["policy"])
     with replaced(directory, "bundle", SETTINGS) as fresh:
         write_bytes(fresh / NETWORK, network)
         write_npz(fresh / REFERENCE, arrays)

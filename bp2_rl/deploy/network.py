@@ -1,6 +1,5 @@
 """Convert a policy's network to ONNX, checked in onnxruntime, and to records for C++."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +21,7 @@ SAMPLES, CLOSE = 256, 1e-5
 float32 rounding may cause."""
 
 
-def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
+def to_onnx(policy: Policy) -> bytes:
     """Return a policy's network as an ONNX model: `obs` (batch, n) -> `actions` (batch,
     12).
 
@@ -31,8 +30,11 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
     Raises:
         UserError: the package onnx or onnxruntime is missing.
     """
-    require_onnx()
-    from onnx import TensorProto, checker, helper, numpy_helper
+    try:
+        import onnxruntime  # noqa: F401
+        from onnx import TensorProto, checker, helper, numpy_helper
+    except ModuleNotFoundError as error:
+        raise not_installed("--format onnx", str(error.name), "deploy") from error
 
     def values(name: str, size: int) -> "ValueInfoProto":
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
@@ -64,7 +66,6 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         ir_version=IR_VERSION,
         opset_imports=[helper.make_opsetid("", OPSET)],
     )
-    helper.set_model_props(model, dict(metadata))
     checker.check_model(model, full_check=True)
     content = model.SerializeToString()
     _compare(policy, content)
@@ -122,16 +123,3 @@ def _compare(policy: Policy, content: bytes) -> None:
         raise RuntimeError(
             f"onnxruntime {onnxruntime.__version__} is off by {error:.1e} from the policy"
         )
-
-
-def require_onnx() -> None:
-    """Raise UserError if the packages onnx or onnxruntime are missing.
-
-    Raises:
-        UserError: one of them is missing.
-    """
-    try:
-        import onnx  # noqa: F401
-        import onnxruntime  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise not_installed("--format onnx", str(error.name), "deploy") from error

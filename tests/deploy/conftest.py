@@ -46,7 +46,16 @@ def onboard(bundle):
     """Import the modules in the bundle, not bp2_rl's, whose every call is checked here
     and takes ten times as long."""
     sys.path.insert(0, str(bundle))
-    names = "controller", "motion", "link", "robot", "rehearse", "contents", "seal"
+    names = [
+        "computer",
+        "controller",
+        "motion",
+        "link",
+        "robot",
+        "rehearse",
+        "contents",
+        "seal",
+    ]
     yield SimpleNamespace(
         **{name: importlib.import_module(f"onboard.{name}") for name in names}
     )
@@ -87,7 +96,7 @@ def rehearse(onboard):
     """
 
     def run(world, controller, heard=lambda _, values: values, before=None):
-        inbox, ticks = onboard.rehearse.Inbox(), []
+        inbox, ticks = onboard.computer.Inbox(), []
         controller.reset()
         for k in range(world.milliseconds):
             now = k * onboard.robot.DT

@@ -202,6 +202,15 @@ def test_a_motion_whose_targets_cannot_be_is_refused(onboard, copy):
     assert "of the largest step or speed; is reference.npz" in refusal(onboard, copy)
 
 
+def test_the_rehearsal_says_what_its_controller_refuses(onboard, copy, capsys):
+    edited(copy, "reference.kind", "walk")
+    onboard.contents.seal(copy)
+    assert onboard.rehearse.main([str(copy)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith(f"error: bundle {copy} cannot be used: ValueError")
+    assert "reference motion 'walk'" in error
+
+
 def test_a_file_is_read_up_to_a_bound_and_no_device_is(onboard, copy):
     for name in ("deploy.json", "policy.onnx", "reference.npz", "manifest.json"):
         content = (copy / name).read_bytes()

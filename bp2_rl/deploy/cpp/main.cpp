@@ -4,7 +4,8 @@
 //   cmake -B build && cmake --build build
 //   python -m onboard.rehearse --program cpp/build/controller     # in the bundle's folder
 //
-// It prints its port; at SIGTERM, a line of JSON about its ticks.
+// It prints its port, or what is wrong with the file; at SIGTERM, a line of JSON about its
+// ticks.
 #include <arpa/inet.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -77,7 +78,7 @@ int main(int argc, char** argv) {
   std::string wrong;
   const auto controller = bp2::Controller::load(argc > 1 ? argv[1] : "controller.bin", wrong);
   if (!controller) {
-    std::fprintf(stderr, "error: %s\n", wrong.c_str());
+    std::printf("error: %s\n", wrong.c_str());
     return 2;
   }
   for (const int ends : {SIGINT, SIGTERM}) std::signal(ends, [](int) { running = 0; });

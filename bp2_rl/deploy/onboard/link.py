@@ -40,6 +40,17 @@ class Radio:
         """Exchange datagrams with the end that listens at `port`, and with no other."""
         self._socket.connect((HOST, port))
 
+    def answer_first(self, wait: float) -> None:
+        """Wait up to `wait` seconds for the first datagram, and exchange datagrams with
+        its sender alone.
+
+        Raises:
+            BlockingIOError: nobody has said anything.
+        """
+        select.select([self._socket], [], [], wait)
+        _, sender = self._socket.recvfrom(1, socket.MSG_PEEK)
+        self._socket.connect(sender)
+
     def send(self, kind: bytes, values: Sequence[float] | np.ndarray) -> None:
         """Send a datagram without waiting; the link gives no sign of its arrival."""
         try:

@@ -4,68 +4,41 @@ over UDP, on one core.
     python -m onboard.rehearse                     # in the bundle's folder: 20 s at `rehearsal` in deploy.json
     python -m onboard.rehearse --fault nan --fault-at 3
 
-The robot is a process of its own. It sends measurements and the operator's command
-every 5 ms and has its drives follow what comes back; datagrams are lost and come late.
-This process is the robot's computer: it answers each measurement, and where none comes
-it goes on without.
+This process is the robot. It sends measurements and the operator's command every 5 ms
+and has its drives follow what comes back; datagrams are lost and come late. The robot's
+computer is a process of its own, `computer` or a program: it answers each measurement,
+and where none comes it goes on without.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import gc
 import json
-import multiprocessing
 import os
 import select
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from multiprocessing.connection import Connection
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from bp2_rl.base.errors import UserError, one_line, require_one_of
+from bp2_rl.base.errors import UserError, require_one_of
 
 from .binary import BINARY
 from .contents import Settings, describe, read_bundle
-from .controller import DriveTargets, OnboardController
-from .link import COMMAND, SENSORS, TARGETS, Radio
+from .controller import DriveTargets
+from .link import TARGETS, Radio
 from .robot import DT, FAULTS, TICK, RehearsalPlan, RehearsalWorld
-from .watchdog import SensorReading
 
-GRACE = 0.001  # s, for which a measurement that is due is waited for
-OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
 LEAST_SHARE, LONGEST_WAIT = 0.95, 30.0
 """Least real-time factor and share of a second's ticks in time, and longest wait for
 targets (ms), of a valid rehearsal: on a busier machine BP2 falls at 10.74 m/s under any
 controller."""
-PATIENCE = 10.0  # s, within which a program of its own prints its port
+PATIENCE = 30.0  # s, within which the robot's computer prints its port
 SECOND = round(1.0 / (TICK * DT))  # ticks
-
-
-@dataclasses.dataclass
-class Inbox:
-    """The newest measurement and command that have been received."""
-
-    measurement: SensorReading | None = None
-    command: np.ndarray | None = None
-    command_time: float = -np.inf
-
-    def take(self, kind: bytes, values: np.ndarray, time: float) -> None:
-        """Store the content of a datagram."""
-        if kind == SENSORS:
-            self.measurement = SensorReading(
-                values[:12], values[12:24], values[24:27], values[27:30], time
-            )
-        elif kind == COMMAND:
-            self.command, self.command_time = values, time
-
-    def tick(self, controller: OnboardController, now: float) -> DriveTargets:
-        """Run one tick of the controller with the newest measurement and command."""
-        heard = now - self.command_time <= OPERATOR_SILENCE
-        return controller.step(self.measurement, self.command if heard else None, now)
 
 
 def in_real_time(
@@ -82,137 +55,65 @@ def in_real_time(
         robot: one of its `robots`.
         plan: what is rehearsed.
         core: on which both processes run; None: wherever the system puts them.
-        program: controls the robot in the place of this process, such as the bundle's
+        program: controls the robot in the place of `computer`, such as the bundle's
             `cpp/main.cpp` compiled.
 
     Raises:
-        UserError: the program does not run.
+        UserError: the bundle or the program does not run.
+        OSError: there is no such program.
     """
-    _pin(core)
-    computer = Computer(folder) if program is None else ProgramProcess(folder, program)
-    spawn = multiprocessing.get_context("spawn")
-    ours, theirs = spawn.Pipe()
-    process = spawn.Process(
-        target=_run_robot,
-        args=(Path(folder), robot, plan, core, computer.port, theirs),
-        daemon=True,
-    )
-    process.start()
-    theirs.close()
-    gc.collect()
-    # a collection would stop a tick; there is little to collect in half a minute
-    gc.disable()
-    try:
-        port = ours.recv()
-        ours.send("ready")
-        told = computer.run(port, ours)
-        outcome = {"real_time": ours.recv(), **ours.recv()}
-    except EOFError:
-        raise RuntimeError("the robot's process ended before the rehearsal") from None
-    finally:
-        gc.enable()
-        computer.close()
-        process.join(5.0)
-        process.kill()
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+    world, place = RehearsalWorld(folder, robot, plan), Path(folder).resolve()
+    with (
+        _computer(place, program) as (computer, port),
+        contextlib.closing(Radio()) as radio,
+    ):
+        radio.connect(port)
+        outcome = _run_robot(world, radio)
+        # at once, so that the computer does not take the end for silence
+        computer.terminate()
+        told = json.loads(computer.communicate()[0])
     busy = (
         min(outcome["real_time"], 1.0 - outcome["most_late"] / SECOND) < LEAST_SHARE
         or outcome["waited_ms"] > LONGEST_WAIT
     )
-    return {**outcome, **told, "too_busy": busy}
+    return {**outcome, **world.outcome(), **told, "too_busy": busy}
 
 
-class Computer:
-    """The robot's computer in this process."""
-
-    def __init__(self, folder: Path | str):
-        self._controller, self._radio = OnboardController(folder), Radio()
-        self.port, self.close = self._radio.port, self._radio.close
-
-    def run(self, port: int, world: Connection) -> Settings:
-        """Run the controller until the rehearsal ends; return the number of ticks,
-        their (p50, p99, max) from a measurement to its answer, fault and limits
-        used."""
-        controller, radio = self._controller, self._radio
-        radio.connect(port)
-        inbox, ticks, packets = Inbox(), [], radio.receive(30.0)
-        while packets or not world.poll():
-            start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
-            for kind, values in packets:
-                inbox.take(kind, values, now)
-            targets = inbox.tick(controller, now)
-            radio.send(TARGETS, np.concatenate(targets))
-            ticks.append((time.perf_counter() - start, time.thread_time() - used))
-            # what is there is heard even if this tick took longer than it may
-            packets, deadline = radio.receive(), now + TICK * DT + GRACE
-            while all(kind != SENSORS for kind, _ in packets) and (
-                (left := deadline - time.monotonic()) > 0.0
-            ):
-                packets += radio.receive(left)
-        wall, cpu = np.percentile(1e3 * np.array(ticks), (50, 99, 100), axis=0).T
-        return {
-            "ticks": len(ticks),
-            "wall_ms": wall.tolist(),
-            "cpu_ms": cpu.tolist(),
-            "fault": controller.fault,
-            "used": controller.watchdog.used,
-        }
-
-
-class ProgramProcess:
-    """A program of its own that controls the robot, started with the bundle's file for
-    C++.
-
-    It prints its port, and when it is ended a line of JSON, as `Computer.run` returns
-    it.
-    """
-
-    def __init__(self, folder: Path | str, program: Path):
-        command = str(program.resolve()), str(Path(folder) / BINARY)
+@contextlib.contextmanager
+def _computer(
+    folder: Path, program: Path | None
+) -> "Generator[tuple[subprocess.Popen[str], int]]":
+    """Context manager that runs the robot's computer; yields its process and its
+    port."""
+    ours = [sys.executable, "-m", f"{__package__}.computer", str(folder)]
+    command = [str(program.resolve()), str(folder / BINARY)] if program else ours
+    root = Path(__file__).parents[1]  # of the package
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, cwd=root
+    ) as process:
+        assert process.stdout is not None
         try:
-            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        except OSError as error:
-            raise UserError(f"{program} does not run: {one_line(str(error))}") from None
-        assert self._process.stdout is not None
-        self._out = self._process.stdout
-        heard, _, _ = select.select([self._out], [], [], PATIENCE)
-        line = self._out.readline().strip() if heard else ""
-        if not line.isdecimal():
-            self.close()
-            raise UserError(f"{program} printed no port within {PATIENCE:g} s")
-        self.port = int(line)
-
-    def run(self, port: int, world: Connection) -> Settings:
-        """Let the program run until the rehearsal ends; return what it says of its
-        ticks."""
-        del port  # it answers whoever speaks first
-        world.poll(None)
-        self._process.terminate()
-        return json.loads(self._out.read())
-
-    def close(self) -> None:
-        """End the program."""
-        self._process.kill()
-        self._process.wait()
-        self._out.close()
+            heard, _, _ = select.select([process.stdout], [], [], PATIENCE)
+            line = process.stdout.readline().strip() if heard else ""
+            if line.startswith("error: "):
+                raise UserError(line.removeprefix("error: "))
+            if not line.isdecimal():
+                raise UserError(
+                    f"{program or 'computer'} printed no port within {PATIENCE:g} s"
+                )
+            yield process, int(line)
+        finally:
+            process.kill()
 
 
-def _run_robot(
-    folder: Path,
-    robot: str,
-    plan: RehearsalPlan,
-    core: int | None,
-    port: int,
-    computer: Connection,
-) -> None:
-    """Run the simulated robot in real time, in a process of its own."""
-    _pin(core)
-    radio, world = Radio(), RehearsalWorld(folder, robot, plan)
-    radio.connect(port)
-    computer.send(radio.port)
-    computer.recv()
-    gc.disable()
+def _run_robot(world: RehearsalWorld, radio: Radio) -> dict[str, float]:
+    """Run the simulated robot in real time; return the real-time factor, and how many
+    ticks had no answer in time."""
     answers = np.zeros(-(-world.milliseconds // TICK))  # heard in each tick
     heard = waited = 0  # ms of the robot's time, and ms
+    gc.freeze()  # or a collection would stop the robot
     start = time.monotonic()
     for k in range(world.milliseconds):
         due = start + k * DT
@@ -228,25 +129,17 @@ def _run_robot(
                 heard = k
         waited = max(waited, k - heard)
         world.millisecond(k, now)
-    # at once, so that the computer does not take the end for silence
-    computer.send(world.milliseconds * DT / (time.monotonic() - start))
+    took = time.monotonic() - start
     # A measurement that comes late, too, is answered beside its tick: the computer,
     # which has gone on without it, answers twice in one.
     late = answers != 1
-    computer.send(
-        {
-            **world.outcome(),
-            "due": len(late),
-            "late": int(late.sum()),
-            "most_late": int(np.convolve(late, np.ones(SECOND)).max()),  # in a second
-            "waited_ms": waited,
-        }
-    )
-
-
-def _pin(core: int | None) -> None:
-    if core is not None:
-        os.sched_setaffinity(0, {core})
+    return {
+        "real_time": world.milliseconds * DT / took,
+        "due": len(late),
+        "late": int(late.sum()),
+        "most_late": int(np.convolve(late, np.ones(SECOND)).max()),  # in a second
+        "waited_ms": waited,
+    }
 
 
 def show(result: Settings, plan: RehearsalPlan) -> str:

@@ -41,7 +41,8 @@ class SimulatedRobot:
     """
 
     def __init__(self, folder: Path | str, name: str):
-        settings, files = read_bundle(folder)
+        self.settings, files = read_bundle(folder)
+        settings = self.settings
         require_one_of("robot", name, settings["robots"])
         with loading(folder):
             robot = settings["robots"][name]
@@ -143,8 +144,8 @@ class RehearsalWorld:
     """
 
     def __init__(self, folder: Path | str, robot: str, plan: RehearsalPlan):
-        settings, _ = read_bundle(folder)
         self.robot, self.plan = SimulatedRobot(folder, robot), plan
+        settings = self.robot.settings
         self._operator = HeadingHold(**settings["operator"])
         self._law, self._told, self._trim = command_law(settings), np.zeros(3), 0.0
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(
