@@ -1,14 +1,10 @@
-"""Compile an MJCF or URDF file to a MuJoCo model without its meshes, in a process of
-its own.
+"""Compile an MJCF or URDF file to a MuJoCo model without its meshes.
 
-Meshes need not be there: masses come from `<inertial>`. A file of a few lines can ask
-for all time and memory there is.
+Meshes need not be there: masses come from `<inertial>`.
 """
 
-import concurrent.futures
 import math
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -16,21 +12,12 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
-from bp2_rl.base.processes import spawned
 from bp2_rl.robot.anatomy import Link, possible_moments, six
 from bp2_rl.robot.conventions import MOTOR_NAMES
 
-LONGEST = 12
-"""Time limit for compiling a robot, s: ours take .05."""
-MOST = 2 << 30
-"""Memory limit for compiling a robot, bytes."""
-LARGEST = 4 << 20
-"""Size limit of a compiled model, bytes: BP2's has 118,348."""
 ROUNDING = 1e-6
 """Tolerance: rad by which a keyframe may leave a joint's range; N, Nm, or a share above
 which a difference is noted."""
-NO_MEMORY = "unknown exception", "allocate memory"
-"""Parts of MuJoCo's error messages when memory runs out."""
 
 
 class ReadingError(UserError):
@@ -38,97 +25,19 @@ class ReadingError(UserError):
     of abad, hip and knee."""
 
 
-def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
-    """Return an MJCF or URDF file as a compiled model without its meshes.
+def compile_file(
+    path: Path, joints: Sequence[str] = ()
+) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile an MJCF or URDF file without its meshes; return the model, and notes on
+    what was repaired.
 
     A fixed base becomes free. Where `joints` are named, the robot's others are welded.
 
     Raises:
-        ReadingError: the file is no MJCF, a part's mass comes from a mesh, or it takes
-            too much time or memory.
+        ReadingError: the file is no MJCF, a part's mass comes from a mesh, or a name
+            cannot be shown.
     """
     read_bytes(path, LARGEST_TEXT)
-    return compiled_apart(compile_file, path, tuple(joints))[0]
-
-
-Compiling = Callable[..., tuple[mujoco.MjModel, list[str]]]
-"""A module-level function that returns a model and a list of notes on it."""
-
-
-def compiled_apart(
-    compiling: Compiling, *arguments: object
-) -> tuple[mujoco.MjModel, list[str]]:
-    """Call a function that compiles a model in a process with limited time and memory;
-    return the model and notes.
-
-    Raises:
-        ReadingError: the function's own, or the model takes too much time or memory, or
-            crashes MuJoCo.
-    """
-    with spawned(1, _limit, abandon=True) as pool:
-        try:
-            model, notes = pool.submit(_compile_packed, compiling, *arguments).result(
-                LONGEST
-            )
-        except TimeoutError as error:
-            raise ReadingError(
-                f"MuJoCo has not compiled it after {LONGEST} s: leave only the robot"
-            ) from error
-        except (MemoryError, concurrent.futures.BrokenExecutor) as error:
-            raise ReadingError(
-                f"it crashes MuJoCo or takes over {MOST >> 30} GB: leave only the robot"
-            ) from error
-    return mujoco.MjModel.from_binary_path("robot.mjb", {"robot.mjb": model}), notes
-
-
-def _compile_packed(
-    compiling: Compiling, *arguments: object
-) -> tuple[bytes, list[str]]:
-    """Call a function that compiles a model; return the model as bytes of an MJB file,
-    and the notes."""
-    try:
-        model, notes = compiling(*arguments)
-    except ReadingError as error:
-        if any(words in str(error) for words in NO_MEMORY):
-            raise MemoryError from error
-        raise
-    size = mujoco.mj_sizeModel(model)
-    if size > LARGEST:
-        raise ReadingError(
-            f"its compiled model has {size:,} bytes, {LARGEST:,} at most are read: leave only the robot"
-        )
-    if odd := [
-        name
-        for name in model.names.decode(errors="replace").split("\0")
-        if not name.isprintable()
-    ]:
-        raise ReadingError(
-            f"it holds the name {odd[0]!a}, which no terminal can show: choose another"
-        )
-    packed = np.empty(size, np.uint8)
-    mujoco.mj_saveModel(model, None, packed)
-    return packed.tobytes(), notes
-
-
-def _limit() -> None:
-    """Limit this process's memory to `MOST` bytes beyond its present use; only on
-    Linux."""
-    if sys.platform == "linux":
-        import resource
-
-        used = (
-            int(Path("/proc/self/statm").read_text().split()[0])
-            * resource.getpagesize()
-        )
-        resource.setrlimit(resource.RLIMIT_AS, (used + MOST, used + MOST))
-
-
-# --- The model without its meshes -----------------------------------------------------
-
-
-def compile_file(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, list[str]]:
-    """Compile an MJCF or URDF file without its meshes; return the model, and notes on
-    what was repaired."""
     notes: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -137,13 +46,19 @@ def compile_file(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, lis
         _require_inertias(spec)
         _strip(spec)
         _weld_others(spec, joints)
-        return spec.compile(), notes
+        model = spec.compile()
     except ReadingError:
         raise
     except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
         raise ReadingError(
             f"it is not an MJCF that MuJoCo can read: {one_line(str(error))}"
         ) from error
+    for name in model.names.decode(errors="replace").split("\0"):
+        if not name.isprintable():
+            raise ReadingError(
+                f"it holds the name {name!a}, which no terminal can show: choose another"
+            )
+    return model, notes
 
 
 def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:

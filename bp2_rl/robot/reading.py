@@ -21,7 +21,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, JointConvention, Leg, Vector
 from bp2_rl.robot.building import build_spec
-from bp2_rl.robot.compiling import ROUNDING, ReadingError, compile_file, compiled_apart
+from bp2_rl.robot.compiling import ROUNDING, ReadingError, compile_file
 from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
 from bp2_rl.robot.coordinates import motor_indices
 from bp2_rl.robot.effects import FAST, Effects, effects_of, mass_matrix
@@ -127,8 +127,7 @@ def read_mjcf(
         ReadingError: one line that says what cannot be read and how to mend it.
     """
     try:
-        read_bytes(path, LARGEST_TEXT)
-        model, notes = compiled_apart(compile_file, path, tuple(joints))
+        model, notes = compile_file(path, joints)
         require_no_couplings(model)
         chains = find_legs(model, find_trunk(model), joints)
         found_feet = find_feet(model, at_zero(model), chains, feet, foot_radius)

@@ -16,7 +16,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.learning.policy import load_policy, save_policy
-from bp2_rl.robot.compiling import load_mjcf
+from bp2_rl.robot.compiling import compile_file
 from bp2_rl.robot.conventions import MOTOR_NAMES
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.robot.named import find_robot
@@ -82,7 +82,7 @@ def test_a_bundle_has_each_joints_name_sign_and_zero(folder, model):
     assert set(sign) == {-1, 1}
     assert np.abs(offset).max() > 0.1
     theirs, ours = (
-        load_mjcf(model),
+        compile_file(model)[0],
         mujoco.MjModel.from_xml_path(str(folder / "robots" / "own.xml")),
     )
     q = np.random.default_rng(1).uniform(-0.5, 0.5, 12)

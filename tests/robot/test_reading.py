@@ -24,7 +24,7 @@ from odd_robots import (
 )
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.robot.compiling import ReadingError, load_mjcf
+from bp2_rl.robot.compiling import ReadingError, compile_file
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
@@ -48,7 +48,9 @@ def go1() -> Path:
     ("path", "rounding"), [*PUBLIC, (asset_path("bp2_mjcf/bp2.xml"), 1e-12)]
 )
 def test_a_public_robot_moves_as_its_model_does(path: Path, rounding, seed: int):
-    assert max(disagreement(load_mjcf(path), read_mjcf(path), seed=seed)) < rounding
+    assert (
+        max(disagreement(compile_file(path)[0], read_mjcf(path), seed=seed)) < rounding
+    )
 
 
 # --- What it says ---------------------------------------------------------------------
@@ -222,7 +224,9 @@ def test_what_an_actuator_or_a_tendon_does_counts_wherever_the_model_says_it(
         )
         assert found == pytest.approx(expected, rel=1e-12)
     assert not re.search("left out|mass matrix", " ".join(reading.notes))
-    assert max(disagreement(load_mjcf(path), reading)) < 1e-12, "rounding alone is left"
+    assert max(disagreement(compile_file(path)[0], reading)) < 1e-12, (
+        "rounding alone is left"
+    )
 
 
 LEFT_OUT = {
@@ -373,7 +377,7 @@ def test_a_foot_touches_where_the_models_does_and_left_and_right_are_mirror_imag
     """As the robot stands, in C MuJoCo: the lowest point of the model's foot is that of
     the sphere, to rounding."""
     path = written(tmp_path, plain(foot=SHAPES[shape]))
-    reading, model = read_mjcf(path), load_mjcf(path)
+    reading, model = read_mjcf(path), compile_file(path)[0]
     right, left = (
         np.array([leg.foot for leg in reading.anatomy.legs])
         .reshape(2, 2, 3)
@@ -499,6 +503,9 @@ REFUSED = {
         anymal_like(),
     ),
     "not an MJCF": lambda: "<mujoco><worldbody>",
+    "holds the name '\\x1b[31m', which no terminal can show": lambda: plain().replace(
+        'body name="trunk"', 'body name="&#27;[31m"'
+    ),
     "does not tell which leg is which": lambda: anymal_like().replace(
         'pos="-0.', 'pos="0.'
     ),
@@ -572,7 +579,9 @@ def test_the_urdf_of_a_robot_is_the_robot(root: str, tmp_path: Path):
     path = written(tmp_path, urdf(velocity="fast", root=root))
     speeds = {joint.speed for joint in read_mjcf(path).joints}
     assert speeds == {math.inf}, "no number is no limit"
-    assert max(disagreement(load_mjcf(path), ours)) < 1e-12, "rounding alone is left"
+    assert max(disagreement(compile_file(path)[0], ours)) < 1e-12, (
+        "rounding alone is left"
+    )
 
 
 def test_named_joints_weld_the_others(tmp_path: Path):

@@ -33,7 +33,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
-from bp2_rl.robot.compiling import load_mjcf
+from bp2_rl.robot.compiling import compile_file
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
@@ -403,7 +403,7 @@ def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: P
     robot, reading = filled_in(
         tmp_path, EVERY_SHAPE[shape], joints=joints, feet=feet, foot_radius=radius
     )
-    model = load_mjcf(written(tmp_path, EVERY_SHAPE[shape]), joints)
+    model = compile_file(written(tmp_path, EVERY_SHAPE[shape]), joints)[0]
     model.dof_armature[:6] = 0.0  # of the trunk's free joint, which no robot has
     for seed in range(2):
         assert max(disagreement(model, reading, seed=seed)) < 1e-12
