@@ -67,8 +67,6 @@ SETS = {
     "ours": {},
     "paper": {},
     "no_symmetry_reward": {},
-    "restless": {},
-    "no_standing_wait": {},
     "kinematic": {"env.reference": "kinematic"},
     "none": {"env.reference": "none"},
     "standing": {"env.reset.standing_fraction": 1.0},
@@ -80,17 +78,11 @@ SETS = {
     "no_history": {"env.control.history": ()},
     "paper_kernel": {"env.reward.tracking_shape": TrackingShape()},
     "unscheduled": {"env.reward.schedule": "off"},
-    "no_launch_limit": {
-        "env.control.launching": math.inf,
-        "env.control.launching_speed": math.inf,
-    },
     "no_randomization": {"env.randomization.enabled": False},
 }
 """What a variant changes in both stages, besides the weights of rewards."""
 SETS_LATER = {
     "no_symmetry_reward": {"env.reward.symmetry": 0.0},
-    "restless": {"env.reward.stand": 0.0},
-    "no_standing_wait": {"env.reset.standing_time": (0.0, 0.0)},
 }
 """Likewise, in the relaxed stage alone."""
 

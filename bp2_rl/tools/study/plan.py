@@ -93,21 +93,7 @@ VARIANTS: dict[str, Variant] = {
     "no_randomization": Variant(
         "no randomisation", ("--env.randomization.no-enabled",)
     ),
-    "no_launch_limit": Variant(
-        "no limit on how fast the command rises",
-        ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
-    ),
     "stock_mjx": _both("MJX's own solver instead of the kernel", "--impl", "jax"),
-    "restless": Variant(
-        "no reward for standing still",
-        relaxed=("--env.reward.stand", "0"),
-        imitation="ours",
-    ),
-    "no_standing_wait": Variant(
-        "no wait before the first launch",
-        relaxed=("--env.reset.standing-time", "0", "0"),
-        imitation="ours",
-    ),
 }
 
 
