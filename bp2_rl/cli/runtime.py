@@ -25,8 +25,8 @@ def find_backend() -> str:
         return jax.default_backend()
     except (AssertionError, RuntimeError) as error:
         raise UserError(
-            f"JAX finds no device of JAX_PLATFORMS={jax.config.values['jax_platforms']}: leave JAX_PLATFORMS away, or, "
-            'for NVIDIA, see that nvidia-smi works and pip install -c constraints.txt -e ".[gpu]"'
+            f"JAX finds no device of JAX_PLATFORMS={jax.config.values['jax_platforms']}: unset JAX_PLATFORMS, or, for an "
+            'NVIDIA GPU, check that nvidia-smi works, and pip install -c constraints.txt -e ".[gpu]"'
         ) from error
 
 

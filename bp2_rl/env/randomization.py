@@ -153,8 +153,8 @@ def push(
 
 
 def as_drawn(numbers: T, factor: arrays.Array | None) -> T:
-    """Return numbers of the design, an array or a tree of them, times a drawn factor;
-    unchanged if none was drawn."""
+    """Multiply numbers of the design, an array or a tree of arrays, by a drawn factor;
+    without a factor, return them unchanged."""
     if factor is None:
         return numbers
     return jax.tree.map(lambda x: x * factor, numbers)

@@ -32,14 +32,14 @@ class Fall(NamedTuple):
     def reasons(self) -> dict[str, Bool[Array, "..."]]:
         """The reasons that are looked for, by name, the gravest first: where several
         hold at once, the first is the fall's."""
-        found = {
+        reasons = {
             "exploded": self.exploded,
             "too_low": self.too_low,
             "tilted": self.tilted,
+            "self_collision": self.self_collision,
+            **{f"task/{name}": own for name, own in (self.own or {}).items()},
         }
-        if self.self_collision is not None:
-            found["self_collision"] = self.self_collision
-        return found | {f"task/{name}": own for name, own in (self.own or {}).items()}
+        return {name: holds for name, holds in reasons.items() if holds is not None}
 
     @property
     def happened(self) -> Bool[Array, "..."]:

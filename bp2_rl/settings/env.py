@@ -266,7 +266,7 @@ class EnvConfig:
         if fastest >= control.launching_speed:
             raise UserError(
                 f"commands.max_forward ({fastest:g}) must be below control.launching_speed "
-                f"({control.launching_speed:g}): no command rises so far"
+                f"({control.launching_speed:g}): a launch never reaches that command"
             )
         if self.commands.hold_time[1] == 0.0:
-            raise UserError("commands.hold_time must end above 0")
+            raise UserError("the upper end of commands.hold_time must be above 0")

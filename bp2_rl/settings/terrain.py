@@ -34,7 +34,7 @@ TREAD = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Terrain(Bounded, path="terrain."):
-    """The ground of one run; by default a flat floor."""
+    """The ground of a run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
     # m: heights are within this of the start's, or steps as high
