@@ -23,7 +23,8 @@ class PosteriorSettings(Bounded, path="--"):
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("reports/posterior")
-    """folder of both files; what it has of runs.csv is not simulated again"""
+    """folder of both files; what it has of runs.csv, under the same assumptions, is not
+    simulated again"""
     robots: Annotated[int, Within(32, 2**14)] = 256
     """simulated robots, which fill the assumptions' ranges evenly; a power of two"""
     draws: Annotated[int, Within(1, 10_000)] = 250
@@ -36,7 +37,7 @@ def _simulate(settings: PosteriorSettings) -> None:
     import numpy as np
 
     from bp2_rl.base.errors import UserError
-    from bp2_rl.base.folders import make_folder
+    from bp2_rl.base.serialization import claim_folder
     from bp2_rl.cli.trajopt import progress_bar
     from bp2_rl.evaluation.plausible import read_assumptions
     from bp2_rl.learning.policy import load_policy
@@ -45,8 +46,9 @@ def _simulate(settings: PosteriorSettings) -> None:
     from bp2_rl.simulation.parallel import compute_here, keep_workers
 
     compute_here()
-    make_folder(settings.out)
     assumptions = read_assumptions()
+    card = runs.RunCard(assumptions)
+    claim_folder(settings.out, "assumptions.json", card, "runs")
     policies = {name: load_policy(name) for name in study.POLICIES}
     space = runs.fill_ranges(settings.robots, len(assumptions))
     everyone = [

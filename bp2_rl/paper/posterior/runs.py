@@ -23,6 +23,13 @@ Shares = Float[np.ndarray, "N D"]
 
 
 @dataclasses.dataclass(frozen=True)
+class RunCard:
+    """What a folder's runs rest on: they can be added to under the same alone."""
+
+    assumption_set: dict[str, Assumption]
+
+
+@dataclasses.dataclass(frozen=True)
 class RobotRun:
     """The results of a robot under a policy: speeds, race time and motor powers."""
 

@@ -6,12 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import WRONG_INPUT, UserError
+from bp2_rl.base.serialization import claim_folder
 from bp2_rl.evaluation.plausible import BestSecond, PlausibleRun, read_assumptions
 from bp2_rl.learning.policy import load_policy
+from bp2_rl.paper.cli import posterior
 from bp2_rl.paper.posterior import runs as module
 from bp2_rl.paper.posterior.runs import (
     RobotRun,
+    RunCard,
     fill_ranges,
     read_runs,
     robots_at,
@@ -80,3 +83,13 @@ def test_each_robot_runs_under_its_own_policy_and_in_order(monkeypatch):
     found = [run for batch in batches for run in batch]
     assert [run.belt for run in found] == [float(i) for i in range(7)]
     assert [(run.policy, run.hip) for run in found[:2]] == [("a", 4.0), ("b", 1.0)]
+
+
+def test_runs_under_other_assumptions_are_not_added_to(tmp_path, capsys):
+    others = read_assumptions()
+    others.popitem()
+    claim_folder(tmp_path, "assumptions.json", RunCard(others), "runs")
+    assert posterior.main(["--out", str(tmp_path)]) == WRONG_INPUT
+    said = capsys.readouterr().err
+    assert "holds runs with another assumption_set" in said
+    assert said.count("\n") == 1
