@@ -17,7 +17,7 @@ import importlib.metadata
 import json
 import math
 import re
-from collections.abc import Generator
+from collections.abc import Collection, Generator
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +125,7 @@ def write_bundle(directory: Path, policy: Policy, world: World = LEVEL) -> None:
     """
     require_name(directory)
     network = to_onnx(policy)
-    settings, arrays = describe(policy, world)
+    settings, arrays = describe_policy(policy, world)
     with replaced(directory, "bundle", SETTINGS) as fresh:
         write_bytes(fresh / NETWORK, network)
         write_npz(fresh / REFERENCE, arrays)
@@ -188,7 +188,7 @@ def replaced(directory: Path, kind: str, mark: str) -> Generator[Path]:
         ) from error
 
 
-def describe(policy: Policy, world: World = LEVEL) -> Playback:
+def describe_policy(policy: Policy, world: World = LEVEL) -> Playback:
     """Return the content of a bundle's deploy.json and the arrays of its reference.npz
     for a policy, to be rehearsed on the ground of `world`.
 
@@ -199,12 +199,12 @@ def describe(policy: Policy, world: World = LEVEL) -> Playback:
     known = [entry.name for entry in ENTRIES]
     if isinstance(env.task.code, TaskSources):
         known += dict(env.task.entries)
-    seen = [name.partition("@")[0] for name, _ in card.observation_layout]
-    if unknown := [name for name in seen if name not in known]:
-        raise UserError(
-            f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
-            f"{', '.join(known)}; entries of a task come with --task FILE"
-        )
+    require_entries(
+        policy,
+        known,
+        "the controller of a bundle does not make: it knows "
+        f"{', '.join(known)}; entries of a task come with --task FILE",
+    )
     reference, arrays = playback(env)
     control, commands = env.control, env.commands
     sideways = commands.max_lateral, commands.max_yaw_rate
@@ -256,6 +256,14 @@ def describe(policy: Policy, world: World = LEVEL) -> Playback:
         "robots": _describe_robots(env, world),
     }
     return settings, arrays
+
+
+def require_entries(policy: Policy, known: Collection[str], remedy: str) -> None:
+    """Raise UserError if the policy sees other observation entries than these; the
+    message ends in `remedy`."""
+    seen = [name.partition("@")[0] for name, _ in policy.card.observation_layout]
+    if unknown := sorted({*seen}.difference(known)):
+        raise UserError(f"the policy sees {', '.join(unknown)}, which {remedy}")
 
 
 def watchdog_limits(env: EnvConfig) -> WatchdogLimits:

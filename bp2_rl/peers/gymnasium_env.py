@@ -24,7 +24,9 @@ from bp2_rl.settings.env import EnvConfig, Impl
 # SI units: a state that is faster than `termination.max_speed` has ended its episode
 LARGEST_OBSERVATION = 1e3
 POLICY, CRITIC = "state", "privileged_state"
-METADATA: dict[str, Any] = {
+Info = dict[str, Any]
+"""Gymnasium's type of `info`, `options` and `metadata`."""
+METADATA: Info = {
     "render_modes": ["rgb_array"],
     "render_fps": round(conventions.POLICY_RATE),
 }
@@ -91,7 +93,7 @@ class BP2Peer:
     def _seen(self) -> np.ndarray:
         return np.array(self._state.obs[POLICY])
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self) -> Info:
         """Return the critic's observation and the metrics; many robots have an axis."""
         metrics = self._state.metrics
         return {
@@ -136,8 +138,8 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         self.observation_space, self.action_space = spaces_of(self.env)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Info | None = None
+    ) -> tuple[np.ndarray, Info]:
         """Start an episode with a new robot, whose curriculum is at its beginning;
         return the observation and `info`."""
         super().reset(seed=seed)
@@ -145,9 +147,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
         return self._seen(), self._info()
 
-    def step(
-        self, action: np.ndarray
-    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, Info]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._act(action)
         ended = bool(self._state.done)
@@ -161,7 +161,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         """Free the renderer, if there is one."""
         self.close_extras()
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self) -> Info:
         """Return the metrics as numbers, what the critic sees as an array."""
         info = super()._info()
         return {name: x if x.ndim else float(x) for name, x in info.items()}

@@ -6,7 +6,6 @@ environment with its seed.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +22,7 @@ from bp2_rl.peers import EPISODE
 from bp2_rl.peers.gymnasium_env import (
     METADATA,
     BP2Peer,
+    Info,
     RenderMode,
     draw_key,
     spaces_of,
@@ -30,7 +30,7 @@ from bp2_rl.peers.gymnasium_env import (
 from bp2_rl.robot.camera import Picture
 from bp2_rl.settings.env import EnvConfig, Impl
 
-Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]
 
 
 class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -83,8 +83,8 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+        options: Info | None = None,
+    ) -> tuple[np.ndarray, Info]:
         """Start episodes with new robots; with a single seed, robot i takes seed + i.
         `options["reset_mask"]` selects robots.
 
@@ -141,7 +141,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._age[which] = 0
         self._over = self._over & ~which
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self) -> Info:
         """Return `info` as Gymnasium's vector environments do: `_NAME` says for which
         robots NAME holds."""
         info = super()._info()

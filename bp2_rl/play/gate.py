@@ -10,6 +10,7 @@ from unittest import mock
 from urllib.parse import urlsplit
 
 import msgspec
+import viser
 import websockets.asyncio.server
 from viser._messages import CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage
 from websockets.asyncio.server import ServerConnection
@@ -52,14 +53,15 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
     )
 
 
-def takes(widget: Any, value: Any) -> bool:
+def takes(widget: object, value: object) -> bool:
     """Return whether a viser widget can have a value: an option of a list, a slider's
     number, or a tick."""
-    if hasattr(widget, "options"):
+    if isinstance(widget, viser.GuiDropdownHandle | viser.GuiButtonGroupHandle):
         return value in widget.options
-    if hasattr(widget, "min"):
-        return type(value) in (float, int) and widget.min <= value <= widget.max
-    return isinstance(value, bool)
+    if isinstance(widget, viser.GuiSliderHandle):
+        number = isinstance(value, float | int) and not isinstance(value, bool)
+        return number and widget.min <= value <= widget.max
+    return isinstance(widget, viser.GuiCheckboxHandle) and isinstance(value, bool)
 
 
 @contextlib.contextmanager

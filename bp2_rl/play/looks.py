@@ -1,6 +1,5 @@
 """Draw the robot and its ground as triangle meshes for the page."""
 
-import dataclasses
 from typing import cast
 
 import mujoco
@@ -20,15 +19,7 @@ from bp2_rl.simulation.world import LEVEL, World
 
 SIDES = 20  # of a round thing
 GEOM = mujoco.mjtGeom
-
-
-@dataclasses.dataclass(frozen=True)
-class VisiblePart:
-    """A triangle mesh of all geoms on a body that share a colour."""
-
-    body: int
-    mesh: trimesh.Trimesh  # m, in the body's frame
-    color: tuple[int, int, int]  # of 255
+Color = tuple[int, int, int]  # of 255
 
 
 class Looks:
@@ -41,20 +32,19 @@ class Looks:
         self.bodies = [self.model.body(i).name for i in range(1, self.model.nbody)]
         """Name of each body but the world."""
 
-    def parts(self) -> list[VisiblePart]:
-        """Return the coloured triangle meshes of the robot."""
-        found: dict[tuple[int, tuple[int, int, int]], list[trimesh.Trimesh]] = {}
+    def parts(self) -> dict[tuple[int, Color], trimesh.Trimesh]:
+        """Return a triangle mesh (m, in the body's frame) by body and colour of the
+        robot's geoms."""
+        found: dict[tuple[int, Color], list[trimesh.Trimesh]] = {}
         for geom, color in visible_geoms(self.model):
             r, g, b = (255.0 * color).astype(int).tolist()
             found.setdefault((int(self.model.geom_bodyid[geom]), (r, g, b)), []).append(
                 _triangles(self.model, geom)
             )
-        return [
-            VisiblePart(
-                body, cast(trimesh.Trimesh, trimesh.util.concatenate(meshes)), color
-            )
-            for (body, color), meshes in found.items()
-        ]
+        return {
+            part: cast(trimesh.Trimesh, trimesh.util.concatenate(meshes))
+            for part, meshes in found.items()
+        }
 
     @property
     def has_floor(self) -> bool:

@@ -13,13 +13,12 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import viser
 from jaxtyping import Float
 from matplotlib.colors import to_rgb
-from viser._messages import RunJavascriptMessage
+from viser._messages import HotkeyKey, RunJavascriptMessage
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import LEG_COLORS
@@ -34,7 +33,6 @@ SECTION = 10.0  # m, between the broad lines on the ground
 # N/m, of an arrow; N, below which there is none: BP2's
 NEWTONS_A_METRE = 1500.0
 LEAST_FORCE = 20.0
-SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
 # m: where the camera is, and what it looks at
 WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
 # on a telephone, whose lower half the panel takes
@@ -50,7 +48,7 @@ PUSHES = {
     "left": (0.0, 1.0),
     "right": (0.0, -1.0),
 }
-KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
+KEYS: dict[HotkeyKey, tuple[str, Callable[[Session], None]]] = {
     "W": ("Faster", lambda session: session.step(speed=1)),
     "S": ("Slower", lambda session: session.step(speed=-1)),
     "A": ("Turn left", lambda session: session.step(turn=1)),
@@ -93,7 +91,7 @@ class Page:
         # Browsers open connections ahead that they then never use: not worth a
         # traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-        self._widgets: dict[str, Any] = {}  # by viser's name
+        self._widgets: dict[str, viser.GuiInputHandle] = {}  # by viser's name
         try:
             family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[
                 0
@@ -273,11 +271,11 @@ class _Scene:
             scene.add_label(f"/track/{name}/label", name, position=(0.0, 2.0, 0.6))
         self._robot = _Figure(scene, "/robot", self._looks)
         self._ghost = _Figure(scene, "/ghost", self._looks)
-        for i, part in enumerate(self._looks.parts()):
-            name = self._looks.bodies[part.body - 1]
-            shape = (part.mesh.vertices, part.mesh.faces)
+        for i, ((body, color), mesh) in enumerate(self._looks.parts().items()):
+            name = self._looks.bodies[body - 1]
+            shape = (mesh.vertices, mesh.faces)
             scene.add_mesh_simple(
-                f"/robot/{name}/{i}", *shape, color=part.color, side="double"
+                f"/robot/{name}/{i}", *shape, color=color, side="double"
             )
             scene.add_mesh_simple(
                 f"/ghost/{name}/{i}",
@@ -339,19 +337,13 @@ class _Figure:
         self._frames = [
             scene.add_frame(f"{root}/{name}", show_axes=False) for name in looks.bodies
         ]
-        self._at = [np.full((len(looks.bodies), size), np.inf) for size in (3, 4)]
 
     def place(
         self, position: Float[np.ndarray, "B 3"], quaternion: Float[np.ndarray, "B 4"]
     ) -> None:
-        """Set the poses of the bodies that moved; unchanged frames are not sent
-        again."""
-        for attribute, now, last in zip(
-            ("position", "wxyz"), (position, quaternion), self._at, strict=True
-        ):
-            for i in np.flatnonzero(np.any(np.abs(now - last) > SEEN, axis=1)):
-                setattr(self._frames[i], attribute, now[i])
-                last[i] = now[i]
+        """Set the poses of the bodies; viser sends those that changed."""
+        for frame, at, turn in zip(self._frames, position, quaternion, strict=True):
+            frame.position, frame.wxyz = at, turn
 
 
 async def _step_back(client: viser.ClientHandle) -> None:

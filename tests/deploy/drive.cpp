@@ -4,9 +4,9 @@
 //   drive load FILE...                 prints what is wrong with each file, or "loaded"
 //
 // A tick is 36 doubles: whether there are a measurement (1) and a command (2), or a reset
-// (4), and whether the answer is waited for (8); now; 30 measured values and their time;
-// the command. An answer is 26 doubles: position, velocity, thread CPU time of the tick
-// (s), allocations in it; then 16 letters of the fault's name and 16 of its joint's.
+// (4); now; 30 measured values and their time; the command. An answer is 26 doubles:
+// position, velocity, thread CPU time of the tick (s), allocations in it; then 16 letters
+// of the fault's name and 16 of its joint's.
 #include <ctime>
 #include <new>
 
@@ -66,6 +66,5 @@ int main(int argc, char** argv) {
     std::strncpy(answer.fault, controller->fault(), 15);
     std::strncpy(answer.joint, controller->fault_joint(), 15);
     std::fwrite(&answer, sizeof answer, 1, stdout);
-    if (told & 8) std::fflush(stdout);
   }
 }

@@ -45,13 +45,13 @@ def test_bodies_are_where_mujoco_has_them_with_the_trunk_above_the_origin(looks)
 
 def test_every_body_has_a_shape_of_the_robots_size(looks):
     parts = looks.parts()
-    assert {part.body for part in parts} == set(range(1, 1 + len(looks.bodies)))
+    assert {body for body, _ in parts} == set(range(1, 1 + len(looks.bodies)))
     data = looks.data
     data.qpos[:] = looks.model.key("stand").qpos
     mujoco.mj_kinematics(looks.model, data)
     corners = [
-        part.mesh.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body]
-        for part in parts
+        mesh.vertices @ data.xmat[body].reshape(3, 3).T + data.xpos[body]
+        for (body, _), mesh in parts.items()
     ]
     low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
     # soles on the ground, springs unloaded

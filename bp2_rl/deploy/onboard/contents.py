@@ -194,7 +194,7 @@ def seal(folder: Path) -> list[str]:
         return [name for name, value in hashes.items() if value.encode() not in before]
 
 
-def describe(settings: Settings) -> str:
+def describe_bundle(settings: Settings) -> str:
     """Describe the bundle in one line: stage, date, weights and robots of its
     policy."""
     policy, robots = settings["policy"], ", ".join(dict(settings["robots"]))
@@ -218,32 +218,32 @@ def _check(settings: Settings, path: Path) -> None:
     """Raise BundleError for a number that is missing or out of bounds, or a stand
     outside the joint ranges."""
     json.dumps(settings, allow_nan=False)
-    describe(settings)
+    describe_bundle(settings)
     for name, (least, most, *shape) in NUMBERS.items():
-        value = _find(settings, name)
-        numbers = np.asarray(value)
+        numbers = _numbers(settings, name)
         right = numbers.dtype.kind in "biuf" and list(numbers.shape) == shape
         if not (right and np.all((numbers >= least) & (numbers <= most))):
             raise BundleError(
-                f"{path}: {name} must be from {least:g} to {most:g}, got {shown(value)}; mend and seal it"
+                f"{path}: {name} must be from {least:g} to {most:g}, got {shown(numbers.tolist())}; mend and seal it"
             )
     check_bounds(command_law(settings), "control.")
     WatchdogLimits(**settings["watchdog"])
     low, high = np.transpose(settings["joint_range"])
-    stand, signs = settings["control"]["stand"], _find(settings, "model_joints.sign")
+    stand = settings["control"]["stand"]
+    signs = _numbers(settings, "model_joints.sign").tolist()
     if np.any(low > stand) or np.any(stand > high) or not {*signs} <= {-1, 1}:
         raise BundleError(
             f"{path}: control.stand is beyond joint_range, or a sign is neither 1 nor -1; export it anew"
         )
 
 
-def with_infinity(values: Settings) -> dict[str, Any]:
+def with_infinity(values: Settings) -> dict[str, float | np.ndarray]:
     """Return limits by name, with infinity in the place of JSON's null.
 
     A limit is a number, or an array of twelve where joints differ.
     """
 
-    def number(value: Any) -> Any:
+    def number(value: list[float | None] | float | None) -> float | np.ndarray:
         if isinstance(value, list):
             return np.array([number(one) for one in value])
         return math.inf if value is None else value
@@ -254,17 +254,19 @@ def with_infinity(values: Settings) -> dict[str, Any]:
 def command_law(settings: Settings) -> CommandLaw:
     """Return the limits on the forward command that the policy is told, from
     `deploy.json`."""
-    control = settings["control"]
-    return CommandLaw(**with_infinity({name: control[name] for name in COMMAND_LIMITS}))
+    limits = {name: settings["control"][name] for name in COMMAND_LIMITS}
+    return CommandLaw(
+        **{name: math.inf if x is None else x for name, x in limits.items()}
+    )
 
 
-def _find(settings: Settings, name: str) -> Any:
-    """Return the value at a dotted name in the settings; a list of values where there
-    is a list of objects."""
-    value: Any = settings
+def _numbers(settings: Settings, name: str) -> np.ndarray:
+    """Return the value at a dotted name in the settings as an array; an array of values
+    where there is a list of objects."""
+    value = settings
     for part in name.split("."):
         value = [one[part] for one in value] if isinstance(value, list) else value[part]
-    return value
+    return np.asarray(value)
 
 
 Convention = Literal["bundle", "model"]
@@ -292,9 +294,10 @@ class JointFrame:
         if convention == "bundle":
             return cls(MOTOR_NAMES, np.ones(12), np.zeros((2, 12)))
         names, sign, offset = (
-            _find(settings, f"model_joints.{key}") for key in ("name", "sign", "offset")
+            _numbers(settings, f"model_joints.{key}")
+            for key in ("name", "sign", "offset")
         )
-        return cls(names, np.array(sign), np.stack((offset, np.zeros(12))))
+        return cls(names.tolist(), sign, np.stack((offset, np.zeros(12))))
 
     def inward(self, joints: np.ndarray) -> np.ndarray:
         """Convert a caller's joint angles and speeds (2 12) to the bundle's signs and

@@ -28,7 +28,7 @@ import numpy as np
 from bp2_rl.base.errors import UserError, require_one_of
 
 from .binary import BINARY
-from .contents import Settings, describe, read_bundle
+from .contents import Settings, describe_bundle, read_bundle
 from .controller import DriveTargets
 from .link import TARGETS, Radio
 from .robot import DT, FAULTS, TICK, RehearsalPlan, RehearsalWorld
@@ -203,7 +203,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         given = {name: x for name in names if (x := getattr(args, name)) is not None}
         plan = RehearsalPlan(**{**settings["rehearsal"], **given})
         print(
-            f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s; ground: {settings['ground']}",
+            f"{describe_bundle(settings)}, on the {robot} robot for {plan.duration:.1f} s; ground: {settings['ground']}",
             file=sys.stderr,
         )
         result = in_real_time(

@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes
-from bp2_rl.deploy.bundle import describe, replaced, robots_of
+from bp2_rl.deploy.bundle import describe_policy, replaced, require_entries, robots_of
 from bp2_rl.deploy.network import to_records
 from bp2_rl.deploy.onboard.binary import assemble, pack
 from bp2_rl.deploy.onboard.contents import Settings
@@ -73,9 +72,13 @@ def write_page(
             the pinned one, or the place cannot be written.
     """
     require_name(directory)
-    _require_known(policy)
+    require_entries(
+        policy,
+        [entry.name for entry in ENTRIES],
+        "Python code of its task computes and a page cannot; --format onnx writes a bundle that can",
+    )
     script, code = mujoco_files(package)
-    settings, arrays = describe(policy, world)
+    settings, arrays = describe_policy(policy, world)
     env, told = policy.card.env, {}
     files = {file.name: file.read_bytes() for file in (*FROM_PLAYER, *OWN)}
     files |= {
@@ -112,17 +115,6 @@ def write_page(
         (fresh / POLICY).mkdir()
         for name, content in files.items():
             write_bytes(fresh / name, content)
-
-
-def _require_known(policy: Policy) -> None:
-    """Raise UserError if the policy sees what the controller in C++ does not make."""
-    known = {entry.name for entry in ENTRIES}
-    seen = [name.partition("@")[0] for name, _ in policy.card.observation_layout]
-    if unknown := sorted({*seen} - known):
-        raise UserError(
-            f"the policy sees {', '.join(unknown)}, which Python code of its task computes and a page cannot; "
-            "--format onnx writes a bundle that can"
-        )
 
 
 def robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> bytes:
