@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
-from bp2_rl.base.plotting import FAINT, INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.base.plotting import FAINT, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.conventions import GRAVITY, JOINTS, LEGS, MOTOR_NAMES, PHYSICS_STEP
@@ -40,9 +40,6 @@ STROKE = 0.1
 length is warned about."""
 SAME = 1e-3
 """Relative difference up to which left and right legs count as mirror images."""
-
-MARKS = {"abad": "s", "hip": "o", "knee": "D"}
-"""Matplotlib's markers of the joints in the picture."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -297,9 +294,8 @@ def _numbers(value: object) -> list[float]:
 
 @styled
 def draw_robot(hardware: HardwareSpec) -> Figure:
-    """Draw the robot in its standing pose from the right and from behind; axes in
-    metres."""
-    anatomy = hardware.anatomy
+    """Draw the robot in its standing pose from the right and from behind, with a dot at
+    each joint and foot; axes in metres."""
     model = load_model(hardware)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
@@ -311,51 +307,23 @@ def draw_robot(hardware: HardwareSpec) -> Figure:
     for axes, across, title in zip(
         views, (0, 1), ("from the right, forward is right", "from behind"), strict=True
     ):
-        shown, sign = [across, 2], (1.0 if across == 0 else -1.0)
-
-        def flat(
-            point: np.ndarray, shown: list[int] = shown, sign: float = sign
-        ) -> np.ndarray:
-            return np.asarray(point)[shown] * (sign, 1.0)
-
-        middle = flat(data.body("trunk").xpos)
-        half = np.array(anatomy.trunk_size)[shown]
+        shown = [across, 2]
+        half = np.array(hardware.anatomy.trunk_size)[shown]
+        corner = data.body("trunk").xpos[shown] - half
         axes.add_patch(
-            Rectangle(
-                tuple(middle - half), *(2.0 * half), facecolor=FAINT, edgecolor=QUIET
-            )
+            Rectangle(tuple(corner), *(2.0 * half), facecolor=FAINT, edgecolor=QUIET)
         )
-        for leg, name in reversed(list(zip(anatomy.legs, LEGS, strict=True))):
-            joints = [flat(data.joint(f"{name}_{joint}").xanchor) for joint in JOINTS]
-            foot = flat(data.geom(f"{name}_foot").xpos)
-            line, color = np.array([*joints, foot]), LEG_COLORS[name]
-            axes.plot(line[:, 0], line[:, 1], color=color, linewidth=2.4, label=name)
-            for joint, at in zip(JOINTS, joints, strict=True):
-                axes.plot(
-                    *at,
-                    MARKS[joint],
-                    color=color,
-                    markeredgecolor="white",
-                    markersize=7,
-                )
-            axes.add_patch(
-                Circle(tuple(foot), leg.foot_radius, facecolor=color, alpha=0.5)
-            )
-        axes.plot(
-            *flat(data.subtree_com[1]), "+", color=INK, markersize=11, markeredgewidth=2
-        )
+        for leg in reversed(LEGS):
+            joints = [data.joint(f"{leg}_{joint}").xanchor for joint in JOINTS]
+            points = np.array([*joints, data.geom(f"{leg}_foot").xpos])[:, shown]
+            axes.plot(*points.T, "o-", color=LEG_COLORS[leg], label=leg)
         axes.axhline(0.0, color=QUIET)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("m")
         axes.set_title(title)
-    for joint, mark in MARKS.items():
-        views[1].plot([], [], mark, color=QUIET, label=joint)
-    views[1].plot([], [], "+", color=INK, markersize=11, label="centre of mass")
+    views[1].invert_xaxis()  # y is to the left
     figure.legend(
-        *views[1].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=8,
-        handlelength=1.2,
+        *views[1].get_legend_handles_labels(), loc="outside lower center", ncols=4
     )
-    figure.suptitle(anatomy.name, x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(hardware.anatomy.name, x=0.01, ha="left", fontweight="bold")
     return figure
