@@ -25,7 +25,7 @@ RANGE = np.array((ABAD_RANGE, HIP_RANGE, KNEE_RANGE) * 4)
 Q, QD, UP, GYRO = slice(0, 12), slice(12, 24), slice(24, 27), slice(27, 30)
 NOISE = np.repeat((0.01, 0.3, 0.01, 0.1), (12, 12, 3, 3))  # of training
 PAGE = Path(__file__).parents[2] / "docs" / "deploy.md"
-ROW = re.compile(r"^\| `([a-z ]+)` \|.*\| (at once|[\d.]+ s) \| [^|]*\|$", re.MULTILINE)
+ROW = re.compile(r"^\| `([a-z ]+)` \|.*\| (at once|[\d.]+ s) \|$", re.MULTILINE)
 TIMES = {
     name: 0.0 if text == "at once" else float(text.removesuffix(" s"))
     for name, text in ROW.findall(PAGE.read_text())
