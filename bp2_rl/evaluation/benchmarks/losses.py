@@ -102,8 +102,12 @@ class LossesMetrics:
     """
 
     commanded_speed: float  # m/s
-    ideal: Tried
-    built: Tried
+    ideal: Tried = metric(
+        "Ideal robot [m/s]", form=_show_speed, meaning="mean while held"
+    )
+    built: Tried = metric(
+        "Built robot [m/s]", form=_show_speed, meaning="mean while held"
+    )
     losses: tuple[PricedLoss, ...]
     # of its ideal and its built robot
     optimiser: tuple[float, float] | None = metric(
@@ -176,10 +180,8 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
     costliest = max(priced, key=lambda loss: loss.cost)
     rows = (
-        Row("Ideal robot", f"{metrics.ideal.speed:.2f} m/s", "mean while held"),
-        Row("Built robot", f"{metrics.built.speed:.2f} m/s", "mean while held"),
-        Row("Costliest alone", costliest.name, f"{costliest.cost:.2f} m/s"),
         *rows_of(metrics),
+        Row("Costliest alone", costliest.name, f"{costliest.cost:.2f} m/s"),
     )
     return Evaluation(
         benchmark="losses",
