@@ -92,7 +92,7 @@ class PricedLoss:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class LossesMetrics:
     """The costs of all losses, in the order in which they are added from the ideal
     robot to the built one.
@@ -170,13 +170,15 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     pair = (found["ideal"], found["built"]) if "built" in found else None
     still = tried[ways["air"][1] if "air" in ways else built].speed
     metrics = LossesMetrics(
-        ramp.target[0],
-        tried[ideal],
-        tried[built],
-        tuple(priced),
-        pair,
-        still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
-        tried[built].speed - bp2.OUTDOOR_TOP_SPEED if built.is_bp2 else None,
+        commanded_speed=ramp.target[0],
+        ideal=tried[ideal],
+        built=tried[built],
+        losses=tuple(priced),
+        optimiser=pair,
+        over_treadmill=still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
+        over_outdoors=tried[built].speed - bp2.OUTDOOR_TOP_SPEED
+        if built.is_bp2
+        else None,
     )
     costliest = max(priced, key=lambda loss: loss.cost)
     rows = (
