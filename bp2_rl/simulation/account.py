@@ -274,25 +274,33 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
         depth=float(np.max(soles.depth)),
-        slip=float(np.median(sliding)) if len(sliding) else None,
-        slip_95=float(np.quantile(sliding, 0.95)) if len(sliding) else None,
+        slip=_quantile(sliding, 0.5),
+        slip_95=_quantile(sliding, 0.95),
         slip_distance=float(np.sum(sliding) * run.dt / stances) if stances else None,
         breaks=int(np.sum(broken)) / stances if stances else None,
         plate_force=max(
             float(np.max(window_means(foot, plate)))
             for foot in run.foot_force[..., 2].T
         ),
-        landing_down=-float(np.mean(landings[:, 2])) if stances else None,
-        landing_forward=float(np.mean(landings[:, 0])) if stances else None,
+        landing_down=_mean(-landings[:, 2]),
+        landing_forward=_mean(landings[:, 0]),
         top_outs=len(tops) / (len(onto) * run.dt)
         if run.hardware.anatomy.sprung
         else None,
         hard_top_outs=float(np.sum(tops > HARD)) / (len(onto) * run.dt),
-        top_out_mean=float(np.mean(tops)) if len(tops) else None,
+        top_out_mean=_mean(tops),
         top_out_speed=float(np.max(tops, initial=0.0)),
         limit_share=float(np.mean(np.any(over > 0.0, axis=-1))),
         limit_depth=max(float(np.max(over)), 0.0),
     )
+
+
+def _mean(values: Float[np.ndarray, " K"]) -> float | None:
+    return float(np.mean(values)) if len(values) else None
+
+
+def _quantile(values: Float[np.ndarray, " K"], share: float) -> float | None:
+    return float(np.quantile(values, share)) if len(values) else None
 
 
 def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:

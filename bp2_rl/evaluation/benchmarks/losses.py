@@ -92,7 +92,7 @@ class PricedLoss:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class LossesMetrics:
     """The costs of all losses, in the order in which they are added from the ideal
     robot to the built one.
@@ -102,8 +102,12 @@ class LossesMetrics:
     """
 
     commanded_speed: float  # m/s
-    ideal: Tried
-    built: Tried
+    ideal: Tried = metric(
+        "Ideal robot [m/s]", form=_show_speed, meaning="mean while held"
+    )
+    built: Tried = metric(
+        "Built robot [m/s]", form=_show_speed, meaning="mean while held"
+    )
     losses: tuple[PricedLoss, ...]
     # of its ideal and its built robot
     optimiser: tuple[float, float] | None = metric(
@@ -166,20 +170,20 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     pair = (found["ideal"], found["built"]) if "built" in found else None
     still = tried[ways["air"][1] if "air" in ways else built].speed
     metrics = LossesMetrics(
-        ramp.target[0],
-        tried[ideal],
-        tried[built],
-        tuple(priced),
-        pair,
-        still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
-        tried[built].speed - bp2.OUTDOOR_TOP_SPEED if built.is_bp2 else None,
+        commanded_speed=ramp.target[0],
+        ideal=tried[ideal],
+        built=tried[built],
+        losses=tuple(priced),
+        optimiser=pair,
+        over_treadmill=still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
+        over_outdoors=tried[built].speed - bp2.OUTDOOR_TOP_SPEED
+        if built.is_bp2
+        else None,
     )
     costliest = max(priced, key=lambda loss: loss.cost)
     rows = (
-        Row("Ideal robot", f"{metrics.ideal.speed:.2f} m/s", "mean while held"),
-        Row("Built robot", f"{metrics.built.speed:.2f} m/s", "mean while held"),
-        Row("Costliest alone", costliest.name, f"{costliest.cost:.2f} m/s"),
         *rows_of(metrics),
+        Row("Costliest alone", costliest.name, f"{costliest.cost:.2f} m/s"),
     )
     return Evaluation(
         benchmark="losses",

@@ -54,7 +54,7 @@ faster when told less."""
 AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
-VARIANTS_SAID = (
+ROBOTS_IN_WORDS = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
     "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
     f"each is told {', '.join(f'{share:.0%}' for share in COMMANDS)} of the speed, and shown at its best; "
@@ -228,7 +228,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
-        conditions=said | {"sprint": describe_race(race), "robots": VARIANTS_SAID},
+        conditions=said | {"sprint": describe_race(race), "robots": ROBOTS_IN_WORDS},
         verdict=f"{metrics.upright} of {len(robots)} robots did not fall: "
         f"{_show_range(metrics.best_speeds, 'm/s')}, {TRACK:g} m in {_show_range(metrics.times_100m, 's')}.",
         good=metrics.upright == len(robots),

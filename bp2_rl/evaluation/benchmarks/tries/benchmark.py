@@ -385,21 +385,11 @@ def tries_figure(outcomes: Sequence[TryOutcome]) -> Figure:
     axes.text(
         0.1,
         -0.5,
-        f"{passed} of {len(outcomes)} passed",
+        f"{passed} of {len(outcomes)} passed; red: failed",
         va="center",
         weight="bold",
         size=12,
     )
-    for column, (color, alpha, words) in enumerate(
-        ((FRONT, 0.16, "passed"), (FALL, 1.0, "failed"))
-    ):
-        left = LABELS + 1.4 * column * COLUMN
-        axes.add_patch(
-            Rectangle(
-                (left, -0.6), 0.16, 0.25, facecolor=color, alpha=alpha, linewidth=0
-            )
-        )
-        axes.text(left + 0.24, -0.5, words, va="center", color=QUIET)
     for row, group in enumerate(groups):
         axes.text(0.1, row + 0.34, group[0].group, va="center", weight="bold")
         axes.text(0.1, row + 0.70, group[0].rule, va="center", color=QUIET, size=6.5)

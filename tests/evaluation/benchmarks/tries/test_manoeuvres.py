@@ -232,8 +232,8 @@ def test_the_figure_is_red_where_a_manoeuvre_failed(assert_drawn):
     red = [
         patch for patch in axes.patches if to_hex(patch.get_facecolor()).upper() == FALL
     ]
-    assert len(red) == 1 + 2  # the legend's, and those of the two
-    assert {"no stop", "fell", "1 of 3 passed"} <= {
+    assert len(red) == 2
+    assert {"no stop", "fell", "1 of 3 passed; red: failed"} <= {
         text.get_text() for text in axes.texts
     }
     assert_drawn(figure)
