@@ -12,13 +12,15 @@ its cause.
 
 import dataclasses
 import functools
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from brax import envs
+from brax.training.types import Observation
 from jaxtyping import Array, Bool, Float
 
+Tree = TypeVar("Tree")
 PERSISTENT = ("curriculum",)
 """Entries of `state.info` that outlive an episode."""
 
@@ -116,7 +118,9 @@ def _with_clock(state: envs.State, age: Array) -> envs.State:
     return dataclasses.replace(state, info={**state.info, **clock})
 
 
-def _episode(state: envs.State) -> tuple[Any, Any, dict[str, Any]]:
+def _episode(
+    state: envs.State,
+) -> tuple[object, Observation, dict[str, object]]:
     """Return all that a robot's next step depends on."""
     return state.pipeline_state, state.obs, state.info
 
@@ -157,7 +161,7 @@ def _finite(tree: object) -> Bool[Array, " robots"]:
     return functools.reduce(jnp.logical_and, leaves)
 
 
-def _where(choose: Bool[Array, " robots"], these: object, those: object) -> Any:
+def _where(choose: Bool[Array, " robots"], these: Tree, those: Tree) -> Tree:
     """Return a tree with each robot's rows from `these` where chosen, else `those`."""
 
     def select(this: Array, that: Array) -> Array:

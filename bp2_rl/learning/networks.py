@@ -22,10 +22,12 @@ from brax import envs
 from brax.training import distribution
 from brax.training import networks as brax_networks
 from brax.training.acme import running_statistics
+from brax.training.acme.running_statistics import RunningStatisticsState
 from brax.training.agents.ppo import networks
 from flax import linen
 from jaxtyping import Array, Float
 
+from bp2_rl.base import arrays
 from bp2_rl.robot.observation import Mirror
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -40,6 +42,8 @@ POLICY, CRITIC = "state", "privileged_state"
 FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
 """Initialiser of the policy's last layer: small, so that training begins on the
 reference motion, not on noise."""
+Layer = tuple[arrays.Array, arrays.Array]
+"""Weight and bias."""
 Bases = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]
 HIDDEN = jax.nn.initializers.lecun_uniform()
 HALF = float(np.sqrt(0.5))
@@ -89,7 +93,9 @@ def reflect(
     }
 
 
-def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Any, Any]]:
+def dense_layers(
+    params: Mapping[str, Any], mirrors: Mapping[str, Mirror]
+) -> list[Layer]:
     """Return the layers (weight, bias) of an ordinary MLP that acts as the policy does.
 
     It computes the mean action of these policy parameters. The arrays are NumPy's: some
@@ -119,8 +125,8 @@ class SymmetricMLP(linen.Module):
     outputs: Mirror
     layer_sizes: Sequence[int]
     activation: Callable[[Array], Array]
-    dtype: Any  # of the hidden layers' computation
-    output_kernel_init: Any = HIDDEN
+    dtype: np.dtype  # of the hidden layers' computation
+    output_kernel_init: jax.nn.initializers.Initializer = HIDDEN
 
     @linen.compact
     def __call__(
@@ -150,8 +156,8 @@ class SymmetricMLP(linen.Module):
 
 
 def _assemble(
-    blocks: Mapping[str, Any], first: Bases, last: Bases
-) -> list[tuple[Any, Any]]:
+    blocks: Mapping[str, arrays.Array], first: Bases, last: Bases
+) -> list[Layer]:
     """Assemble each layer (weight, bias) of a symmetric MLP from its two blocks.
 
     The arrays are of the blocks' library, NumPy or JAX.
@@ -174,8 +180,8 @@ def _assemble(
 
 
 def _of_units(
-    x: Float[Any, "parity ..."], bases: Bases | None, parity: int
-) -> Float[Any, "units ..."]:
+    x: Float[arrays.Array, "parity ..."], bases: Bases | None, parity: int
+) -> Float[arrays.Array, "units ..."]:
     """Return rows for units from rows for their even (parity 0) or odd (1)
     combinations.
 
@@ -196,7 +202,7 @@ class SymmetricPolicy(linen.Module):
     outputs: Mirror
     layer_sizes: Sequence[int]
     activation: Callable[[Array], Array]
-    dtype: Any
+    dtype: np.dtype
     initial_std: float
 
     @linen.compact
@@ -229,11 +235,15 @@ def _symmetric_networks(
     critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
 
     def network(
-        module: linen.Module, key: str, finish: Any
+        module: linen.Module,
+        key: str,
+        finish: Callable[..., Array | tuple[Array, Array]],
     ) -> brax_networks.FeedForwardNetwork:
         def apply(
-            statistics: Any, params: Any, observation: Mapping[str, Array]
-        ) -> Any:
+            statistics: RunningStatisticsState,
+            params: Mapping[str, Mapping[str, Any]],
+            observation: Mapping[str, Array],
+        ) -> Array | tuple[Array, Array]:
             chosen = brax_networks.normalizer_select(statistics, key)
             return finish(module.apply(params, _normalize(observation[key], chosen)))
 
@@ -254,5 +264,5 @@ def _symmetric_networks(
     )
 
 
-def _normalize(observation: Any, preprocessor_params: Any) -> Any:
+def _normalize(observation: Any, preprocessor_params: RunningStatisticsState) -> Any:
     return running_statistics.normalize(observation, preprocessor_params)

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base import arrays
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError, did_you_mean, require_kind
 from bp2_rl.base.files import (
@@ -107,8 +108,8 @@ class Policy:
         return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"
 
     def __call__(
-        self, observation: Float[Any, "*batch observation"]
-    ) -> Float[Any, "*batch action"]:
+        self, observation: Float[arrays.Array, "*batch observation"]
+    ) -> Float[arrays.Array, "*batch action"]:
         """Return the mean actions for observations, as Brax's network does, in the
         array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
@@ -129,12 +130,12 @@ class Policy:
 
 
 def _network(
-    activate: Callable[[Any, Any], Any],
-    mean: Any,
-    std: Any,
-    layers: Any,
-    observation: Float[Any, "*batch observation"],
-) -> Float[Any, "*batch action"]:
+    activate: Callable[[Any, arrays.Array], arrays.Array],
+    mean: arrays.Array,
+    std: arrays.Array,
+    layers: Sequence[tuple[arrays.Array, arrays.Array]],
+    observation: Float[arrays.Array, "*batch observation"],
+) -> Float[arrays.Array, "*batch action"]:
     xp = observation.__array_namespace__()
     hidden = (observation.astype(xp.float32) - mean) / std
     for weight, bias in layers[:-1]:

@@ -33,7 +33,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.fleet import Fleet, Tree
 from bp2_rl.learning.loss import ppo_loss
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
@@ -88,7 +88,7 @@ class PPO:
         self,
         env: envs.Env,
         config: PPOConfig,
-        devices: Sequence[Any] | None = None,
+        devices: Sequence[jax.Device] | None = None,
     ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
@@ -119,7 +119,7 @@ class PPO:
     ) -> Programs:
         """Return `init` and `train_step` as programs jitted for the mesh of devices."""
         # Run once, and on a CPU compiled in half the time.
-        options: Any = (
+        options = (
             {"xla_backend_optimization_level": 0}
             if self.mesh.devices.flat[0].platform == "cpu"
             else None
@@ -380,17 +380,17 @@ class PPO:
         }
         return (optax.apply_updates(params, updates), optimizer), metrics
 
-    def differentiate(self, *inputs: Any) -> tuple[dict[str, Array], Any]:
+    def differentiate(self, *inputs: object) -> tuple[dict[str, Array], Any]:
         """Return the terms of `loss` and its gradient by the parameters; the minibatch
         is spread over the mesh."""
 
-        def local(mean: Callable[[Array], Array], *inputs: Any) -> Any:
+        def local(mean: Callable[[Array], Array], *inputs: object) -> Any:
             (_, terms), gradient = jax.value_and_grad(self.loss, has_aux=True)(
                 *inputs, mean
             )
             return terms, gradient
 
-        def together(*inputs: Any) -> Any:
+        def together(*inputs: object) -> Any:
             # The gradient in one message: on two processors its twenty pieces took a
             # quarter of SGD's time.
             message, pieces = ravel_pytree(
@@ -427,7 +427,7 @@ class PPO:
             self.network, self.config, params, normalizer, data, entropy_cost, mean
         )
 
-    def shuffle(self, data: Any, key: Array) -> Any:
+    def shuffle(self, data: Tree, key: Array) -> Tree:
         """Return an epoch's minibatches: robots shuffled within blocks, of which each
         minibatch has equal shares."""
         config = self.config
@@ -447,7 +447,7 @@ class PPO:
         return jax.tree.map(shuffled, data)
 
 
-def _devices(config: PPOConfig) -> list[Any]:
+def _devices(config: PPOConfig) -> list[jax.Device]:
     devices = jax.devices()
     if devices[0].platform != "cpu" or jax.process_count() > 1:
         return devices
