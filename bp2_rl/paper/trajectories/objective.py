@@ -13,7 +13,6 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.paper.trajectories.codesign import TIME_LIMIT, solve_all
 from bp2_rl.robot import bp2, conventions
 
@@ -31,13 +30,17 @@ class ObjectiveSettings(Bounded):
     intervals: Intervals = 16  # of each segment
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ObjectiveRow(StrideSummary):
+@dataclasses.dataclass(frozen=True)
+class ObjectiveRow:
     """BP2's cheapest trajectory under one F bar, what forces are divided by in the
     cost."""
 
     speed: float = metric("Speed", "m/s", "g")
     body_weights: float = metric("F bar", "m g", "g")
+    period: float = metric("Period", "s", ".3f")
+    duty: float = metric("Duty", form=".3f")
+    peak_torque: float = metric("Peak torque", "Nm", ".0f")
+    peak_force: float = metric("Force", "N", ".0f")  # vertical, of a foot
     velocity_force: float = metric("C_z")  # peak, over the weight
     covered: float = metric("Covered")  # as `Coupling.covered`, of the hips
 
@@ -77,6 +80,7 @@ def weigh(problem: Problem, body_weights: float) -> Problem:
 
 def describe_objective(best: Solution) -> ObjectiveRow:
     """Return the row of a trajectory."""
+    from bp2_rl.optimiser.verify import summarise  # MuJoCo, SciPy
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
         decompose,
