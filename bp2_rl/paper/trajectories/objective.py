@@ -9,6 +9,8 @@ import dataclasses
 import functools
 from typing import Annotated
 
+import numpy as np
+
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
@@ -80,7 +82,6 @@ def weigh(problem: Problem, body_weights: float) -> Problem:
 
 def describe_objective(best: Solution) -> ObjectiveRow:
     """Return the row of a trajectory."""
-    from bp2_rl.optimiser.verify import summarise  # MuJoCo, SciPy
     from bp2_rl.paper.trajectories.decomposition import (  # SciPy, CasADi
         coupling_opposes,
         decompose,
@@ -91,7 +92,10 @@ def describe_objective(best: Solution) -> ObjectiveRow:
     return ObjectiveRow(
         speed=best.problem.speed,
         body_weights=round(best.problem.weights.force / BODY_WEIGHT, 2),
-        **vars(summarise(best)),
+        period=best.period,
+        duty=best.duty,
+        peak_torque=float(np.max(np.abs(best.motion.tau))),
+        peak_force=float(np.max(best.motion.force[..., 1::2])),
         velocity_force=peak_velocity_force(terms),
         covered=coupling_opposes(terms).covered,
     )
