@@ -19,14 +19,10 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
-CHI_SQUARE_95 = float(chi2.ppf(0.95, df=3))
+CHI_SQUARE_95 = 7.814727903251179
 """Squared Mahalanobis distance below which 95 % of Gaussian points in three dimensions
 lie."""
-TRIMMED = float(chi2.cdf(CHI_SQUARE_95, df=5)) / 0.95
-"""Covariance of a three-dimensional Gaussian within its 95 % bound, over the whole
-Gaussian's."""
 LEAST_POINTS = 6
 """Least number of points of a section whose drift is measured."""
 LEAST_EVENTS = 3
@@ -100,6 +96,18 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
         inside = again
     share = float(np.mean(inside))
     return Inliers(share, math.sqrt(0.95 * 0.05 / len(points)))
+
+
+def _chi_square_5(x: float) -> float:
+    """Return the cumulative chi-square distribution of five degrees of freedom at x."""
+    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
+        -x / 2.0
+    ) * (1.0 + x / 3.0)
+
+
+TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
+"""Covariance of a three-dimensional Gaussian within its 95 % bound, over the whole
+Gaussian's."""
 
 
 def mahalanobis(

@@ -2,8 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bp2_rl.paper.orbits.sections import (
+    CHI_SQUARE_95,
+    TRIMMED,
     centroid_drift,
     inliers,
     jitter,
@@ -11,6 +14,13 @@ from bp2_rl.paper.orbits.sections import (
     sample,
     whole_cycles,
 )
+
+
+def test_the_bound_is_that_of_the_chi_square_distribution():
+    assert pytest.approx(stats.chi2.ppf(0.95, df=3), rel=1e-12) == CHI_SQUARE_95
+    assert (
+        pytest.approx(stats.chi2.cdf(CHI_SQUARE_95, df=5) / 0.95, rel=1e-12) == TRIMMED
+    )
 
 
 def test_the_drift_of_a_line_is_two_thirds_of_it():
