@@ -78,11 +78,6 @@ def read_robots() -> tuple[PublishedRobot, ...]:
     return read_table(asset_path(TABLE_S1), PublishedRobot)
 
 
-def read_mammals(path: Path) -> tuple[Mammal, ...]:
-    """Read a user's table of mammals; raises as `read_table`."""
-    return read_table(path, Mammal)
-
-
 def speed_law(mass: FloatOrArray) -> FloatOrArray:
     """Return the greatest running speed of an animal of a mass (kg), m/s: 25.5 m^0.26
     (1 - exp(-22 m^-0.6)) km/h.

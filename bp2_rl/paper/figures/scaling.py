@@ -22,10 +22,10 @@ from bp2_rl.paper.published import (
     PAPER_GRAVITY,
     Mammal,
     PublishedRobot,
-    read_mammals,
     read_robots,
     speed_law,
 )
+from bp2_rl.paper.published_tables import read_table
 from bp2_rl.robot import bp2, conventions
 
 BENCHMARK = "topspeed"
@@ -121,7 +121,7 @@ def compare_robots(settings: ScalingFigureSettings) -> ScalingNumbers:
     speed = bp2.TREADMILL_TOP_SPEED
     treadmill = dataclasses.replace(own, robot=TREADMILL, top_speed=speed)
     simulated = read_reports(settings.runs) if settings.runs else shipped()
-    mammals = read_mammals(settings.mammals) if settings.mammals else ()
+    mammals = read_table(settings.mammals, Mammal) if settings.mammals else ()
     return ScalingNumbers(
         robots=tuple(map(place_robot, robots)),
         treadmill=place_robot(treadmill),

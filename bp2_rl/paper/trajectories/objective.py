@@ -9,11 +9,12 @@ import dataclasses
 import functools
 from typing import Annotated
 
+import numpy as np
+
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.paper.trajectories.codesign import TIME_LIMIT, solve_all
 from bp2_rl.robot import bp2, conventions
 
@@ -31,13 +32,17 @@ class ObjectiveSettings(Bounded):
     intervals: Intervals = 16  # of each segment
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ObjectiveRow(StrideSummary):
+@dataclasses.dataclass(frozen=True)
+class ObjectiveRow:
     """BP2's cheapest trajectory under one F bar, what forces are divided by in the
     cost."""
 
     speed: float = metric("Speed", "m/s", "g")
     body_weights: float = metric("F bar", "m g", "g")
+    period: float = metric("Period", "s", ".3f")
+    duty: float = metric("Duty", form=".3f")
+    peak_torque: float = metric("Peak torque", "Nm", ".0f")
+    peak_force: float = metric("Force", "N", ".0f")  # vertical, of a foot
     velocity_force: float = metric("C_z")  # peak, over the weight
     covered: float = metric("Covered")  # as `Coupling.covered`, of the hips
 
@@ -87,7 +92,10 @@ def describe_objective(best: Solution) -> ObjectiveRow:
     return ObjectiveRow(
         speed=best.problem.speed,
         body_weights=round(best.problem.weights.force / BODY_WEIGHT, 2),
-        **vars(summarise(best)),
+        period=best.period,
+        duty=best.duty,
+        peak_torque=float(np.max(np.abs(best.motion.tau))),
+        peak_force=float(np.max(best.motion.force[..., 1::2])),
         velocity_force=peak_velocity_force(terms),
         covered=coupling_opposes(terms).covered,
     )

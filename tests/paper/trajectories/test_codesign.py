@@ -131,7 +131,14 @@ def test_the_cheapest_start_goes_on_to_each_mesh_and_what_there_is_is_left(
         assert options.free == BOUNDS
         if problem.intervals == 10:
             raise NotSolved("lost")
-        return Solution(problem, guess, next(costs), 0.0, 1, 0.1)
+        return Solution(
+            problem=problem,
+            motion=guess,
+            cost=next(costs),
+            violation=0.0,
+            iterations=1,
+            seconds=0.1,
+        )
 
     asked: list[tuple[int, float]] = []
     monkeypatch.setattr(collocation, "solve", fake)
