@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -175,12 +176,14 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
     assert not Path("robot").exists()
 
 
-def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
+def test_a_missing_package_is_named_with_the_line_that_installs_it(
+    here, make_card, monkeypatch, capsys
+):
     save_policy(here / "run" / "policies" / "64", still_policy(make_card()))
-    code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
-    words = "-c", code, "run", "--to", "robot", "--format", "onnx"
-    status, out, error = python(here, *words)
-    assert (status, out, error.count("\n")) == (2, "", 1)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)  # importing it fails
+    assert command.main(["run", "--to", "robot", "--format", "onnx"]) == 2
+    out, error = capsys.readouterr()
+    assert (out, error.count("\n")) == ("", 1)
     assert (
         '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"'
         in error
