@@ -113,9 +113,13 @@ def export(config: ExportConfig) -> None:
             lines = _advice(config, policy)
         print(f"exported {config.run} to {config.to}", *lines, sep="\n")
         return
-    results = policy.card.results
-    if eased:  # another controller was measured; what the judge saw is kept as a guess
-        results = {name: results[name] for name in results if name == "judged"}
+    # under other limits another controller was measured; what the judge saw is kept as
+    # a guess
+    results = {
+        name: found
+        for name, found in policy.card.results.items()
+        if not eased or name == "judged"
+    }
     for folder in config.report:
         report = read_report(folder)
         ours = policy.card.weights_sha256

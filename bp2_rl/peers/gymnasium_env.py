@@ -150,8 +150,13 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, Info]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._act(action)
-        ended = bool(self._state.done)
-        return self._seen(), float(self._state.reward), ended, False, self._info()
+        return (
+            self._seen(),
+            float(self._state.reward),
+            bool(self._state.done),
+            False,
+            self._info(),
+        )
 
     def render(self) -> Picture | None:  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium's may be lists
         """Return a picture of the robot, with `render_mode="rgb_array"`."""
