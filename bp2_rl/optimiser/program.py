@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
 from bp2_rl.optimiser.sagittal import ca
 
@@ -54,8 +53,8 @@ class Program:
         self,
         guess: Float[np.ndarray, "rows columns"],
         scale: float,
-        lower: ArrayLike = -np.inf,
-        upper: ArrayLike = np.inf,
+        lower: float | np.ndarray = -np.inf,
+        upper: float | np.ndarray = np.inf,
     ) -> ca.MX:
         """Add a matrix of unknowns, which start at `guess` and are divided by `scale`
         inside the program."""
