@@ -86,7 +86,7 @@ UNWRITTEN = {"written": False}
 NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 
 
-def check_bounds(config: Any, path: str = "") -> None:
+def check_bounds(config: object, path: str = "") -> None:
     """Raise `UserError` if a field of a dataclass, or of a dataclass in it, has a wrong
     type or is out of bounds.
 
@@ -230,7 +230,7 @@ def _walk_number(
 
 
 def _walk_entries(
-    kind: Any, values: Sequence[Any], path: str, way: Way, bounds: Within
+    kind: object, values: Sequence[object], path: str, way: Way, bounds: Within
 ) -> list[Any]:
     """Check or convert the entries of a tuple; `tuple[X, ...]` has any number."""
     kinds = get_args(kind)

@@ -7,7 +7,8 @@ the right ones, too. Abduction is zero, so that the abduction links belong to th
 The functions take numbers of NumPy (complex ones as well), JAX or CasADi.
 """
 
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from bp2_rl.base.arrays import Number
 from bp2_rl.robot.anatomy import Anatomy, Leg, Link
 from bp2_rl.robot.conventions import LEGS
 
-Point = tuple[Any, Any]  # (x, z)
+Point = tuple[Number, Number]  # (x, z)
 
 
 class LegLinks(NamedTuple):
@@ -25,7 +26,7 @@ class LegLinks(NamedTuple):
     hip: Point
     knee: Point
     foot: Point  # the point of the lower leg that was asked for
-    thigh: Any  # angle
+    thigh: Number  # angle
     lower: Number  # angle
 
 
@@ -35,7 +36,7 @@ class LinkBody(NamedTuple):
     mass: float  # kg, before masses are scaled
     inertia: float  # kg m2, about the centre of mass, before masses are scaled
     centre: Point  # of mass
-    angle: Any
+    angle: Number
 
 
 def leg_of(anatomy: Anatomy, name: str) -> Leg:
@@ -49,7 +50,7 @@ def hip_of(leg: Leg) -> tuple[float, float]:
     return leg.anchor[0] + leg.hip[0], leg.anchor[2] + leg.hip[2]
 
 
-def place(xp: Any, start: Point, angle: Number, point: Point) -> Point:
+def place(xp: ModuleType, start: Point, angle: Number, point: Point) -> Point:
     """Return a point of a link, given from the link's `start` in axes turned by
     `angle`."""
     (x, z), c, s = point, xp.cos(angle), xp.sin(angle)
@@ -57,10 +58,10 @@ def place(xp: Any, start: Point, angle: Number, point: Point) -> Point:
 
 
 def leg_links(
-    xp: Any,
-    trunk: tuple[Any, Any, Any],
+    xp: ModuleType,
+    trunk: tuple[Number, Number, Number],
     leg: Leg,
-    joints: tuple[Any, Any],
+    joints: tuple[Number, Number],
     below: Number,
     stretch: Number = 0.0,
 ) -> LegLinks:
@@ -88,7 +89,11 @@ def leg_links(
 
 
 def leg_bodies(
-    xp: Any, leg: Leg, links: LegLinks, compression: Number, stretch: Number = 0.0
+    xp: ModuleType,
+    leg: Leg,
+    links: LegLinks,
+    compression: Number,
+    stretch: Number = 0.0,
 ) -> list[LinkBody]:
     """Return thigh, shank and, below a spring, toe of a leg as rigid parts; `stretch`
     lengthens the lower leg above the toe."""
@@ -111,7 +116,10 @@ def leg_bodies(
 
 
 def trunk_body(
-    xp: Any, anatomy: Anatomy, legs: tuple[str, ...], trunk: tuple[Any, Any, Any]
+    xp: ModuleType,
+    anatomy: Anatomy,
+    legs: tuple[str, ...],
+    trunk: tuple[Number, Number, Number],
 ) -> LinkBody:
     """Return these legs' share of the trunk, with their abduction links, as a rigid
     part."""
@@ -136,7 +144,7 @@ def trunk_body(
 
 def hip_and_knee(
     x: Number, z: Number, thigh: float, lower: Number, bend: int = -1
-) -> tuple[Any, Any]:
+) -> tuple[Number, Number]:
     """Return the angles of hip and knee that put a sole at (x, z) from the hip; out of
     reach, in that direction only.
 

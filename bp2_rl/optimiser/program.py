@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bp2_rl.optimiser.sagittal import ca
 
@@ -38,15 +38,6 @@ class Conditions(NamedTuple):
     unknown_bounds: Bounds
 
 
-class Limit(NamedTuple):
-    """A named limit on constraints, or on unknowns by their bounds."""
-
-    name: str
-    places: Int[np.ndarray, " k"]  # among the constraints, or among the unknowns
-    # of an instant that each place stands for: a half for those that come in pairs
-    share: float
-
-
 class Program:
     """A nonlinear program, collected in the order in which it is written down."""
 
@@ -57,26 +48,16 @@ class Program:
         self._constraints: list[ca.MX] = []
         self._constraint_bounds: list[Bounds] = []
         self.objective: ca.MX = ca.MX(0)
-        self.constraint_limits: list[Limit] = []
-        self.unknown_limits: list[Limit] = []
 
     def unknown(
         self,
         guess: Float[np.ndarray, "rows columns"],
         scale: float,
-        lower: Any = -np.inf,
-        upper: Any = np.inf,
-        limits: Sequence[str] = (),
+        lower: float | np.ndarray = -np.inf,
+        upper: float | np.ndarray = np.inf,
     ) -> ca.MX:
         """Add a matrix of unknowns, which start at `guess` and are divided by `scale`
-        inside the program. Bounds of its rows may have names."""
-        rows, columns = guess.shape
-        first = _count(self._unknown_bounds)
-        for row, limit in enumerate(limits):
-            if limit:
-                self.unknown_limits.append(
-                    Limit(limit, first + row + rows * np.arange(columns), 1.0)
-                )
+        inside the program."""
         symbol = ca.MX.sym("x", *guess.shape)
         low, high = (
             np.broadcast_to(np.asarray(bound, float), guess.shape) / scale
@@ -93,37 +74,24 @@ class Program:
         scale: float,
         lower: float = 0.0,
         upper: float = 0.0,
-        limit: str = "",
-        share: float = 1.0,
     ) -> None:
         """Add the constraint lower <= expression / scale <= upper: an equation where no
-        bounds are given.
-
-        A `limit` has a name; `share` is as in `Limit`.
-        """
+        bounds are given."""
         column = ca.vec(expression) / scale
         size = column.shape[0]
-        if limit:
-            self.constraint_limits.append(
-                Limit(limit, _count(self._constraint_bounds) + np.arange(size), share)
-            )
         self._constraints.append(column)
         self._constraint_bounds.append(
             Bounds(np.full(size, lower), np.full(size, upper))
         )
 
-    def at_least_zero(
-        self, expression: ca.MX, scale: float, limit: str = "", share: float = 1.0
-    ) -> None:
+    def at_least_zero(self, expression: ca.MX, scale: float) -> None:
         """Add the constraint 0 <= expression."""
-        self.require(expression, scale, 0.0, np.inf, limit, share)
+        self.require(expression, scale, 0.0, np.inf)
 
-    def within(
-        self, expression: ca.MX, bound: ca.MX | float, scale: float, limit: str = ""
-    ) -> None:
+    def within(self, expression: ca.MX, bound: ca.MX | float, scale: float) -> None:
         """Add the constraint |expression| <= bound."""
-        self.at_least_zero(bound - expression, scale, limit, 0.5)
-        self.at_least_zero(bound + expression, scale, limit, 0.5)
+        self.at_least_zero(bound - expression, scale)
+        self.at_least_zero(bound + expression, scale)
 
     def conditions(self, point: Float[np.ndarray, " n"]) -> Conditions:
         """Return the constraints' values and all bounds at a point of the scaled
@@ -182,8 +150,3 @@ def _joined(parts: Sequence[Bounds]) -> Bounds:
     """Return several bounds joined into one."""
     lower, upper = zip(*parts, strict=True)
     return Bounds(np.concatenate(lower), np.concatenate(upper))
-
-
-def _count(parts: Sequence[Bounds]) -> int:
-    """Return the number of unknowns or constraints that have these bounds."""
-    return sum(len(part.lower) for part in parts)

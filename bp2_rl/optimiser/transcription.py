@@ -49,8 +49,6 @@ POWER_SCALE = 1000.0  # W
 SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
 LOWEST_TRUNK = 0.25  # m
 SPRING_OVERTRAVEL = 0.03  # m, by which a spring may press into its stops
-# names of the limits on a leg's coordinates
-RANGES = "hip range", "knee range", "spring range"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -206,7 +204,6 @@ def _add_unknowns(
     if options.speed_weight > 0.0:
         speed = program.unknown(np.array([[problem.speed]]), VELOCITY_SCALE, 0.0)
     lower, upper = _range_of_motion(problem)
-    names = ("", "trunk height", "pitch", *RANGES[: stride.per_leg] * len(stride.legs))
     least = SHORTEST * problem.hardware.size.time
     most = LONGEST * problem.hardware.size.time
     T = [
@@ -214,9 +211,7 @@ def _add_unknowns(
         for duration in guess.durations
     ]
     q = [
-        program.unknown(
-            guess.q[i].T, POSITION_SCALE, lower[:, None], upper[:, None], names
-        )
+        program.unknown(guess.q[i].T, POSITION_SCALE, lower[:, None], upper[:, None])
         for i in segments
     ]
     v = [program.unknown(guess.v[i].T, VELOCITY_SCALE) for i in segments]
@@ -383,9 +378,7 @@ def _join_to_segment_before(nlp: Transcription, i: int) -> None:
     soles = model.contact_jacobian(q, p)[landing, :]
     program.require(soles @ v, VELOCITY_SCALE)
     if math.isfinite(problem.form.hardest_landing):
-        program.within(
-            soles @ v_before, problem.form.hardest_landing, VELOCITY_SCALE, "landing"
-        )
+        program.within(soles @ v_before, problem.form.hardest_landing, VELOCITY_SCALE)
 
 
 # --- Limits ---------------------------------------------------------------------------
@@ -404,15 +397,13 @@ def _limit_form(nlp: Transcription) -> None:
             (ca.sum1(segment.impulse[1::2]) for segment in nlp.segments), ca.MX(0)
         )
         program.at_least_zero(
-            form.greatest_impact * weight * duration - landing, IMPULSE_SCALE, "impact"
+            form.greatest_impact * weight * duration - landing, IMPULSE_SCALE
         )
     if math.isfinite(form.longest_period):
-        program.at_least_zero(form.longest_period - period, TIME_SCALE, "period")
+        program.at_least_zero(form.longest_period - period, TIME_SCALE)
     for segment, feet in zip(nlp.segments, stride.standing, strict=True):
         if feet and form.least_duty > 0.0:
-            program.at_least_zero(
-                segment.T - form.least_duty * period, TIME_SCALE, "duty"
-            )
+            program.at_least_zero(segment.T - form.least_duty * period, TIME_SCALE)
         if feet and form.greatest_share < 1.0:
             loads = (
                 segment.force[contact_rows(stride.legs, feet)[1::2], :]
@@ -421,7 +412,6 @@ def _limit_form(nlp: Transcription) -> None:
             program.at_least_zero(
                 form.greatest_share * ca.sum1(loads) - loads,
                 FORCE_SCALE,
-                "shares of the load",
             )
 
 
@@ -433,7 +423,7 @@ def _limit_release(nlp: Transcription, i: int) -> None:
     if math.isfinite(fastest) and stride.per_leg == 3:
         for leg in stride.liftoffs(i):
             rate = v[TRUNK + stride.per_leg * stride.legs.index(leg) + 2]
-            nlp.program.at_least_zero(rate + fastest, VELOCITY_SCALE, "release")
+            nlp.program.at_least_zero(rate + fastest, VELOCITY_SCALE)
 
 
 def _limit_friction(nlp: Transcription, i: int) -> None:
@@ -445,11 +435,9 @@ def _limit_friction(nlp: Transcription, i: int) -> None:
         x, z = contact_rows(stride.legs, (leg,))
         # where the force is zero, there is no cone
         end = -1 if leg in stride.liftoffs(i) else None
-        nlp.program.within(force[x, :end], mu * force[z, :end], FORCE_SCALE, "friction")
+        nlp.program.within(force[x, :end], mu * force[z, :end], FORCE_SCALE)
         if leg in stride.touchdowns(i):
-            nlp.program.within(
-                impulse[x], mu * impulse[z], IMPULSE_SCALE, "friction at touchdown"
-            )
+            nlp.program.within(impulse[x], mu * impulse[z], IMPULSE_SCALE)
 
 
 def _limit_swing(nlp: Transcription, i: int) -> None:
@@ -465,10 +453,10 @@ def _limit_swing(nlp: Transcription, i: int) -> None:
         begin = 1 if stride.stands(leg, i - 1) else 0
         end = -1 if stride.stands(leg, i + 1) else None
         sole = height[contact_rows(stride.legs, (leg,))[1], :]
-        nlp.program.at_least_zero((sole - bump)[begin:end], POSITION_SCALE, "clearance")
+        nlp.program.at_least_zero((sole - bump)[begin:end], POSITION_SCALE)
         if math.isfinite(problem.form.highest_step):
             nlp.program.at_least_zero(
-                (problem.form.highest_step - sole)[begin:end], POSITION_SCALE, "step"
+                (problem.form.highest_step - sole)[begin:end], POSITION_SCALE
             )
 
 
@@ -496,16 +484,15 @@ def _limit_motors(nlp: Transcription, i: int) -> None:
     program, margin = nlp.program, nlp.problem.speed_margin
     stall, no_load = nlp.stall_torque, nlp.no_load_speed
     for speed, torque in _motor_states(nlp, i):
-        program.within(speed, margin * no_load, VELOCITY_SCALE, "joint speed")
-        program.within(torque, nlp.peak_torque, TORQUE_SCALE, "peak torque")
-        _keep_below_line(program, "falling line", stall, speed / no_load, torque)
+        program.within(speed, margin * no_load, VELOCITY_SCALE)
+        program.within(torque, nlp.peak_torque, TORQUE_SCALE)
+        _keep_below_line(program, stall, speed / no_load, torque)
         _limit_braking(nlp, speed, torque)
         _limit_bus(nlp, speed, torque)
 
 
 def _keep_below_line(
     program: Program,
-    name: str,
     stall: ca.MX,
     speed: ca.MX,
     torque: ca.MX,
@@ -513,8 +500,8 @@ def _keep_below_line(
 ) -> None:
     """Require torque <= stall (voltage - speed), and the same in the other sense of
     turning; speed and voltage are shares."""
-    program.at_least_zero(stall * (voltage - speed) - torque, TORQUE_SCALE, name, 0.5)
-    program.at_least_zero(stall * (voltage + speed) + torque, TORQUE_SCALE, name, 0.5)
+    program.at_least_zero(stall * (voltage - speed) - torque, TORQUE_SCALE)
+    program.at_least_zero(stall * (voltage + speed) + torque, TORQUE_SCALE)
 
 
 def _motor_states(nlp: Transcription, i: int) -> list[tuple[ca.MX, ca.MX]]:
@@ -545,9 +532,7 @@ def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
     if np.any(np.isinf(np.array(end))):
         return
     stall = stall_torque(nlp.peak_torque, corner, end)
-    _keep_below_line(
-        nlp.program, "braking line", stall, speed * nlp.gear / end, -torque
-    )
+    _keep_below_line(nlp.program, stall, speed * nlp.gear / end, -torque)
 
 
 def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
@@ -562,16 +547,12 @@ def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
     power = ca.sum1(speed * torque + copper_loss(torque, no_load, stall))  # W
     if not (math.isinf(losses.bus_power_out) and math.isinf(losses.bus_power_in)):
         least, most = -share * losses.bus_power_in, share * losses.bus_power_out
-        program.require(
-            power, POWER_SCALE, least / POWER_SCALE, most / POWER_SCALE, "bus power"
-        )
+        program.require(power, POWER_SCALE, least / POWER_SCALE, most / POWER_SCALE)
     if losses.bus_sag > 0.0:
         voltage = ca.repmat(
             1.0 - losses.bus_sag / share * power / 1e3, speed.shape[0], 1
         )
-        _keep_below_line(
-            program, "sagged line", stall, speed / no_load, torque, voltage
-        )
+        _keep_below_line(program, stall, speed / no_load, torque, voltage)
 
 
 def _limit_rates(nlp: Transcription, i: int) -> None:
@@ -579,12 +560,10 @@ def _limit_rates(nlp: Transcription, i: int) -> None:
     the problem's rates."""
     problem, (T, *_, tau, force, _) = nlp.problem, nlp.segments[i]
     dt = T / (tau.shape[1] - 1)
-    nlp.program.within(
-        tau[:, 1:] - tau[:, :-1], problem.torque_rate * dt, TORQUE_SCALE, "torque rate"
-    )
+    nlp.program.within(tau[:, 1:] - tau[:, :-1], problem.torque_rate * dt, TORQUE_SCALE)
     if standing := contact_rows(problem.stride.legs, problem.stride.standing[i]):
         steps = force[standing, 1:] - force[standing, :-1]
-        nlp.program.within(steps, problem.force_rate * dt, FORCE_SCALE, "force rate")
+        nlp.program.within(steps, problem.force_rate * dt, FORCE_SCALE)
 
 
 # --- Cost -----------------------------------------------------------------------------

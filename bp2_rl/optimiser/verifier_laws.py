@@ -6,14 +6,12 @@ Speeds qd (rad/s) and motor torques tau (Nm, before the gear's loss) are of the 
 with a motor, the last axis; `share` is the share of the robot that the model is.
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.optimiser.problem import GEAR_ROUNDING, JOINT_ROUNDING, SLIDE_ROUNDING
 from bp2_rl.robot import conventions
-from bp2_rl.robot.hardware import HardwareSpec, at_joints
+from bp2_rl.robot.hardware import AtJoints, HardwareSpec, at_joints
 
 Motors = Float[np.ndarray, "... motors"]
 Each = Float[np.ndarray, "..."]
@@ -116,7 +114,7 @@ def _stall(
     return peak * zero / (zero - corner)
 
 
-def at_motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
+def at_motors(value: AtJoints, count: int) -> Float[np.ndarray, " {count}"]:
     """Return the hips' and knees' entries of a number of the twelve joints, repeated
     for the model's legs."""
     return np.tile(np.broadcast_to(value, 12)[1:3], count // 2)

@@ -5,8 +5,6 @@ Functions take arrays of NumPy or JAX and import neither JAX nor jaxtyping, so t
 robot's own computer shares them.
 """
 
-from typing import Any
-
 import numpy as np
 
 from bp2_rl.base.arrays import Array
@@ -31,7 +29,7 @@ def foot_circle(hardware: HardwareSpec) -> float:
     return float(np.max(np.linalg.norm(nominal_feet(hardware), axis=-1)))
 
 
-def square_speed(command: Array, circle: float) -> Any:
+def square_speed(command: Array, circle: float) -> Array:
     """Square of the planar speed demanded of the outermost foot, yaw included, ("..."),
     (m/s)^2.
 
@@ -43,7 +41,7 @@ def square_speed(command: Array, circle: float) -> Any:
     return vx**2 + vy**2 + (circle * yaw_rate) ** 2
 
 
-def ground(nominal: Array, v: Array, yaw_rate: Array, tau: Array) -> Any:
+def ground(nominal: Array, v: Array, yaw_rate: Array, tau: Array) -> Array:
     """Return where points of the ground ("... 4 2") are, seen from the trunk, `tau`
     seconds after they were at `nominal`.
 
@@ -65,7 +63,7 @@ def ground(nominal: Array, v: Array, yaw_rate: Array, tau: Array) -> Any:
     return turn(-2.0 * half, nominal) - chord[..., None] * turn(-half, v[..., None, :])
 
 
-def turn(angle: Array, p: Array) -> Any:
+def turn(angle: Array, p: Array) -> Array:
     """Return points p ("... 2"), or ("4 2"), turned by an angle ("... 4") about z."""
     xp = angle.__array_namespace__()
     c, s = xp.cos(angle), xp.sin(angle)

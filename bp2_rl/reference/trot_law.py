@@ -8,7 +8,6 @@ says how they are taken, since NumPy has no way of its own.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from bp2_rl.robot.conventions import GRAVITY
 FLEXION = np.array([0.0, -0.5, 1.0])
 
 Differentiate = Callable[
-    [Callable[..., Any], tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]
+    [Callable[..., Array], tuple[Array, ...], tuple[Array, ...]], tuple[Array, Array]
 ]
 """A function such as `jax.jvp`: from a function, its arguments and their rates to its
 values and their rates."""
@@ -51,7 +50,7 @@ class TrotLaw:
     sag: float
     spring_travel: float  # m
 
-    def stance_time(self, command: Array) -> Any:
+    def stance_time(self, command: Array) -> Array:
         """Return the duration of stance at a command, s: about the lesser of
         `slow_stance` and the time that the sweep takes."""
         xp = command.__array_namespace__()
@@ -60,22 +59,22 @@ class TrotLaw:
             + square_speed(command, self.circle) * (self.slow_stance / self.sweep) ** 2
         )
 
-    def phase_rate(self, command: Array) -> Any:
+    def phase_rate(self, command: Array) -> Array:
         """Return the frequency of the gait at a command, cycles per second."""
         return 1.0 / (self.stance_time(command) + self.swing_time)
 
-    def stepping(self, command: Array) -> Any:
+    def stepping(self, command: Array) -> Array:
         """Return the size of the steps at a command: 0 when standing, close to 1 on the
         move."""
         s2 = square_speed(command, self.circle)
         return s2 / (s2 + self.stepping_speed**2)
 
-    def at_rest(self, command: Array) -> Any:
+    def at_rest(self, command: Array) -> Array:
         """Return the constant part of a spring's compression at a command, m: all of
         the compression when standing."""
         return (1.0 - self.stepping(command)) * self.sag
 
-    def trunk_height(self, command: Array, tau: Array) -> Any:
+    def trunk_height(self, command: Array, tau: Array) -> Array:
         """Return the height of the trunk's centre above the ground, m, `tau` seconds
         after mid-stance of either pair of legs.
 
@@ -90,7 +89,7 @@ class TrotLaw:
         )
         return self.height - amplitude * xp.cos(4.0 * np.pi / period * tau)
 
-    def in_stance(self, command: Array, phase: Array) -> tuple[Any, Any]:
+    def in_stance(self, command: Array, phase: Array) -> tuple[Array, Array]:
         """Return which legs ("... 4") are in stance at a phase in [0, 1), and how long
         ago each touched down, s."""
         xp, stance_time = phase.__array_namespace__(), self.stance_time(command)
@@ -101,7 +100,7 @@ class TrotLaw:
 
     def joints(
         self, command: Array, phase: Array, differentiate: Differentiate
-    ) -> tuple[Any, Any, Any, Any]:
+    ) -> tuple[Array, Array, Array, Array]:
         """Joint angles (rad, "... 4 3") and speeds, and springs' compressions (m, "...
         4") and rates, at a phase.
 
@@ -132,7 +131,7 @@ class TrotLaw:
             xp.where(in_stance, spring_rate[..., 0, :], 0.0),
         )
 
-    def _stance(self, command: Array, tau: Array) -> tuple[Any, Any]:
+    def _stance(self, command: Array, tau: Array) -> tuple[Array, Array]:
         """Joint angles (rad) and spring compressions (m) of legs `tau` ("... k 4", s)
         from mid-stance."""
         xp = tau.__array_namespace__()
@@ -165,7 +164,7 @@ class TrotLaw:
         s: Array,
         lift_off: tuple[Array, Array],
         touchdown: tuple[Array, Array],
-    ) -> tuple[Any, Any]:
+    ) -> tuple[Array, Array]:
         """Joint angles and speeds at the share `s` ("... 4") of a swing between two
         pairs (angles, speeds).
 

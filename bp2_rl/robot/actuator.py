@@ -27,7 +27,6 @@ scaled: a brake resistor burns it.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -110,7 +109,7 @@ def of_joint(actuator: Actuator, joint: int) -> Actuator:
     return dataclasses.replace(actuator, **own)
 
 
-def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:
+def copper_loss(torque: Number, no_load: Number, stall: Number) -> Number:
     """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load
     speed and `stall_torque`.
 
@@ -121,7 +120,7 @@ def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:
 
 def torque_limits(
     actuator: Actuator, qd: Array, voltage: Number = 1.0
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint
     speeds `qd` (rad/s).
 
@@ -143,7 +142,7 @@ def torque_limits(
     )
 
 
-def stall_torque(peak: Number, corner: Number, no_load: Number) -> Any:
+def stall_torque(peak: Number, corner: Number, no_load: Number) -> Number:
     """Return tau_s, Nm, where the falling line of the torque-speed envelope meets
     standstill; takes CasADi's numbers, too."""
     return peak / (1.0 - corner / no_load)
@@ -181,7 +180,7 @@ def joint_torque(
     return share_bus(actuator, xp.clip(torque, *limits), limits, qd)
 
 
-def winding_heat(actuator: Actuator, torque: Number) -> Any:
+def winding_heat(actuator: Actuator, torque: Number) -> Number:
     """Return the motors' copper loss at a torque (Nm), W; weak motors lose as much as
     strong ones."""
     stall = stall_torque(
@@ -190,13 +189,13 @@ def winding_heat(actuator: Actuator, torque: Number) -> Any:
     return copper_loss(torque, actuator.no_load_speed, stall)
 
 
-def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
+def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Array:
     """Return the power that all motors together draw from the bus, W: mechanical power
     and copper loss."""
     return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 
-def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Any:
+def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Number:
     """Return the bus voltage over its nominal value ("... 1") while the motors give
     this torque."""
     if actuator.bus is None:

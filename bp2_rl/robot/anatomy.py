@@ -10,6 +10,7 @@ order of `LEGS`; SI units.
 import dataclasses
 import functools
 import math
+from types import ModuleType
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -274,7 +275,7 @@ class LegGeometry(NamedTuple):
     bend: Array  # sign of the knee's angle
     foot_radius: Array
 
-    def cast(self, xp: Any, dtype: object) -> "LegGeometry":
+    def cast(self, xp: ModuleType, dtype: object) -> "LegGeometry":
         """Return the lengths as arrays of the library `xp` and of this dtype."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
 

@@ -8,7 +8,8 @@ precision.
 """
 
 import itertools
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -27,12 +28,12 @@ class Clearance(NamedTuple):
     """Least distances between the surfaces of legs and of leg and trunk, m; negative
     ones are overlaps."""
 
-    legs: Float[Any, "..."]  # of different legs
+    legs: Float[Array, "..."]  # of different legs
     # of a leg and the trunk; mostly at the hip, where a thigh is always close
-    trunk: Float[Any, "..."]
+    trunk: Float[Array, "..."]
 
     @property
-    def least(self) -> Float[Any, "..."]:
+    def least(self) -> Float[Array, "..."]:
         """The lesser of the two distances, m."""
         xp = self.legs.__array_namespace__()
         return xp.minimum(self.legs, self.trunk)
@@ -84,7 +85,7 @@ def segment_distance(
     p_end: Float[Array, "3 ..."],
     q: Float[Array, "3 ..."],
     q_end: Float[Array, "3 ..."],
-) -> Float[Any, "..."]:
+) -> Float[Array, "..."]:
     """Return the least distance between two segments, m, either of which may be a
     point; coordinates are the first axis.
 
@@ -104,7 +105,7 @@ def segment_distance(
 
 
 def _segments(
-    xp: Any,
+    xp: ModuleType,
     joints: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"],
     hardware: HardwareSpec,
@@ -127,5 +128,5 @@ def _segments(
     return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
 
 
-def _dot(u: Float[Array, "3 ..."], v: Float[Array, "3 ..."]) -> Float[Any, "..."]:
+def _dot(u: Float[Array, "3 ..."], v: Float[Array, "3 ..."]) -> Float[Array, "..."]:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]

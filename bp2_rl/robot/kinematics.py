@@ -8,8 +8,6 @@ and works on NumPy (float64 where exactness matters) and JAX arrays alike, in th
 caller's precision.
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
 
@@ -41,7 +39,7 @@ def foot_position(
     joints: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
-) -> Float[Any, "... 4 3"]:
+) -> Float[Array, "... 4 3"]:
     """Return the soles' positions in the trunk frame, m.
 
     Args:
@@ -65,7 +63,7 @@ def joint_angles(
     feet: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
-) -> Float[Any, "... 4 3"]:
+) -> Float[Array, "... 4 3"]:
     """Joint angles (abad, hip, knee) that put each sole at `feet`, below the hip, with
     the knee bent as it is built.
 

@@ -18,7 +18,6 @@ motor's torque tau; braking, it feels (2 - e) tau, of which the motor gets the s
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -128,7 +127,7 @@ def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Los
     )
 
 
-def generalized(loss: Loss, qvel: Array) -> Any:
+def generalized(loss: Loss, qvel: Array) -> Array:
     """Return the resisting forces on the coordinates of `qvel`, N and Nm: MuJoCo's
     `qfrc_applied`."""
     xp = loss.air.__array_namespace__()

@@ -3,12 +3,12 @@ straight lines of torques."""
 
 import functools
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.arrays import hermite_coefficients
+from bp2_rl.base.arrays import Number, hermite_coefficients
 from bp2_rl.base.errors import UserError
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
 from bp2_rl.robot.anatomy import Anatomy, LegGeometry
@@ -135,10 +135,10 @@ def _with_feet(
 
 
 def foot_in_plane(
-    joints: tuple[Any, Any, Any, Any],
-    rates: tuple[Any, Any, Any, Any],
+    joints: tuple[Number, Number, Number, Number],
+    rates: tuple[Number, Number, Number, Number],
     legs: LegGeometry,
-) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
     """Return the legs' ends from the trunk's centre, (x, z), and their rates, from
     pitch, hip, knee and length of the lower leg.
 
@@ -150,7 +150,7 @@ def foot_in_plane(
     thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
     # Along the trunk, down from it, down the thigh, down the lower leg: length, its
     # rate, angle, its rate.
-    links: tuple[tuple[Any, Any, Any, Any], ...] = (
+    links: tuple[tuple[Number, Number, Number, Number], ...] = (
         (legs.origins[:, 0], 0.0, pitch, pitch_rate),
         (legs.drop - legs.origins[:, 2], 0.0, pitch + np.pi / 2, pitch_rate),
         (legs.thigh, 0.0, thigh + np.pi / 2, thigh_rate),

@@ -20,11 +20,12 @@ stays above it. Torques are those of straight running.
 
 import dataclasses
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from bp2_rl.base.arrays import cubic_and_slope, hermite_and_rate
@@ -395,7 +396,7 @@ def _within_reach(
 
 
 def _mix(
-    share: Float[Array, "..."], zero: Any, one: Float[Array, "..."]
+    share: Float[Array, "..."], zero: ArrayLike, one: Float[Array, "..."]
 ) -> Float[Array, "..."]:
     """Return the value at a share of the way from `zero` to `one`, in the precision of
     `one`."""
