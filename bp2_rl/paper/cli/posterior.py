@@ -45,10 +45,10 @@ def _simulate(settings: PosteriorSettings) -> None:
     from bp2_rl.paper.posterior.inference import effective
     from bp2_rl.simulation.parallel import compute_here, keep_workers
 
-    compute_here()
     assumptions = read_assumptions()
     card = runs.RunCard(assumptions)
     claim_folder(settings.out, "assumptions.json", card, "runs")
+    compute_here()
     policies = {name: load_policy(name) for name in study.POLICIES}
     space = runs.fill_ranges(settings.robots, len(assumptions))
     everyone = [
