@@ -226,10 +226,6 @@ def test_in_real_time_it_talks_over_udp(onboard, bundle):
     assert result["sent"] > 300
     in_time = min(result["real_time"], 1.0 - result["most_late"] / 200)
     assert result["too_busy"] == (in_time < 0.95 or result["waited_ms"] > 30)
-    assert len(result["wall_ms"]) == len(result["cpu_ms"]) == 3
-    shown = onboard.rehearse.show(result, plan)
-    assert "p50 / p99 / max" in shown
-    assert "limits used targets " in shown
 
 
 SLOW = """#!{python}
