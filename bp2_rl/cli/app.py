@@ -23,7 +23,7 @@ import threading
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TextIO, TypeVar
+from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import (
     FAILED,
@@ -162,7 +162,7 @@ def _printable(text: str) -> str:
     return "\n".join(shown)
 
 
-def _redirect_to_null(stream: TextIO) -> None:
+def _redirect_to_null(stream: Any) -> None:
     """Redirect a stream without a reader to the null device."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -171,7 +171,7 @@ class _ClosableStream:
     """A standard output that discards text once its reader has left, and says so once
     on standard error."""
 
-    def __init__(self, stream: TextIO):
+    def __init__(self, stream: Any):
         self._stream = stream
 
     def __getattr__(self, name: str) -> Any:
