@@ -88,7 +88,7 @@ class PPO:
         self,
         env: envs.Env,
         config: PPOConfig,
-        devices: Sequence[jax.Device] | None = None,
+        devices: Sequence[Any] | None = None,
     ):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
@@ -447,7 +447,7 @@ class PPO:
         return jax.tree.map(shuffled, data)
 
 
-def _devices(config: PPOConfig) -> list[jax.Device]:
+def _devices(config: PPOConfig) -> list[Any]:
     devices = jax.devices()
     if devices[0].platform != "cpu" or jax.process_count() > 1:
         return devices

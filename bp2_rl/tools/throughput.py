@@ -108,7 +108,7 @@ def compilations() -> Generator[collections.Counter[str]]:
 def time_parts(
     make_env: Callable[[int], envs.Env],
     config: PPOConfig,
-    devices: Sequence[jax.Device],
+    devices: Sequence[Any],
     parts: Sequence[PartName] = PARTS,
     seconds: float = 2.0,
 ) -> Iterator[PartTiming]:
