@@ -99,7 +99,8 @@ def _compare(arguments: Any) -> None:
 def choose_robots(
     robots: Mapping[str, Robot], words: Sequence[str]
 ) -> dict[str, Robot]:
-    """Return the robots whose names have one of these words; all of them without words.
+    """Return the robots with one of these words in their names; without words, all
+    robots.
 
     Raises:
         UserError: a word is in no name.

@@ -24,7 +24,7 @@ Shares = Float[np.ndarray, "N D"]
 
 @dataclasses.dataclass(frozen=True)
 class RunCard:
-    """What a folder's runs rest on: they can be added to under the same alone."""
+    """Assumptions of the runs in a folder; runs under others are not added to them."""
 
     assumption_set: dict[str, Assumption]
 
