@@ -20,9 +20,11 @@ from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, JointConvention, Leg, Vector
+from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.compiling import ROUNDING, ReadingError, compile_file
 from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
-from bp2_rl.robot.effects import FAST, Effects, effects_of
+from bp2_rl.robot.coordinates import motor_indices
+from bp2_rl.robot.effects import FAST, Effects, effects_of, mass_matrix
 from bp2_rl.robot.frames import (
     JointReading,
     LegReading,
@@ -215,7 +217,7 @@ def _read_model(
         )
     dofs = [int(model.jnt_dofadr[j]) for chain in chains for j in chain.joints[:3]]
     _note_left_out(effects, [joint.name for joint in joints], dofs, notes)
-    _note_other_armature(model, chains, effects, dofs, notes)
+    _note_mass_matrix(model, chains, anatomy, joints, notes)
     return RobotReading(
         anatomy=anatomy,
         joints=joints,
@@ -261,25 +263,6 @@ def _note_left_out(
     if effects.others > ROUNDING:
         notes.append(
             f"left out: forces of a fluid or against gravity, up to {effects.others:.3g} N or Nm"
-        )
-
-
-def _note_other_armature(
-    model: mujoco.MjModel,
-    chains: Sequence[Limb],
-    effects: Effects,
-    dofs: Sequence[int],
-    notes: list[str],
-) -> None:
-    """Note armature that belongs to no motor's joint, and damping of the trunk."""
-    free = np.arange(6) + model.body_dofadr[find_trunk(model)]
-    own = [*free, *(model.jnt_dofadr[j] for chain in chains for j in chain.joints)]
-    other = effects.armature.copy()
-    other[dofs, dofs] = 0.0
-    most = max(np.max(np.abs(other[own])), np.max(model.dof_damping[free]))
-    if most > ROUNDING:
-        notes.append(
-            f"left out: armature that is no motor's, or damping of the trunk's free joint, up to {most:.3g}"
         )
 
 
@@ -361,6 +344,47 @@ def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
                 notes.append(
                     f"the legs' {what} at the {kind} differ ({shown}): their mean is taken"
                 )
+
+
+def _note_mass_matrix(
+    model: mujoco.MjModel,
+    chains: Sequence[Limb],
+    anatomy: Anatomy,
+    joints: Sequence[JointReading],
+    notes: list[str],
+) -> None:
+    """Note a difference between the model's mass matrix, in a random pose, and the mass
+    matrix of the robot as read."""
+    built, theirs = build_spec(anatomy).compile(), at_zero(model)
+    ours, motors = mujoco.MjData(built), motor_indices(built.nv)
+    ranges = [ends for leg in anatomy.legs for ends in leg.ranges]
+    angles = np.random.default_rng(0).uniform(*np.transpose(ranges))
+    ours.qpos[:7], ours.qpos[motors + 1] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), angles
+    moved = model.jnt_qposadr[[j for chain in chains for j in chain.joints[:3]]]
+    theirs.qpos[moved] = [
+        joint.sign * (angle - joint.offset)
+        for joint, angle in zip(joints, angles, strict=True)
+    ]
+    built.dof_armature[:] = 0.0
+    armature = np.reshape([joint.armature for joint in joints], (4, 3))
+    built.dof_armature[motors] = np.tile(np.mean(armature, axis=0), 4)
+    found, wanted = mass_matrix(built, ours), mass_matrix(model, theirs)
+    free = np.arange(6) + model.body_dofadr[find_trunk(model)]
+    if np.any(held := [*model.dof_armature[free], *model.dof_damping[free]]):
+        notes.append(
+            f"left out: armature or damping of the trunk's free joint, up to {max(held):g}"
+        )
+    order = [j for chain in chains for j in chain.joints]
+    dofs = [*free, *model.jnt_dofadr[order]]
+    sign = np.sign([*[1.0] * 6, *np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1)])
+    wanted = wanted[np.ix_(dofs, dofs)] * np.outer(sign, sign)
+    wanted[range(6), range(6)] -= model.dof_armature[free]
+    scale = np.outer(np.diag(wanted), np.diag(wanted))
+    off = np.max((found - wanted) ** 2 / scale) ** 0.5
+    if off > ROUNDING:
+        notes.append(
+            f"the robot's mass matrix is not the model's: it is off by up to {off:.2g} of its diagonal"
+        )
 
 
 def _trunk_size(

@@ -223,7 +223,7 @@ def test_what_an_actuator_or_a_tendon_does_counts_wherever_the_model_says_it(
             joint.actuator_damping,
         )
         assert found == pytest.approx(expected, rel=1e-12)
-    assert "left out" not in " ".join(reading.notes)
+    assert not re.search("left out|mass matrix", " ".join(reading.notes))
     assert max(disagreement(compile_file(path)[0], reading)) < 1e-12, (
         "rounding alone is left"
     )
@@ -248,10 +248,6 @@ LEFT_OUT = {
     "springs parallel to joints, 7 Nm/rad at FR_knee": {
         "joints": ["", "", 'stiffness="7"']
     },
-    "armature that is no motor's, or damping of the trunk's free joint, up to 0.3": {
-        "trunk": '<joint type="free" armature="0.3"/>'
-        '<geom type="box" size="0.2 0.09 0.05" mass="6"/>'
-    },
 }
 
 
@@ -265,19 +261,25 @@ def test_what_a_file_cannot_hold_is_noted(note: str, tmp_path: Path):
     )
 
 
-def test_armature_of_a_spring_is_noted(tmp_path: Path):
-    text = sprung().replace('type="slide"', 'type="slide" armature="0.07"')
-    feet = ["fr_pad", "fl_pad", "rr_pad", "rl_pad"]
-    notes = read(tmp_path, text, feet=feet, foot_radius=0.01).notes
-    (note,) = [one for one in notes if "armature" in one]
-    assert note.endswith("up to 0.07")
-
-
 def test_a_dc_motor_peaks_at_standstill(tmp_path: Path):
     """gear K U / R."""
     motor = '<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
     joints = read(tmp_path, plain(actuator=motor)).joints
     assert {joint.peak_torque for joint in joints} == {43.2}
+
+
+def test_a_mass_matrix_that_the_file_cannot_hold_is_noted(tmp_path: Path):
+    """A rotor at one knee: the file has the mean of four, which the lightest knees feel
+    the most."""
+    uneven = plain().replace(
+        'name="FR_knee" axis="0 1 0"', 'name="FR_knee" axis="0 1 0" armature="0.1"'
+    )
+    said = " ".join(read(tmp_path, uneven).notes)
+    assert "armature, kg m2, at the knee differ (0.1, 0, 0, 0)" in said
+    lightest = 1.5e-3 + 0.2 * 0.1**2  # kg m2, of a shank about its knee
+    off = float(re.findall(r"mass matrix .* by up to (\S+)", said)[0])
+    # two digits
+    assert off == pytest.approx(0.025 / lightest, rel=0.01)
 
 
 def test_legs_that_differ_where_a_file_has_one_number_are_noted(tmp_path: Path):
