@@ -68,13 +68,10 @@ them."""
 
 
 def _within(interval: Quantiles | None, unit: str) -> str:
-    return (
-        "; 90 %: {0:.2f} to {2:.2f} {3}".format(
-            *interval,
-        )
-        if interval
-        else ""
-    )
+    if interval is None:
+        return ""
+    low, _, high = interval
+    return f"; 90 %: {low:.2f} to {high:.2f} {unit}"
 
 
 def show_interval(interval: Sequence[float] | None, form: str, unit: str = "") -> str:
