@@ -283,6 +283,7 @@ def _start_jax(flags: EarlyFlags) -> None:
 def _train(arguments: TrainArguments, tracker: Tracker | None) -> None:
     """Train with these settings, judged in C MuJoCo, in a new folder."""
     import numpy as np
+    from jax.experimental import multihost_utils
 
     from bp2_rl.cli.runtime import require_accelerator
     from bp2_rl.evaluation import judged_training
@@ -296,7 +297,7 @@ def _train(arguments: TrainArguments, tracker: Tracker | None) -> None:
     if arguments.out is not None:
         require_name(arguments.out)
     clock = np.array(datetime.datetime.now().timetuple()[:6], np.int32)
-    now = datetime.datetime(*cluster.from_first(clock).tolist())
+    now = datetime.datetime(*multihost_utils.broadcast_one_to_all(clock).tolist())
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(

@@ -14,12 +14,14 @@ Athletics 26, 2011)."""
 # s, paper, Results, Hundred-meter sprint benchmark
 TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1
 
+BOLT = "Bolt, Berlin 2009"
+LYLES = "Lyles, Paris 2024"
 TRAINED = "trained sprinter"
 UNTRAINED = "untrained adults"
 PAPER_BP2 = "BP2, paper"
 TIMES = {  # s over 100 m
-    "Bolt, Berlin 2009": BOLT_SPLITS[-1],
-    "Lyles, Paris 2024": 9.78,
+    BOLT: BOLT_SPLITS[-1],
+    LYLES: 9.78,
     TRAINED: TRAINED_TIME,
     PAPER_BP2: bp2.SPRINT_100M_TIME,
     UNTRAINED: UNTRAINED_TIME,

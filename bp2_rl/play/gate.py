@@ -53,15 +53,14 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
     )
 
 
-def takes(widget: object, value: object) -> bool:
+def takes(widget: Any, value: Any) -> bool:
     """Return whether a viser widget can have a value: an option of a list, a slider's
     number, or a tick."""
-    if isinstance(widget, viser.GuiDropdownHandle | viser.GuiButtonGroupHandle):
+    if hasattr(widget, "options"):
         return value in widget.options
-    if isinstance(widget, viser.GuiSliderHandle):
-        number = isinstance(value, float | int) and not isinstance(value, bool)
-        return number and widget.min <= value <= widget.max
-    return isinstance(widget, viser.GuiCheckboxHandle) and isinstance(value, bool)
+    if hasattr(widget, "min"):
+        return type(value) in (float, int) and widget.min <= value <= widget.max
+    return isinstance(value, bool)
 
 
 @contextlib.contextmanager

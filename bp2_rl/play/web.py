@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import viser
@@ -91,7 +92,7 @@ class Page:
         # Browsers open connections ahead that they then never use: not worth a
         # traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-        self._widgets: dict[str, viser.GuiInputHandle] = {}  # by viser's name
+        self._widgets: dict[str, viser.GuiInputHandle[Any]] = {}  # by viser's name
         try:
             family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[
                 0

@@ -15,7 +15,7 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.writers import open_tracker
-from bp2_rl.settings import tracking
+from bp2_rl.settings import tracker
 from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracker import TRACKED, Tracked, choose_tracker, tracked
 
@@ -159,7 +159,7 @@ def test_wandb_without_a_key_is_a_mistake_of_the_user(run_dir, monkeypatch, tmp_
 def test_a_tracker_that_is_not_installed_is_one_line_before_training(
     tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(tracking.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(tracker.importlib.util, "find_spec", lambda name: None)
     monkeypatch.chdir(tmp_path)
     assert (
         command.main(["--stage", "imitation", "--preset", "smoke", "--track", "wandb"])
@@ -174,7 +174,7 @@ def test_a_tracker_that_is_not_installed_is_one_line_before_training(
 
 
 def test_a_resumed_run_keeps_its_tracker(run_dir, monkeypatch):
-    monkeypatch.setattr(tracking.importlib.util, "find_spec", lambda name: sys)
+    monkeypatch.setattr(tracker.importlib.util, "find_spec", lambda name: sys)
     assert choose_tracker(None, run_dir) is None
     assert choose_tracker("wandb", run_dir) == "wandb"
     save_config(run_dir / TRACKED, Tracked("wandb", "12ab", "bp2_rl"))

@@ -41,7 +41,8 @@ class Inbox:
     def take(self, kind: bytes, values: np.ndarray, time: float) -> None:
         """Store the content of a datagram."""
         if kind == SENSORS:
-            self.measurement = SensorReading(*np.split(values, (12, 24, 27)), time)
+            q, qd, up, gyro = np.split(values, (12, 24, 27))
+            self.measurement = SensorReading(q, qd, up, gyro, time)
         elif kind == COMMAND:
             self.command, self.command_time = values, time
 

@@ -16,7 +16,7 @@ import math
 from cmath import cos, exp, sin, sqrt
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -420,7 +420,7 @@ def _ground(
 # --- Rates of functions of NumPy's arrays ---------------------------------------------
 
 
-def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _atan2(y: Any, x: Any) -> Any:
     """Return the direction of (x, y), rad, for complex-step numbers, which NumPy's
     arctan2 does not take."""
     a, b = x.real, y.real
@@ -439,7 +439,7 @@ class _ComplexStep(np.ndarray):
         """Priority by which results with other arrays keep this class."""
         return 1.0
 
-    def __array_namespace__(self, *, api_version: str | None = None) -> SimpleNamespace:
+    def __array_namespace__(self, *, api_version: str | None = None) -> Any:
         del api_version
         return FUNCTIONS
 
@@ -459,7 +459,7 @@ def differentiate(
         (value + 1j * STEP * rate).view(_ComplexStep)
         for value, rate in zip(values, rates, strict=True)
     )
-    found = [np.asarray(result) for result in function(*steps)]
+    found: list[Any] = [np.asarray(result) for result in function(*steps)]
     return tuple(result.real for result in found), tuple(
         result.imag / STEP for result in found
     )
