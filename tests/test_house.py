@@ -73,7 +73,7 @@ def test_a_room_does_not_grow_unseen(room):
 
 def test_statements_are_not_packed_to_keep_the_limits():
     nodes = sum(1 for tree in TREES.values() for _ in ast.walk(tree))
-    assert 100 * nodes <= 1_777 * count(SOURCES)
+    assert 100 * nodes <= 1_783 * count(SOURCES)
     packed = [
         f"{path.name}:{node.lineno}"
         for path, tree in TREES.items()
@@ -91,7 +91,7 @@ def test_statements_are_not_packed_to_keep_the_limits():
 
 def test_one_training_and_one_evaluation_can_be_read():
     known = modules(PACKAGE)
-    assert count([known[name] for name in closure(known)]) <= 8_597
+    assert count([known[name] for name in closure(known)]) <= 8_474
 
 
 def test_a_class_name_means_one_thing():
@@ -117,7 +117,7 @@ def test_docstrings_can_be_read_alone():
 def test_types_are_rarely_left_open():
     untyped = sum(len(re.findall(r"\bAny\b", text)) for text in TEXTS.values())
     ignored = re.findall(r"(?:type|pyright): *ignore", "\n".join(TEXTS.values()))
-    assert untyped <= 405
+    assert untyped <= 263
     assert len(ignored) <= 10
 
 

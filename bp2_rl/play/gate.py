@@ -10,7 +10,6 @@ from unittest import mock
 from urllib.parse import urlsplit
 
 import msgspec
-import viser
 import websockets.asyncio.server
 from viser._messages import CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage
 from websockets.asyncio.server import ServerConnection
