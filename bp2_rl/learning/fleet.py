@@ -12,12 +12,11 @@ its cause.
 
 import dataclasses
 import functools
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from brax import envs
-from brax.training.types import Observation
 from jaxtyping import Array, Bool, Float
 
 Tree = TypeVar("Tree")
@@ -118,9 +117,7 @@ def _with_clock(state: envs.State, age: Array) -> envs.State:
     return dataclasses.replace(state, info={**state.info, **clock})
 
 
-def _episode(
-    state: envs.State,
-) -> tuple[object, Observation, dict[str, object]]:
+def _episode(state: envs.State) -> tuple[Any, Any, dict[str, Any]]:
     """Return all that a robot's next step depends on."""
     return state.pipeline_state, state.obs, state.info
 

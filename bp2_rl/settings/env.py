@@ -269,4 +269,4 @@ class EnvConfig:
                 f"({control.launching_speed:g}): a launch never reaches that command"
             )
         if self.commands.hold_time[1] == 0.0:
-            raise UserError("the upper end of commands.hold_time must be above 0")
+            raise UserError("commands.hold_time must have an upper end above 0")
