@@ -33,15 +33,15 @@ def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
 
 
 def main() -> None:
-    """Train, and say how the reward and its largest rows came along."""
+    """Train, and say how the reward and its largest terms came along."""
     folder = Path("runs/slow_trot")
     lines = train(settings(), folder)
     for line in (lines[0], lines[-1]):
-        rows = {
+        terms = {
             name: line[f"reward/{name}"]
             for name in ("joint_position", "joint_velocity", "tracking")
         }
-        said = ", ".join(f"{name} {value:.3f}" for name, value in rows.items())
+        said = ", ".join(f"{name} {value:.3f}" for name, value in terms.items())
         print(
             f"train step {line['step']}: reward {line['reward']:.3f}, of it {said}; falls {line['falls']:.1%}"
         )

@@ -287,7 +287,7 @@ def paths_of_the_api():
 
 SHORT = bp2_rl.Ramp(0.5, hold=0.05)
 GO1 = asset_path("robots/go1.toml")
-TASK = Path(__file__).parents[1] / "examples/reward_row.py"
+TASK = Path(__file__).parents[1] / "examples/reward_term.py"
 UNJUDGED = bp2_rl.preset("imitation", "smoke")
 UNJUDGED = dataclasses.replace(
     UNJUDGED, run=dataclasses.replace(UNJUDGED.run, judged=0)

@@ -14,14 +14,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import reward_row
+import reward_term
 import spring
 import tune
 import watch
 from refusals import python
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.env.rewards import ROWS
+from bp2_rl.env.rewards import TERMS
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.tools.study.outcome import PolicyMeasurement
@@ -64,15 +64,15 @@ def test_springs_of_any_stiffness_bear_the_same_robot():
     assert soft.fell_at is None
 
 
-def test_a_reward_row_is_weighed_among_the_others():
+def test_a_reward_term_is_weighed_among_the_others():
     # by 60 degrees
     leaning: Any = types.SimpleNamespace(e_z=jnp.array([np.sqrt(0.75), 0.0, 0.5]))
     unread: Any = None
-    assert reward_row.level_trunk(leaning, unread, unread) == pytest.approx(
+    assert reward_term.level_trunk(leaning, unread, unread) == pytest.approx(
         np.exp(-10.0), rel=1e-5
     )
-    means = reward_row.weigh(steps=2, robots=2)
-    assert means.keys() == {*ROWS, "level_trunk"}
+    means = reward_term.weigh(steps=2, robots=2)
+    assert means.keys() == {*TERMS, "level_trunk"}
     # the reference holds the trunk all but level
     assert 0.09 < means["level_trunk"] <= 0.1
 

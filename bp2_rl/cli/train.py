@@ -63,7 +63,7 @@ what is trained:
   --reference {collocation,kinematic,none}
                                the motion that is learnt; none: standing
   --task FILE[:NAME]           your own rewards, terminations, observation entries
-                               and settings; --task.row.NAME: a row's coefficient
+                               and settings; --task.reward.NAME: a term's coefficient
                                [that of --from]
 
 runs:
@@ -177,10 +177,10 @@ class TrainArguments(EarlyFlags):
     """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
     out: Path | None = None
     """the run's folder [runs/STAGE-DATE-TIME]"""
-    coefficients: Annotated[dict[str, float], tyro.conf.arg(name="task.row")] = (
+    coefficients: Annotated[dict[str, float], tyro.conf.arg(name="task.reward")] = (
         dataclasses.field(default_factory=dict[str, float])
     )
-    """coefficients of the task's rows"""
+    """coefficients of the task's reward terms"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -190,15 +190,15 @@ class TrainArguments(EarlyFlags):
         """The task with the coefficients of the flags.
 
         Raises:
-            UserError: there is no task, or it has no such rows.
+            UserError: there is no task, or it has no such reward terms.
         """
-        rows = dict(self.env.task.rows)
-        if unknown := [name for name in self.coefficients if name not in rows]:
+        terms = dict(self.env.task.rewards)
+        if unknown := [name for name in self.coefficients if name not in terms]:
             raise UserError(
-                f"--task.row: there is no row {unknown[0]!r}; the task has {', '.join(rows) or 'none: name it, --task'}"
+                f"--task.reward: no reward term is {unknown[0]!r}; the task has {', '.join(terms) or 'none: name it, --task'}"
             )
-        rows |= self.coefficients
-        return dataclasses.replace(self.env.task, rows=tuple(rows.items()))
+        terms |= self.coefficients
+        return dataclasses.replace(self.env.task, rewards=tuple(terms.items()))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -342,7 +342,7 @@ def read_arguments(
     default = TrainArguments(
         parent=parent,
         task=flags.task,
-        coefficients=dict(defaults.env.task.rows),
+        coefficients=dict(defaults.env.task.rewards),
         impl=defaults.impl,
         env=defaults.env,
         ppo=defaults.ppo,

@@ -56,7 +56,7 @@ class BP2Env(envs.Env):
 
     `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the
     largest batch that `warp` steps at once; the other engines ignore it. A task in the
-    settings adds rows to the reward, reasons to end an episode, and entries to both
+    settings adds terms to the reward, reasons to end an episode, and entries to both
     observations.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which
@@ -75,7 +75,7 @@ class BP2Env(envs.Env):
             raise UserError(
                 f"the settings name the task {config.task.source} without its code: pass task="
             )
-        self.rows = rewards.rows_of(config)
+        self.reward_terms = rewards.terms_of(config)
         self._privileged = observations.privileged_of(config)
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -121,7 +121,7 @@ class BP2Env(envs.Env):
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
         after = self._average(before, after, outcome)
         inputs = self._reward_inputs(before, after, outcome).replace(now=now)
-        terms = rewards.reward_terms(inputs, self.config, self.rows)
+        terms = rewards.reward_terms(inputs, self.config, self.reward_terms)
 
         level = state.info["curriculum"]
         command, raised = commands.advance(
@@ -233,7 +233,7 @@ class BP2Env(envs.Env):
             obs=obs,
             reward=zero,
             done=zero,
-            metrics=metrics(outcome, dict.fromkeys(self.rows, zero), level),
+            metrics=metrics(outcome, dict.fromkeys(self.reward_terms, zero), level),
             info={"rng": rng, "curriculum": level},
         )
 
@@ -359,7 +359,7 @@ class BP2Env(envs.Env):
     def _unsensed(
         self, state: PipelineState, foot_contact: Float[Array, "4"]
     ) -> observations.Unsensed:
-        """Return what the critic, and the rows and terminations of a task, look at."""
+        """Return what the critic, and the reward terms and terminations of a task, look at."""
         physics = state.physics
         return observations.Unsensed(
             episode=state,

@@ -30,7 +30,7 @@ class StepOutcome(NamedTuple):
 def metrics(
     step: StepOutcome, rewards: Mapping[str, Array], level: Float[Array, ""]
 ) -> dict[str, Array]:
-    """Return the metrics of a control step by name, with its rewards by row and the
+    """Return the metrics of a control step by name, with its rewards by term and the
     curriculum level afterwards.
 
     `error/A` over `share/A` is the mean speed error at commands from A m/s to the next

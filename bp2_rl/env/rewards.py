@@ -1,9 +1,9 @@
 """Table S4, row by row: every reward term as a pure function, and the speed-dependent
 schedule.
 
-Each function returns one row *without* its base coefficient (the imitation rows
-together carry c_m, the tracking row c_v; see `speed_schedule`). `reward_terms` puts the
-rows together.
+Each function returns one term *without* its base coefficient (the imitation terms
+together carry c_m, the tracking term c_v; see `speed_schedule`). `reward_terms` puts
+the terms together.
 
 The coefficients are written for BP2. Lengths, speeds and powers of another robot come
 divided by the factors of its `Size`, which have no unit and are 1 for BP2. So m, m/s,
@@ -240,12 +240,12 @@ class RewardInputs(struct.PyTreeNode):
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
     qd_n: Float[Array, "... 12"]  # joint speed over the motor's no-load speed
-    # all else, for the rows of a task; in SI units
+    # all else, for the terms of a task; in SI units
     now: Unsensed | None = None
 
 
-class SharedTerms(NamedTuple):
-    """The terms that rows share at one command: see `speed_schedule`,
+class SharedValues(NamedTuple):
+    """Values that all terms share at one command: see `speed_schedule`,
     `tracking_balance` and `turn_activation`."""
 
     c_m: Scalar
@@ -255,10 +255,10 @@ class SharedTerms(NamedTuple):
     dt: float  # s, a control step
 
 
-RewardRow = Callable[[RewardInputs, RewardConfig, SharedTerms], Scalar]
+RewardFunction = Callable[[RewardInputs, RewardConfig, SharedValues], Scalar]
 """A reward term with its coefficient, as a function of inputs, coefficients and shared
-terms."""
-ROWS: Mapping[str, RewardRow] = {
+values."""
+TERMS: Mapping[str, RewardFunction] = {
     "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
     "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
@@ -298,36 +298,38 @@ ROWS: Mapping[str, RewardRow] = {
 `reward/NAME`."""
 
 
-def rows_of(config: EnvConfig) -> Mapping[str, RewardRow]:
-    """Return the rows of the reward: `ROWS`, then the task's, times their coefficients.
+def terms_of(config: EnvConfig) -> Mapping[str, RewardFunction]:
+    """Return the terms of the reward: `TERMS`, then the task's, times their coefficients.
 
     Raises:
-        UserError: a row of the task has the name of one of `ROWS`, or fails.
+        UserError: a term of the task has the name of one of `TERMS`, or fails.
     """
-    for name, _ in config.task.rows:
-        if name in ROWS:
-            raise UserError(f"Task: there is a row {name} already: rename yours")
-    reads = {row.name: row.read for row in config.task.task.rows}
+    for name, _ in config.task.rewards:
+        if name in TERMS:
+            raise UserError(
+                f"Task: there is a reward term {name} already: rename yours"
+            )
+    reads = {term.name: term.read for term in config.task.task.rewards}
     own = {
-        name: functools.partial(_own_row, name, reads[name], coefficient)
-        for name, coefficient in config.task.rows
+        name: functools.partial(_own_term, name, reads[name], coefficient)
+        for name, coefficient in config.task.rewards
     }
-    return {**ROWS, **own}
+    return {**TERMS, **own}
 
 
-def _own_row(
+def _own_term(
     name: str,
-    read: RewardRow,
+    read: RewardFunction,
     coefficient: float,
     x: RewardInputs,
     config: RewardConfig,
-    at: SharedTerms,
+    at: SharedValues,
 ) -> Scalar:
-    return coefficient * own_number(f"row {name}", read, x, config, at)
+    return coefficient * own_number(f"reward term {name}", read, x, config, at)
 
 
 def reward_terms(
-    x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS
+    x: RewardInputs, config: EnvConfig, terms: Mapping[str, RewardFunction] = TERMS
 ) -> dict[str, Scalar]:
     """Return all reward terms with their coefficients, by name; the reward is their
     sum."""
@@ -338,11 +340,11 @@ def reward_terms(
     c_m, c_v = speed_schedule(
         x.command[0], max_forward, reward.imitation, reward.tracking, reward.schedule
     )
-    shared = SharedTerms(
+    shared = SharedValues(
         c_m=c_m,
         c_v=c_v,
         w=tracking_balance(max_forward, max_lateral, max_yaw_rate),
         eta=turn_activation(x.command, max_lateral, max_yaw_rate),
         dt=conventions.CONTROL_STEP,
     )
-    return {name: row(x, reward, shared) for name, row in rows.items()}
+    return {name: term(x, reward, shared) for name, term in terms.items()}

@@ -198,7 +198,7 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of the reward: Table S4's rows and three rows more; `env.rewards`
+    """Coefficients of the reward: Table S4's terms and three terms more; `env.rewards`
     has the terms.
 
     `RewardConfig()` is the table's imitation column; presets set others
@@ -248,7 +248,7 @@ class EnvConfig:
     terrain: TerrainConfig = TerrainConfig()
     reward: RewardConfig = RewardConfig()
     task: Annotated[TaskConfig, tyro.conf.Fixed, tyro.conf.Suppress] = TaskConfig()
-    """a user's rows, terminations and entries: `--task`"""
+    """a user's reward terms, terminations and entries: `--task`"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

@@ -1,7 +1,7 @@
-"""A task: a user's Python file with reward rows, terminations, observation entries and
+"""A task: a user's Python file with reward terms, terminations, observation entries and
 changed settings.
 
-    TASK = Task(rows=[TaskRow("level_trunk", level_trunk, imitation=0.1)])
+    TASK = Task(rewards=[RewardTerm("level_trunk", level_trunk, imitation=0.1)])
 
 A run keeps the text of the file, and of the modules beside it that the file imports, in
 its folder `task`. Its settings, and the cards of its policies, hold a `TaskConfig`:
@@ -41,10 +41,10 @@ FOLDER = "task"
 
 
 @dataclasses.dataclass(frozen=True)
-class TaskRow:
-    """A row of the reward: coefficient x read(inputs, config, shared).
+class RewardTerm:
+    """A term of the reward: coefficient x read(inputs, config, shared).
 
-    `read` takes `env.rewards.RewardInputs`, `RewardConfig` and `SharedTerms`, and
+    `read` takes `env.rewards.RewardInputs`, `RewardConfig` and `SharedValues`, and
     returns one number, without unit.
     """
 
@@ -70,7 +70,7 @@ class Task:
     """A user's additions to a training; every part may be left out.
 
     Args:
-        rows: of the reward.
+        rewards: terms of the reward.
         terminations: of an episode.
         entries: of the policy's observation, functions of the sensors and the command
             (`Moment`), which a robot's computer can run.
@@ -82,7 +82,7 @@ class Task:
         UserError: a name is wrong or there twice, or an entry has no mirror image.
     """
 
-    rows: Iterable[TaskRow] = ()
+    rewards: Iterable[RewardTerm] = ()
     terminations: Iterable[TaskTermination] = ()
     entries: Iterable[Entry[Moment]] = ()
     privileged: "Iterable[Entry[Unsensed]]" = ()
@@ -90,7 +90,7 @@ class Task:
 
     def __post_init__(self) -> None:
         """Make tuples of the parts, and refuse what cannot be."""
-        for field in ("rows", "terminations", "entries", "privileged"):
+        for field in ("rewards", "terminations", "entries", "privileged"):
             parts = tuple(getattr(self, field))
             object.__setattr__(self, field, parts)
             names = [one.name for one in parts]
@@ -156,7 +156,7 @@ class TaskConfig(Bounded, path="task."):
 
     source: str = ""  # my_task.py:TASK; empty: there is no task
     sha256: str = ""  # of the sources
-    rows: tuple[tuple[str, Coefficient], ...] = ()  # coefficients in the stage
+    rewards: tuple[tuple[str, Coefficient], ...] = ()  # coefficients in the stage
     entries: tuple[tuple[str, int], ...] = ()  # of the policy: names and sizes
     code: TaskSources | Task | None = dataclasses.field(
         default=None, repr=False, metadata=UNWRITTEN
@@ -204,8 +204,8 @@ def task_config(code: TaskSources | Task, stage: "Stage") -> TaskConfig:
         source, sha256 = f"{code.main}:{code.name}", code.sha256
     _check_entries(task, code)
     coefficients = tuple(
-        (row.name, row.imitation if row.relaxed is None else getattr(row, stage))
-        for row in task.rows
+        (term.name, term.imitation if term.relaxed is None else getattr(term, stage))
+        for term in task.rewards
     )
     entries = tuple((entry.name, entry.size) for entry in task.entries)
     return TaskConfig(source, sha256, coefficients, entries, code)

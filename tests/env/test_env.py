@@ -18,7 +18,7 @@ from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.physics.kernel import randomize_design
 from bp2_rl.env.physics.mjx import randomize_model
-from bp2_rl.env.rewards import ROWS
+from bp2_rl.env.rewards import TERMS
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import torque_limits
 from bp2_rl.robot.clearance import clearance
@@ -476,7 +476,7 @@ def test_no_episode_begins_with_legs_in_each_other():
 
 def test_the_reward_is_the_sum_of_the_rows_and_counts_in_one_speed_bin(start, step):
     after = step(start, ZERO)
-    rows = [after.metrics[f"reward/{name}"] for name in ROWS]
+    rows = [after.metrics[f"reward/{name}"] for name in TERMS]
     np.testing.assert_allclose(after.reward, np.sum(rows, axis=0), rtol=1e-5, atol=1e-6)
     shares = np.sum([after.metrics[f"share/{lower:g}"] for lower in SPEED_BINS], axis=0)
     np.testing.assert_array_equal(shares, np.ones(ROBOTS))

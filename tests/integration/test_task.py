@@ -15,7 +15,7 @@ from refusals import is_told, python
 
 from bp2_rl.cli.__main__ import main
 
-PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_row.md"
+PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_term.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 TRAIN, RELAXED, EVAL, EXPORT, _, STUDY = [
     shlex.split(line)[1:]
@@ -83,9 +83,16 @@ def test_a_stopped_run_resumes_exactly_and_notices_a_changed_task(here):
 def test_the_relaxed_stage_takes_its_parents_task(here):
     bp2(here, *RELAXED, *SHORT)
     config = json.loads((here / "runs/mine-relaxed/config.json").read_text())
-    assert config["env"]["task"]["rows"] == [["level_trunk", 0.05]]
-    wrong = ("--preset", "smoke", "--task", "my_task.py", "--task.row.levl-trunk", "1")
-    assert "--task.row.level-trunk" in bp2(here, "train", *wrong)
+    assert config["env"]["task"]["rewards"] == [["level_trunk", 0.05]]
+    wrong = (
+        "--preset",
+        "smoke",
+        "--task",
+        "my_task.py",
+        "--task.reward.levl-trunk",
+        "1",
+    )
+    assert "--task.reward.level-trunk" in bp2(here, "train", *wrong)
 
 
 def test_a_policy_runs_no_code_that_nobody_names(here):

@@ -1,4 +1,4 @@
-"""Tasks: a user's file with rows, terminations and entries, read, run and refused."""
+"""Tasks: a user's file with reward terms, terminations and entries, read, run and refused."""
 
 import pickle
 import random
@@ -17,10 +17,10 @@ from bp2_rl.robot.observation import Mirror, Moment
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.task import onboard_source, read_task, run_task
 
-PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_row.md"
+PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_term.md"
 FILE = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
 ENTRY = 'Entry("lean", Mirror((0,), (-1,)), lean)'
-ROW = 'TaskRow("level_trunk", level_trunk, imitation=0.1, relaxed=0.05)'
+TERM = 'RewardTerm("level_trunk", level_trunk, imitation=0.1, relaxed=0.05)'
 
 
 @pytest.fixture
@@ -31,17 +31,17 @@ def task(tmp_path):
 
 def test_a_task_changes_the_settings_and_is_data_in_them(task):
     env = bp2.preset("relaxed", "smoke", task=task).env
-    assert env.task.rows == (("level_trunk", 0.05),)
+    assert env.task.rewards == (("level_trunk", 0.05),)
     assert env.randomization.friction == (0.4, 1.1)
     read = from_json(EnvConfig, to_json(env))
     assert config_hash(read) == config_hash(env)
     with pytest.raises(UserError, match=r"policy sees lean, .* RUN/task/my_task.py:"):
         _ = read.task.task
     assert read.task.with_code(read_task(task)) == env.task
-    assert len(pickle.loads(pickle.dumps(env.task)).task.rows) == 1
+    assert len(pickle.loads(pickle.dumps(env.task)).task.rewards) == 1
 
 
-def test_the_environment_computes_rows_terminations_and_entries(task):
+def test_the_environment_computes_rewards_terminations_and_entries(task):
     task.write_text(FILE.replace("> 3.0", "> -1.0"))  # each step skids
     env = bp2.make("bp2_kinematic", task=task)
     state = jax.jit(env.reset)(jax.random.PRNGKey(0))
@@ -78,8 +78,14 @@ WRONG = {
     "def": ("", r"my_task.py: SyntaxError"),
     "import sys; sys.exit()": ("", r"my_task.py, line 1 of my_task.py: SystemExit"),
     "TASK = 3": (None, r"has no TASK: let it say TASK = Task"),
-    f"rows=[{ROW}, {ROW}]": (f"rows=[{ROW}]", r"rows has level_trunk twice"),
-    'TaskRow("level-trunk",': ('TaskRow("level_trunk",', r"'level-trunk' is no name"),
+    f"rewards=[{TERM}, {TERM}]": (
+        f"rewards=[{TERM}]",
+        r"rewards has level_trunk twice",
+    ),
+    'RewardTerm("level-trunk",': (
+        'RewardTerm("level_trunk",',
+        r"'level-trunk' is no name",
+    ),
     ENTRY.replace("lean", "up", 1): (ENTRY, r"the policy sees up already"),
     # of the tests alone: types are checked at run time
     'Entry("lean", None, lean)': (
@@ -108,11 +114,19 @@ def test_a_mistake_in_a_task_is_told_by_name(task, wrong):
 @pytest.mark.parametrize(
     ("right", "wrong", "told"),
     [
-        ("x.e_z[2]", "x.e_z", r"row level_trunk .one number.: "),
-        ("x.e_z[2]", "x.tilt", r"row level_trunk.* line 10 of my_task.py: Attribute"),
+        ("x.e_z[2]", "x.e_z", r"reward term level_trunk .one number.: "),
+        (
+            "x.e_z[2]",
+            "x.tilt",
+            r"reward term level_trunk.* line 10 of my_task.py: Attribute",
+        ),
         ("now.velocity[1]", "now.velocity", r"termination skids .one number.: "),
         ("qvel[3:6]", "qvel", r"entry spin .3 numbers by its mirror image"),
-        ('TaskRow("level_trunk"', 'TaskRow("tracking"', r"a row tracking already"),
+        (
+            'RewardTerm("level_trunk"',
+            'RewardTerm("tracking"',
+            r"a reward term tracking already",
+        ),
     ],
 )
 def test_a_mistake_that_only_training_meets_is_told_by_name(task, right, wrong, told):
@@ -134,7 +148,7 @@ def test_two_tasks_with_modules_of_one_name_stay_apart(tmp_path):
         (tmp_path / folder / "random.py").write_text(f"HOW = {folder}\n")
         text = FILE.replace("=0.1", "=HOW").replace("TASK", "OTHER")
         file.write_text(f"from random import HOW\n{text}")
-        found += bp2.preset("imitation", "smoke", task=f"{file}:OTHER").env.task.rows
+        found += bp2.preset("imitation", "smoke", task=f"{file}:OTHER").env.task.rewards
     assert found == [("level_trunk", 0.25), ("level_trunk", 0.5)]
     assert sys.modules["random"] is random
 

@@ -181,7 +181,7 @@ def preset(
         weights: the rewards; by default `paper` with `smoke`, else `ours`.
         robot: a robot's name, its robot file's path, or its hardware.
         task: your own rewards, terminations, observation entries and settings: FILE.py,
-            FILE.py:NAME or package.module:NAME (docs/howto/write_a_reward_row.md).
+            FILE.py:NAME or package.module:NAME (docs/howto/write_a_reward_term.md).
 
     Raises:
         UserError: there is no such stage, preset, set of weights, robot or task, or the

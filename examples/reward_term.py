@@ -1,8 +1,8 @@
-"""Write a reward row, and weigh it against the others before any training.
+"""Write a reward term, and weigh it against the others before any training.
 
-    python examples/reward_row.py
+    python examples/reward_term.py
 
-A row that is nearly constant teaches nothing; one that outweighs tracking teaches
+A term that is nearly constant teaches nothing; one that outweighs tracking teaches
 standing still. A second of the reference motion, played without a policy, already
 tells.
 """
@@ -13,25 +13,25 @@ import numpy as np
 
 from bp2_rl.base.processes import keep_compiled
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.rewards import RewardInputs, Scalar, SharedTerms
+from bp2_rl.env.rewards import RewardInputs, Scalar, SharedValues
 from bp2_rl.settings.env import Impl, RewardConfig
 from bp2_rl.settings.presets import preset
-from bp2_rl.settings.task import Task, TaskRow
+from bp2_rl.settings.task import RewardTerm, Task
 
 
-def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scalar:
+def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedValues) -> Scalar:
     """1 for a trunk that does not lean: e_z is its vertical axis, (0, 0, 1) when
     level."""
     del config, at  # the same at every command
     return jnp.exp(-20.0 * (1.0 - x.e_z[2]))
 
 
-TASK = Task(rows=[TaskRow("level_trunk", level_trunk, imitation=0.1)])
-"""What `python train.py --task examples/reward_row.py` trains on."""
+TASK = Task(rewards=[RewardTerm("level_trunk", level_trunk, imitation=0.1)])
+"""What `python train.py --task examples/reward_term.py` trains on."""
 
 
 def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
-    """The mean of every row over so many control steps of so many robots, with actions
+    """The mean of every term over `steps` control steps of `robots` robots, with actions
     of zero."""
     config = preset("imitation", "smoke", task=TASK).env
     env = BP2Env(config, impl=impl, num_robots=robots)
@@ -46,16 +46,22 @@ def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
     for _ in range(steps):
         state = step(state, zeros)
         seen.append(
-            {name: np.asarray(state.metrics[f"reward/{name}"]) for name in env.rows}
+            {
+                name: np.asarray(state.metrics[f"reward/{name}"])
+                for name in env.reward_terms
+            }
         )
-    return {name: float(np.mean([rows[name] for rows in seen])) for name in env.rows}
+    return {
+        name: float(np.mean([terms[name] for terms in seen]))
+        for name in env.reward_terms
+    }
 
 
 def main() -> None:
-    """All rows, the heaviest first."""
+    """Print all terms, the heaviest first."""
     keep_compiled()
     for name, mean in sorted(
-        weigh(steps=100, robots=32).items(), key=lambda row: -row[1]
+        weigh(steps=100, robots=32).items(), key=lambda term: -term[1]
     ):
         print(f"{name:16} {mean:7.4f}")
 
