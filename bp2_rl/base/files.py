@@ -363,7 +363,7 @@ _DAMAGE = (
 )
 
 
-def _read_header(member: zipfile.ZipExtFile) -> tuple[tuple[int, ...], bool, np.dtype]:
+def _read_header(member: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
     # later ones may have headers of gigabytes
     if (version := np.lib.format.read_magic(member)) != (1, 0):
         raise ValueError(f"array format {version}")
