@@ -28,8 +28,8 @@ are set."""
 
 
 class Randomization(struct.PyTreeNode):
-    """Random parameters of a robot and its ground; the critic sees them, but for the
-    losses and the numbers of the design."""
+    """Random parameters of a robot and its ground; `PRIVILEGED` says which of them the
+    critic sees."""
 
     friction: Float[Array, "..."]
     mass: Float[Array, "... nbody"]  # factor

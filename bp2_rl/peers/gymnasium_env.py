@@ -2,7 +2,7 @@
 
 The MDP is `BP2Env`'s: observation, reward, randomisation and falls. Actions are those
 of `BP2Env` over their limit, `control.action_limit`, so that each is in [-1, 1]. What
-the critic sees beyond the policy's observation is in `info["privileged_state"]`.
+the critic sees is in `info["privileged_state"]`.
 """
 
 from typing import Any, Literal
