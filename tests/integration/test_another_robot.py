@@ -14,6 +14,7 @@ import pytest
 from bp2_rl.__main__ import main as bp2
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
+from bp2_rl.learning.policy import load_policy
 
 SMALL = [
     *aim_run.SMALL,
@@ -31,6 +32,13 @@ def go1() -> Path:
     return root / "_src/locomotion/go1/xmls/scene_mjx_feetonly_flat_terrain.xml"
 
 
+def assert_judged(run: Path):
+    lines = map(json.loads, (run / "metrics.jsonl").read_text().splitlines())
+    judged = {line["step"]: line for line in lines if "judged/speed" in line}
+    assert judged[256]["judged/launches"] == 3
+    assert load_policy(run).card.results["judged"]["control_steps"] in judged
+
+
 def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(
     go1, tmp_path, monkeypatch, capfd
 ):
@@ -38,12 +46,21 @@ def test_an_untouched_model_is_checked_trained_judged_and_rehearsed(
     assert bp2(["robot", "new", str(go1), "--out", "go1.toml"]) == 0
     assert bp2(["robot", "check", "go1.toml", "--out", "go1.svg"]) == 0
     assert "stands 5 s" in capfd.readouterr().out
-    assert (
-        train_command.main(["--stage", "imitation", "--robot", "go1.toml", *SMALL]) == 0
+    changed = ["--robot", "go1.toml", "--env.hardware.friction", "0.9"]
+    assert train_command.main(["--stage", "imitation", *SMALL, *changed]) == 0
+    assert train_command.main(["--stage", "relaxed", "--run.judged", "2", *SMALL]) == 0
+    imitation, relaxed = sorted(Path("runs").iterdir())
+    parent, child = (
+        json.loads((run / "config.json").read_text()) for run in (imitation, relaxed)
     )
-    assert train_command.main(["--stage", "relaxed", *SMALL]) == 0
-    _, relaxed = sorted(Path("runs").iterdir())
-    settings = json.loads((relaxed / "config.json").read_text())["env"]
+    settings = child["env"]
+    # The robot goes on; the stage's rewards are its own.
+    assert settings["hardware"] == parent["env"]["hardware"]
+    assert settings["hardware"]["friction"] == 0.9
+    assert settings["reward"] != parent["env"]["reward"]
+    assert child["parent"]["run"] == imitation.name
+    assert child["parent"]["control_steps"] == 256
+    assert_judged(relaxed)
     assert settings["hardware"]["body"]["name"] == json.loads(
         re.findall(r"name = (.*?)  #", Path("go1.toml").read_text())[0]
     )
