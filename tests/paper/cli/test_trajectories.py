@@ -21,7 +21,7 @@ from bp2_rl.paper.cli import figures, trajectories
         (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
         (
             ["codesign", "--bounds.gear-ratio", "5", "inf"],
-            "bounds.gear_ratio must be two numbers",
+            "bounds.gear_ratio must be positive and finite",
         ),
         (
             ["objective", "--body-weights", "0"],
