@@ -184,18 +184,27 @@ class HardwareSpec:
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
         """Return the robot with some parameters replaced, by name: its own, its losses'
-        or BP2's body's."""
+        or BP2's body's.
+
+        Raises:
+            UserError: there is no such parameter, or the robot cannot have its value.
+        """
+        ours = {field.name for field in dataclasses.fields(self)}
         lost = {name: value for name, value in parameters.items() if name in LOSSES}
         own = {
             name: value
             for name, value in parameters.items()
-            if name not in LOSSES and hasattr(self, name)
+            if name not in LOSSES and name in ours
         }
         of_body = {
             name: value
             for name, value in parameters.items()
             if name not in lost and name not in own
         }
+        for name in of_body.keys() - {
+            field.name for field in dataclasses.fields(BP2Body)
+        }:
+            raise UserError(f"a robot has no parameter {name}")
         body = dataclasses.replace(self.bp2, **of_body) if of_body else self.body
         losses = dataclasses.replace(self.losses, **lost)
         return dataclasses.replace(self, **{"body": body, "losses": losses, **own})

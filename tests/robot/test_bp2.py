@@ -93,6 +93,8 @@ def test_every_number_has_a_unit_and_a_source():
         ({"gear_ratio": 0.0}, "gear_ratio must be from 0.1 to 1000, got 0"),
         ({"leg_length": float("nan")}, "leg_length must be from 0 to 10, got nan"),
         ({"leg_length": 0.2}, "leg_length .* must exceed shank"),
+        ({"gear_raito": 7.0}, "no parameter gear_raito"),
+        ({"mass": 30.0}, "no parameter mass"),  # a property
         (
             {"spring_stiffness": -1.0},
             "spring_stiffness must be from 100 to 1e.07, got -1",
