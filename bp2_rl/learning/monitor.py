@@ -104,7 +104,7 @@ class Monitor:
     def __exit__(self, *exception: object) -> None:
         """Leave the last state on the console and close the files, also when training
         failed."""
-        for writer in self._writers:
+        for writer in reversed(self._writers):  # the progress line first
             # Everything was flushed when it was written; where that failed, so would
             # this.
             with contextlib.suppress(OSError):

@@ -2,13 +2,17 @@
 both."""
 
 import dataclasses
+import json
+import subprocess
 import sys
+import time
 
 import mujoco
 import numpy as np
 import pytest
 from plain_simulation import PlainRobot
 
+from bp2_rl.deploy.onboard.link import SENSORS, Radio
 from bp2_rl.robot.actuator import bus_power
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
@@ -314,3 +318,25 @@ def test_a_mistake_is_one_line(onboard, bundle, capsys, arguments, words):
         == 2
     )
     assert capsys.readouterr().err == f"error: {words.format(bundle=bundle)}\n"
+
+
+def test_a_signal_ends_a_controller_whose_robot_still_speaks(bundle):
+    command = [sys.executable, "-m", "onboard.computer", "."]
+    radio, told = Radio(), 0.0
+    with subprocess.Popen(
+        command, cwd=bundle, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        radio.connect(int(process.stdout.readline()))
+        begun = time.monotonic()
+        while process.poll() is None:
+            radio.send(SENSORS, np.zeros(30))
+            time.sleep(0.005)
+            if not told and time.monotonic() > begun + 1.0:
+                process.terminate()
+                told = time.monotonic()
+            if told and time.monotonic() > told + 10.0:
+                process.kill()
+        radio.close()
+        assert process.returncode == 0
+        assert json.loads(process.stdout.read())["ticks"] > 10

@@ -60,7 +60,7 @@ def run(
     and the limits used."""
     tick = 1.0 / controller.settings["rates"]["policy"]
     inbox, ticks, packets = Inbox(), [], radio.receive()
-    while packets or not over():
+    while not (ticks and over()):
         start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
         for kind, values in packets:
             inbox.take(kind, values, now)
@@ -87,15 +87,16 @@ def main(folder: Path | str) -> None:
     """Run a bundle's controller for the robot that speaks first, until a signal ends
     it."""
     over, radio = threading.Event(), Radio()
-    for ends in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(ends, lambda *_: over.set())
     try:
         controller = OnboardController(folder)
     except BundleError as error:
-        sys.exit(print(f"error: {error}"))
+        print(f"error: {error}")
+        sys.exit(2)
     gc.freeze()  # or a collection would stop a tick
     print(radio.port, flush=True)
     radio.answer_first(PATIENCE)
+    for ends in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ends, lambda *_: over.set())
     print(json.dumps(run(controller, radio, over.is_set)))
 
 
