@@ -24,8 +24,17 @@ if TYPE_CHECKING:  # isort: off
     from bp2_rl.evaluation.judged_training import resume as resume, train as train
     from bp2_rl.learning.policy import Policy as Policy, load_policy as load_policy
     from bp2_rl.robot.hardware import HardwareSpec as HardwareSpec
+    from bp2_rl.robot.observation import (
+        Mirror as Mirror,
+        ObservationTerm as ObservationTerm,
+    )
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import preset as preset
+    from bp2_rl.settings.task import (
+        RewardTerm as RewardTerm,
+        Task as Task,
+        TerminationTerm as TerminationTerm,
+    )
     from bp2_rl.settings.training import TrainConfig as TrainConfig
     from bp2_rl.simulation.rollout import (
         RunRequest as RunRequest,
@@ -57,6 +66,8 @@ HOMES = {
         "env.bp2_env": "make BP2Env",
         "settings.env": "EnvConfig",
         "robot.hardware": "HardwareSpec",
+        "settings.task": "Task RewardTerm TerminationTerm",
+        "robot.observation": "ObservationTerm Mirror",
         "base.errors": "UserError RunStopped",
     }.items()
     for name in names.split()

@@ -22,7 +22,7 @@ from bp2_rl.cli.train import (
 from bp2_rl.settings import presets
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
+from bp2_rl.settings.training import Preset, RobotFlag, TrainConfig
 
 PROG = "bp2 bench"
 Size = Annotated[int, Within(1, 2**24)]
@@ -62,7 +62,7 @@ class BenchArguments(Bounded, path="--"):
 
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu"""
-    robot: RobotWish = None
+    robot: RobotFlag = None
     """which is simulated: built, ideal, go1 or another that ships, or a file [built]"""
     impl: Impl = "jax"
     """the physics, as for train.py"""

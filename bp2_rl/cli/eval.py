@@ -18,9 +18,9 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.learning.policy import find_policy
-from bp2_rl.settings.training import TaskWish
+from bp2_rl.settings.training import TaskFlag
 
 BENCHMARKS = {
     "topspeed": "ramp to the top speed and hold it",
@@ -95,13 +95,13 @@ class Target:
             + " `bp2 paper eval` has the deep ones.",
         ),
     ] = "topspeed"
-    task: TaskWish = None
+    task: TaskFlag = None
     """The task that the policy was trained with, where the task adds to what the policy
     sees; its code is run."""
 
 
 @dataclasses.dataclass(frozen=True)
-class EvalConfig(Setup, Target):
+class EvalConfig(BenchmarkOptions, Target):
     """Run a policy from a standing start, measure it, and leave a report with table,
     plots and film.
 
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(
     config: EvalConfig,
-    setup_type: type[Setup] = Setup,
+    setup_type: type[BenchmarkOptions] = BenchmarkOptions,
     registry: str = REGISTRY,
     again: str | None = None,
 ) -> None:

@@ -12,8 +12,8 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.app import Command
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.operator import COMMAND_LIMITS
-from bp2_rl.settings.terrain import Terrain, TerrainWish
-from bp2_rl.settings.training import TaskWish
+from bp2_rl.settings.terrain import Terrain, TerrainFlag
+from bp2_rl.settings.training import TaskFlag
 
 if TYPE_CHECKING:
     from bp2_rl.learning.policy import Policy
@@ -44,10 +44,10 @@ class ExportConfig:
     ] = ()
     """A folder that eval.py wrote of this policy; may be given several times. Not with
     onnx or page, which have no card."""
-    task: TaskWish = None
+    task: TaskFlag = None
     """The task that the policy was trained with, where the task adds to what the policy
-    sees: a bundle holds its entries' code"""
-    terrain: TerrainWish = "flat"
+    sees: a bundle holds its observations' code"""
+    terrain: TerrainFlag = "flat"
     mujoco_package: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """The .tgz of npm's @mujoco/mujoco for --format page, where there is no network
     from which to fetch it"""
@@ -145,8 +145,8 @@ def _advice(config: ExportConfig, policy: "Policy") -> Iterator[str]:
     """Yield what is to be known of a bundle, and the line that tries it."""
     if policy.card.stage == "imitation":
         yield "it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that"
-    if own := [name for name, _ in policy.card.env.task.entries]:
-        yield f"cpp/ refuses {', '.join(own)}: the task's entries are Python"
+    if own := [name for name, _ in policy.card.env.task.observations]:
+        yield f"cpp/ refuses {', '.join(own)}: the task's observations are Python"
     yield f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse"
 
 

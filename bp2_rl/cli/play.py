@@ -16,8 +16,8 @@ from bp2_rl.base.processes import without_gl_library
 from bp2_rl.cli.app import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.learning.policy import find_policy
-from bp2_rl.settings.terrain import Terrain, TerrainWish
-from bp2_rl.settings.training import RobotWish, TaskWish
+from bp2_rl.settings.terrain import Terrain, TerrainFlag
+from bp2_rl.settings.training import RobotFlag, TaskFlag
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -36,13 +36,13 @@ class PlayConfig(Bounded, path="--"):
     ] = None
     """A training run's folder or a policy folder; by default the policy that ships with
     bp2_rl."""
-    robot: RobotWish = None
+    robot: RobotFlag = None
     """built: BP2 with losses and solid legs; ideal: without; by default built, or the
     policy's own robot where that is neither"""
-    task: TaskWish = None
+    task: TaskFlag = None
     """the task that the policy was trained with, where the task adds to what the policy
     sees; its code is run"""
-    terrain: TerrainWish = "flat"
+    terrain: TerrainFlag = "flat"
     host: str = "127.0.0.1"
     """Address at which the page is served; 0.0.0.0: to all machines that can reach this
     one, under any name."""
@@ -73,7 +73,7 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.base.processes import keep_compiled
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
-    from bp2_rl.evaluation.benchmarks.options import Setup
+    from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.gate import OWN_NAMES
     from bp2_rl.play.pace import Pace, play_on
@@ -87,7 +87,7 @@ def play(config: PlayConfig) -> None:
     sys.setswitchinterval(1e-3)
     keep_compiled()
     policy = load_policy(path, layout_of=layout_of, task=config.task)
-    robot = robot_of(policy, Setup(robot=config.robot))
+    robot = robot_of(policy, BenchmarkOptions(robot=config.robot))
     least, most = wish_limits(policy.card.env.commands)
     if not least.speed <= config.speed <= most.speed:
         raise UserError(

@@ -36,10 +36,10 @@ from bp2_rl.settings.tracker import Tracker, choose_tracker
 from bp2_rl.settings.training import (
     ClusterConfig,
     Preset,
-    RobotWish,
+    RobotFlag,
     RunConfig,
     Stage,
-    TaskWish,
+    TaskFlag,
     TrainConfig,
     Weights,
     load_run_config,
@@ -62,7 +62,7 @@ what is trained:
   --weights {ours,paper}       rewards: ours, or the paper's Table S4
   --reference {collocation,kinematic,none}
                                the motion that is learnt; none: standing
-  --task FILE[:NAME]           your own rewards, terminations, observation entries
+  --task FILE[:NAME]           your own rewards, terminations, observations
                                and settings; --task.reward.NAME: a term's coefficient
                                [that of --from]
 
@@ -112,11 +112,11 @@ class EarlyFlags:
     """auto: gpu or cpu; first: learn to trot, in minutes; smoke: tests"""
     weights: Weights | None = None
     """rewards: ours, or the paper's Table S4"""
-    robot: RobotWish = None
+    robot: RobotFlag = None
     """built, ideal, real, go1, ... or a file; by default that of --from,
     else built"""
-    task: TaskWish = None
-    """your own rewards, terminations, observation entries and settings: FILE.py,
+    task: TaskFlag = None
+    """your own rewards, terminations, observations and settings: FILE.py,
     FILE.py:NAME or package.module:NAME; by default that of --from"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """take networks and settings from this run [relaxed: the newest imitation run]"""

@@ -64,7 +64,7 @@ from bp2_rl.robot import (
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
-from bp2_rl.robot.observation import ENTRIES
+from bp2_rl.robot.observation import OBSERVATION_TERMS
 from bp2_rl.robot.operator import (
     COMMAND_ACCELERATION,
     COMMAND_LIMITS,
@@ -196,14 +196,14 @@ def describe_policy(policy: Policy, world: World = LEVEL) -> Playback:
         UserError: the controller of a bundle cannot run this policy.
     """
     card, env = policy.card, policy.card.env
-    known = [entry.name for entry in ENTRIES]
+    known = [entry.name for entry in OBSERVATION_TERMS]
     if isinstance(env.task.code, TaskSources):
-        known += dict(env.task.entries)
-    require_entries(
+        known += dict(env.task.observations)
+    require_terms(
         policy,
         known,
         "the controller of a bundle does not make: it knows "
-        f"{', '.join(known)}; entries of a task come with --task FILE",
+        f"{', '.join(known)}; a task's observations come with --task FILE",
     )
     reference, arrays = playback(env)
     control, commands = env.control, env.commands
@@ -258,8 +258,8 @@ def describe_policy(policy: Policy, world: World = LEVEL) -> Playback:
     return settings, arrays
 
 
-def require_entries(policy: Policy, known: Collection[str], remedy: str) -> None:
-    """Raise UserError if the policy sees other observation entries than these; the
+def require_terms(policy: Policy, known: Collection[str], remedy: str) -> None:
+    """Raise UserError if the policy sees other observation terms than these; the
     message ends in `remedy`."""
     seen = [name.partition("@")[0] for name, _ in policy.card.observation_layout]
     if unknown := sorted({*seen}.difference(known)):

@@ -56,7 +56,7 @@ class BP2Env(envs.Env):
 
     `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the
     largest batch that `warp` steps at once; the other engines ignore it. A task in the
-    settings adds terms to the reward, reasons to end an episode, and entries to both
+    settings adds terms to the reward, reasons to end an episode, and terms to both
     observations.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which
@@ -76,7 +76,7 @@ class BP2Env(envs.Env):
                 f"the settings name the task {config.task.source} without its code: pass task="
             )
         self.reward_terms = rewards.terms_of(config)
-        self._privileged = observations.privileged_of(config)
+        self._privileged = observations.privileged_terms(config)
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
                 f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
@@ -358,10 +358,10 @@ class BP2Env(envs.Env):
 
     def _unsensed(
         self, state: PipelineState, foot_contact: Float[Array, "4"]
-    ) -> observations.Unsensed:
+    ) -> observations.PrivilegedInputs:
         """Return what the critic, and the reward terms and terminations of a task, look at."""
         physics = state.physics
-        return observations.Unsensed(
+        return observations.PrivilegedInputs(
             episode=state,
             velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
             foot_contact=foot_contact,
@@ -396,7 +396,7 @@ def make(
 
     Args:
         name: `bp2`; `bp2_ideal`, without losses; or `bp2_kinematic`, on the kinematic gait, at 3 m/s.
-        task: your own rewards, terminations and entries, as `preset` takes it or as a `settings.task.Task`, with the
+        task: your own rewards, terminations and observations, as `preset` takes it or as a `settings.task.Task`, with the
             coefficients of the imitation stage.
 
     Raises:

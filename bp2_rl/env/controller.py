@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import (
     Measurement,
-    entries_of,
+    observation_terms,
     observe,
 )
 from bp2_rl.reference.interface import Reference, ReferenceMotion
@@ -23,7 +23,7 @@ from bp2_rl.reference.kinematic_trot import KinematicGait, Standing
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.observation import Moment
+from bp2_rl.robot.observation import ObservationInputs
 from bp2_rl.settings.env import EnvConfig
 
 
@@ -50,7 +50,7 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
-        self._entries = entries_of(config)
+        self._terms = observation_terms(config)
         self._stand = np.array(config.hardware.anatomy.stand, np.float32)
         self.reference: ReferenceMotion = motion_of(config)
 
@@ -64,7 +64,7 @@ class Controller:
             past_frames=jnp.zeros(
                 (
                     max((1, *self._control.history)),
-                    sum(entry.size for entry in self._entries),
+                    sum(term.size for term in self._terms),
                 )
             ),
             steps=jnp.zeros(()),
@@ -102,16 +102,18 @@ class Controller:
         measurement: Measurement,
     ) -> Float[Array, "... frame"]:
         """Return the observation of this moment alone, without a history."""
-        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        amplitude = (
+            1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        )
         angle = 2.0 * jnp.pi * state.phase
-        now = Moment(
+        now = ObservationInputs(
             command=command,
-            clock=hand * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            clock=amplitude * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
             **vars(measurement),
             last_action=state.last_action,
             stand=self._stand,
         )
-        return observe(self._entries, now)
+        return observe(self._terms, now)
 
     def act(
         self,

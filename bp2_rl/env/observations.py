@@ -22,15 +22,15 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.robot.observation import (
     COMMAND,
-    ENTRIES,
     JOINTS,
     LEG,
     MOTORS,
+    OBSERVATION_TERMS,
     SCALAR,
     VECTOR,
-    Entry,
     Mirror,
-    Moment,
+    ObservationInputs,
+    ObservationTerm,
     Source,
 )
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
@@ -44,11 +44,11 @@ UP = np.array([0.0, 0.0, 1.0], np.float32)
 
 
 Layout = tuple[tuple[str, int], ...]
-"""The names and sizes of an observation's entries, in order."""
+"""The names and sizes of an observation's terms, in order."""
 
 
-class Unsensed(NamedTuple):
-    """Source of the critic's entries beyond the policy's observation, which no sensor
+class PrivilegedInputs(NamedTuple):
+    """Source of the critic's terms beyond the policy's observation, which no sensor
     measures."""
 
     episode: "PipelineState"
@@ -57,24 +57,28 @@ class Unsensed(NamedTuple):
     trunk_mass: Float[Array, ""]  # factor
 
 
-PRIVILEGED: tuple[Entry[Unsensed], ...] = (
-    Entry("velocity", VECTOR, lambda now: now.velocity),
-    Entry(
+PRIVILEGED: tuple[ObservationTerm[PrivilegedInputs], ...] = (
+    ObservationTerm("velocity", VECTOR, lambda now: now.velocity),
+    ObservationTerm(
         "height",
         SCALAR,
         lambda now: over_ground(now.episode.q, now.episode.randomization.ground)[2],
     ),
-    Entry("spring_compression", LEG, lambda now: compressions(now.episode.q)),
-    Entry("spring_velocity", LEG, lambda now: compression_rates(now.episode.qd)),
-    Entry("foot_contact", LEG, lambda now: now.foot_contact),
-    Entry("target_command", COMMAND, lambda now: now.episode.command.target),
-    Entry("friction", SCALAR, lambda now: now.episode.randomization.friction),
-    Entry("trunk_mass", SCALAR, lambda now: now.trunk_mass),
-    Entry("com_offset", VECTOR, lambda now: now.episode.randomization.com_offset),
-    Entry("strength", MOTORS, lambda now: now.episode.randomization.strength),
-    Entry("latency", SCALAR, lambda now: now.episode.randomization.latency),
+    ObservationTerm("spring_compression", LEG, lambda now: compressions(now.episode.q)),
+    ObservationTerm(
+        "spring_velocity", LEG, lambda now: compression_rates(now.episode.qd)
+    ),
+    ObservationTerm("foot_contact", LEG, lambda now: now.foot_contact),
+    ObservationTerm("target_command", COMMAND, lambda now: now.episode.command.target),
+    ObservationTerm("friction", SCALAR, lambda now: now.episode.randomization.friction),
+    ObservationTerm("trunk_mass", SCALAR, lambda now: now.trunk_mass),
+    ObservationTerm(
+        "com_offset", VECTOR, lambda now: now.episode.randomization.com_offset
+    ),
+    ObservationTerm("strength", MOTORS, lambda now: now.episode.randomization.strength),
+    ObservationTerm("latency", SCALAR, lambda now: now.episode.randomization.latency),
     # averaged where the reward asks for it
-    Entry("tracking_error", COMMAND, lambda now: now.episode.tracking_error),
+    ObservationTerm("tracking_error", COMMAND, lambda now: now.episode.tracking_error),
 )
 """What the critic sees beyond the policy's observation, in order: what no sensor tells,
 where the command goes, the draw of the robot, and the errors that the reward looks
@@ -86,7 +90,7 @@ AHEAD, BESIDE = (-0.4, 0.0, 0.4, 0.8, 1.2), (-0.2, 0.0, 0.2)
 heading, and to its left."""
 
 
-def _scan(now: Unsensed) -> Float[Array, "5 3"]:
+def _scan(now: PrivilegedInputs) -> Float[Array, "5 3"]:
     """Return how much higher the ground is at these places than below the trunk, m."""
     pose, ground = now.episode.q, now.episode.randomization.ground
     yaw, ahead, beside = yaw_of(pose[3:7]), np.array(AHEAD)[:, None], np.array(BESIDE)
@@ -96,7 +100,7 @@ def _scan(now: Unsensed) -> Float[Array, "5 3"]:
     return ground.below(x, y).height - ground.below(pose[0], pose[1]).height
 
 
-def _vertical(now: Unsensed) -> Float[Array, "3"]:
+def _vertical(now: PrivilegedInputs) -> Float[Array, "3"]:
     """Return the true vertical in the heading frame of a robot on a slope."""
     yaw, gravity = yaw_of(now.episode.q[3:7]), now.episode.randomization.gravity
     half = jnp.stack([jnp.cos(0.5 * yaw), 0.0 * yaw, 0.0 * yaw, -jnp.sin(0.5 * yaw)])
@@ -110,57 +114,61 @@ SCAN = Mirror(
 )
 
 
-def _entries_of_ground(config: TerrainConfig) -> list[Entry[Unsensed]]:
+def _ground_terms(config: TerrainConfig) -> list[ObservationTerm[PrivilegedInputs]]:
     """Return what the critic sees of the ground."""
     seen = []
     if config.kind != "flat":
-        seen.append(Entry("ground", SCAN, _scan))
+        seen.append(ObservationTerm("ground", SCAN, _scan))
     if config.slope[1]:
-        seen.append(Entry("vertical", VECTOR, _vertical))
+        seen.append(ObservationTerm("vertical", VECTOR, _vertical))
     return seen
 
 
-def entries_of(config: EnvConfig) -> tuple[Entry[Moment], ...]:
-    """Return the entries of the policy's observation at one moment: `ENTRIES`, then
+def observation_terms(
+    config: EnvConfig,
+) -> tuple[ObservationTerm[ObservationInputs], ...]:
+    """Return the terms of the policy's observation at one moment: `OBSERVATION_TERMS`, then
     the task's.
 
     Raises:
         UserError: nobody has named the task's code.
     """
-    return (*ENTRIES, *config.task.task.entries)
+    return (*OBSERVATION_TERMS, *config.task.task.observations)
 
 
-def privileged_of(config: EnvConfig) -> tuple[Entry[Unsensed], ...]:
-    """Return the entries that the critic alone sees: `PRIVILEGED`, then the ground's,
+def privileged_terms(
+    config: EnvConfig,
+) -> tuple[ObservationTerm[PrivilegedInputs], ...]:
+    """Return the terms that the critic alone sees: `PRIVILEGED`, then the ground's,
     then the task's."""
-    ground = _entries_of_ground(config.terrain)
+    ground = _ground_terms(config.terrain)
     return (*PRIVILEGED, *ground, *config.task.task.privileged)
 
 
 def mirrors_under(config: EnvConfig) -> dict[str, Mirror]:
     """Return the mirrors of both observations and of the action, for left and right
     exchanged, half a cycle on."""
-    own = [entry.mirror for entry in entries_of(config)]
-    unsensed = [entry.mirror for entry in privileged_of(config)]
+    own = [term.mirror for term in observation_terms(config)]
+    privileged = [term.mirror for term in privileged_terms(config)]
     return {
         "state": Mirror.joined(own * (1 + len(config.control.history))),
-        "privileged_state": Mirror.joined([*own, *unsensed]),
+        "privileged_state": Mirror.joined([*own, *privileged]),
         "action": JOINTS,
     }
 
 
 def layout_of(config: EnvConfig) -> Layout:
-    """Return names and sizes of the policy's observation: the present entries, the
+    """Return names and sizes of the policy's observation: the present terms, the
     task's last, and `NAME@K`, their changes in K steps."""
-    now = (*LAYOUT, *config.task.entries)
+    now = (*LAYOUT, *config.task.observations)
     changes = (
         (f"{name}@{k}", size) for k in config.control.history for name, size in now
     )
     return (*now, *changes)
 
 
-LAYOUT: Layout = tuple((entry.name, entry.size) for entry in ENTRIES)
-"""Names and sizes of `ENTRIES`."""
+LAYOUT: Layout = tuple((term.name, term.size) for term in OBSERVATION_TERMS)
+"""Names and sizes of `OBSERVATION_TERMS`."""
 
 
 def size_of(layout: Layout) -> int:
@@ -212,19 +220,19 @@ def add_noise(
 
 
 def observe(
-    entries: Sequence[Entry[Source]], source: Source
+    terms: Sequence[ObservationTerm[Source]], source: Source
 ) -> Float[Array, " observation"]:
-    """Return the observation vector of these entries, read from their source.
+    """Return the observation vector of these terms, read from their source.
 
     Raises:
-        UserError: an entry of a task fails, or is not as long as its mirror image.
+        UserError: a term of a task fails, or is not as long as its mirror image.
     """
     parts = []
-    for entry in entries:
+    for term in terms:
         with user_code(
-            f"entry {entry.name} ({entry.size} numbers by its mirror image)"
+            f"observation {term.name} ({term.size} numbers by its mirror image)"
         ):
-            parts.append(jnp.reshape(entry.read(source), entry.size))
+            parts.append(jnp.reshape(term.read(source), term.size))
     return jnp.concatenate(parts)
 
 

@@ -21,8 +21,8 @@ from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.settings.terrain import TerrainConfig
 
 T = TypeVar("T")
-LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
-DESIGN = "no_load_speed", "armature", "spring_stiffness", "spring_damping"
+LOSS_FACTORS = "air", "gear", "joints", "slides", "lag", "bus", "sag"
+DESIGN_FACTORS = "no_load_speed", "armature", "spring_stiffness", "spring_damping"
 """Numbers of the design that are drawn, a factor for each robot, only if their ranges
 are set."""
 
@@ -41,8 +41,8 @@ class Randomization(struct.PyTreeNode):
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
-    losses: Float[Array, "... 7"]  # factors, in the order of `LOSSES`
-    # factors, in the order of `DESIGN`; None: as the hardware's, and nothing is computed
+    losses: Float[Array, "... 7"]  # factors, in the order of `LOSS_FACTORS`
+    # factors, in the order of `DESIGN_FACTORS`; None: as the hardware's, and nothing is computed
     no_load_speed: Float[Array, "..."] | None = None
     armature: Float[Array, "..."] | None = None
     spring_stiffness: Float[Array, "..."] | None = None
@@ -64,7 +64,7 @@ def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
         stiffness=ones,
         damping=ones,
         latency=jnp.asarray(hardware.losses.latency, jnp.float32),
-        losses=jnp.ones(len(LOSSES)),
+        losses=jnp.ones(len(LOSS_FACTORS)),
     )
 
 
@@ -82,7 +82,7 @@ def draw(
 
     design = {
         name: uniform(jax.random.fold_in(key, 9 + i), (), bounds)
-        for i, name in enumerate(DESIGN)
+        for i, name in enumerate(DESIGN_FACTORS)
         if (bounds := getattr(config, name)) is not None
     }
     drawn = Randomization(
@@ -95,7 +95,7 @@ def draw(
         latency=uniform(keys[6], (), config.latency),
         # By keys of their own: more splits would draw other robots than before there
         # were losses and weak brakes.
-        losses=uniform(jax.random.fold_in(key, 7), (len(LOSSES),), config.losses),
+        losses=uniform(jax.random.fold_in(key, 7), (len(LOSS_FACTORS),), config.losses),
         braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
         if config.weak_braking[1]
         else None,
@@ -184,7 +184,8 @@ def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actu
         speed = changed.no_load_speed / jnp.maximum(weakest, 1e-6)
         changed = dataclasses.replace(changed, braking_speed=speed)
     lag, power, sag = (
-        randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag")
+        randomization.losses[..., LOSS_FACTORS.index(name)]
+        for name in ("lag", "bus", "sag")
     )
     if actuator.current_lag != 0.0:
         changed = dataclasses.replace(
@@ -211,7 +212,7 @@ def randomize_resistance(
     """
     names = "air", "gear", "joints", "slides"
     air, gear, joints, slides = (
-        randomization.losses[..., LOSSES.index(name), None] for name in names
+        randomization.losses[..., LOSS_FACTORS.index(name), None] for name in names
     )
     lighter = randomization.armature
     if lighter is not None:

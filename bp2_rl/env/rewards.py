@@ -20,7 +20,7 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.observations import Unsensed, own_number
+from bp2_rl.env.observations import PrivilegedInputs, own_number
 from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
@@ -241,7 +241,7 @@ class RewardInputs(struct.PyTreeNode):
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
     qd_n: Float[Array, "... 12"]  # joint speed over the motor's no-load speed
     # all else, for the terms of a task; in SI units
-    now: Unsensed | None = None
+    now: PrivilegedInputs | None = None
 
 
 class SharedValues(NamedTuple):

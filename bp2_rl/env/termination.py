@@ -8,12 +8,12 @@ from typing import NamedTuple
 from jaxtyping import Bool, Float
 
 from bp2_rl.base.arrays import Array
-from bp2_rl.env.observations import Unsensed, own_number
+from bp2_rl.env.observations import PrivilegedInputs, own_number
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.coordinates import compressions, joint_positions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, TerminationConfig
-from bp2_rl.settings.task import TaskTermination
+from bp2_rl.settings.task import TerminationTerm
 
 
 class Fall(NamedTuple):
@@ -81,7 +81,7 @@ def fall_in_training(
 
 
 def own_falls(
-    terminations: Iterable[TaskTermination], now: Unsensed
+    terminations: Iterable[TerminationTerm], now: PrivilegedInputs
 ) -> dict[str, Bool[Array, ""]]:
     """Return whether each termination of a task ends a robot's episode, by name.
 

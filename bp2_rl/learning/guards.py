@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 import jax
 import numpy as np
 
+from bp2_rl.learning.batched_env import FAULTS
 from bp2_rl.learning.checkpoint import leaves_by_path
-from bp2_rl.learning.fleet import FAULTS
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -29,7 +29,7 @@ EXPLODING = 1e-3
 """Falls by exploding physics per robot and control step above which a warning is given:
 each robot every 5 s. A sound simulation knows none."""
 
-LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
+LOSS_TERMS = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
 """The terms that the gradient is made of, and the divergence that sets its step."""
 
 
@@ -108,7 +108,7 @@ def _train_step_in_pieces(
             terms, gradient = differentiate(
                 state.params, state.normalizer, minibatch, state.step
             )
-            yield place, {"loss": {name: terms[name] for name in LOSSES}}
+            yield place, {"loss": {name: terms[name] for name in LOSS_TERMS}}
             yield place, {"gradient": gradient}
             (params, optimizer), terms = gradient_step(state, minibatch)
             yield place, {"loss": terms, "params": params, "optimizer": optimizer}

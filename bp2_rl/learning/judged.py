@@ -51,7 +51,7 @@ class JudgeResult:
     def fallen(self) -> str:
         """Return how many launches to the fastest command fell, and at which command,
         in words."""
-        told = f", first told {self.fell_told:.1f} m/s" if self.fell_told else ""
+        told = f", the first at {self.fell_told:.1f} m/s" if self.fell_told else ""
         return f"{self.falls} of {self.launches} launches fell{told}"
 
     def reaches(self, speed: float | None) -> bool:

@@ -33,7 +33,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.learning.fleet import Fleet, Tree
+from bp2_rl.learning.batched_env import BatchedEnv, Tree
 from bp2_rl.learning.loss import ppo_loss
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
@@ -91,7 +91,7 @@ class PPO:
         devices: Sequence[Any] | None = None,
     ):
         self.config = config
-        self.fleet = Fleet(env, config.episode_length)
+        self.fleet = BatchedEnv(env, config.episode_length)
         self.mesh = Mesh(np.array(devices or _devices(config)), ("robots",))
         if config.shuffle_blocks % self.mesh.size:
             raise UserError(

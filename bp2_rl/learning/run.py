@@ -240,7 +240,7 @@ def _inherit(
     The second value names the parent.
     """
     old = load_run_config(parent)
-    names = ["env.task.entries", *(f"ppo.{name}" for name in NETWORK)]
+    names = ["env.task.observations", *(f"ppo.{name}" for name in NETWORK)]
     names += [
         f"env.control.{field.name}"
         for field in dataclasses.fields(ControlConfig)

@@ -15,7 +15,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.links import hip_and_knee, hip_of, leg_of
 from bp2_rl.optimiser.problem import TRUNK, Problem, Stride
 from bp2_rl.optimiser.program import Optimum
-from bp2_rl.optimiser.sagittal import DESIGN, ca
+from bp2_rl.optimiser.sagittal import DESIGN_PARAMETERS, ca
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
 from bp2_rl.optimiser.transcription import SolveOptions, Transcription, transcribe
 from bp2_rl.robot import conventions
@@ -85,7 +85,7 @@ def optimise(
     design, speed, cost = transcription.program.values(found, optimum.point)
     hardware = {
         name: float(value)
-        for name, value in zip(DESIGN, design[0], strict=True)
+        for name, value in zip(DESIGN_PARAMETERS, design[0], strict=True)
         if name in options.free
     }
     solution = Solution(

@@ -62,7 +62,7 @@ except ImportError as missing:
 
 
 PITCH = TRUNK - 1
-DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")
+DESIGN_PARAMETERS = ("gear_ratio", "leg_length", "spring_stiffness")
 """Parameters of a robot that the model takes as arguments; what hangs below a knee or a
 spring follows the length."""
 
@@ -131,8 +131,8 @@ def build_model(
     each = per_leg(hardware)
     n = TRUNK + each * len(legs)
     q, v, a = (ca.SX.sym(name, n) for name in "qva")
-    p = ca.SX.sym("p", len(DESIGN))
-    gear_ratio, leg_length, stiffness = (p[i] for i in range(len(DESIGN)))
+    p = ca.SX.sym("p", len(DESIGN_PARAMETERS))
+    gear_ratio, leg_length, stiffness = (p[i] for i in range(len(DESIGN_PARAMETERS)))
     tau, force = ca.SX.sym("tau", 2 * len(legs)), ca.SX.sym("F", 2 * len(legs))
 
     stretch = leg_length - hardware.anatomy.leg_length

@@ -32,7 +32,7 @@ from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.links import leg_of
 from bp2_rl.optimiser.problem import SOLVE_TIME, TRUNK, Problem, Stride, contact_rows
 from bp2_rl.optimiser.program import Program
-from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
+from bp2_rl.optimiser.sagittal import DESIGN_PARAMETERS, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
 from bp2_rl.robot.actuator import copper_loss, stall_torque
 
@@ -66,7 +66,7 @@ class SolveOptions:
     free: Mapping[str, tuple[float, float]] = dataclasses.field(
         default_factory=dict[str, tuple[float, float]]
     )
-    """lower and upper bounds of the hardware parameters of `sagittal.DESIGN` that are
+    """lower and upper bounds of the hardware parameters of `sagittal.DESIGN_PARAMETERS` that are
     unknowns"""
     speed_weight: float = 0.0
     """units of the cost that a metre per second is worth; above 0 the speed is an
@@ -108,7 +108,7 @@ class Transcription:
     def gear(self) -> ca.MX:
         """Gear ratio, over the ratio at which the motors' numbers are given."""
         return (
-            self.design[DESIGN.index("gear_ratio")]
+            self.design[DESIGN_PARAMETERS.index("gear_ratio")]
             / self.problem.hardware.anatomy.gear_ratio
         )
 
@@ -251,7 +251,7 @@ def _design(
     parameter is free."""
     values = []
     for name, number in zip(
-        DESIGN, sagittal.design_vector(problem.hardware), strict=True
+        DESIGN_PARAMETERS, sagittal.design_vector(problem.hardware), strict=True
     ):
         guess = np.array([[number]])
         values.append(

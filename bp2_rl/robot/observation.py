@@ -1,7 +1,7 @@
-"""The entries of a policy's observation: each with its size, its mirror image and the
+"""The terms of a policy's observation: each with its size, its mirror image and the
 way it is read.
 
-`ENTRIES` is the one list from which training (JAX) and the robot's own computer (NumPy)
+`OBSERVATION_TERMS` is the one list from which training (JAX) and the robot's own computer (NumPy)
 make the observation, and networks learn what left and right are. The module imports
 neither JAX nor jaxtyping.
 
@@ -23,7 +23,7 @@ Source = TypeVar("Source")
 
 
 class Mirror(NamedTuple):
-    """A linear reflection: entry i of the image is `sign[i]` times entry `order[i]`.
+    """A linear reflection: number i of the image is `sign[i]` times number `order[i]`.
     Its square is the identity."""
 
     order: tuple[int, ...]
@@ -75,7 +75,7 @@ MOTORS = _by_leg(1, 1, 1)
 
 
 @dataclasses.dataclass(frozen=True)
-class Entry(Generic[Source]):
+class ObservationTerm(Generic[Source]):
     """One named part of an observation vector."""
 
     name: str
@@ -89,11 +89,11 @@ class Entry(Generic[Source]):
         return len(self.mirror.sign)
 
 
-class Moment(NamedTuple):
+class ObservationInputs(NamedTuple):
     """Inputs of a policy's observation at one control step."""
 
     command: Array  # (3) m/s, m/s, rad/s: what the policy is told
-    clock: Array  # (2) the hand of the phase's clock: sine and cosine
+    clock: Array  # (2) sine and cosine of the phase, 0 at rest
     joint_position: Array  # (12) rad
     joint_velocity: Array  # (12) rad/s
     up: Array  # (3) the world's vertical in the body frame
@@ -102,14 +102,16 @@ class Moment(NamedTuple):
     stand: Array  # (12) rad, the standing pose
 
 
-ENTRIES: tuple[Entry[Moment], ...] = (
-    Entry("command", COMMAND, lambda now: now.command),
-    Entry("phase", CLOCK, lambda now: now.clock),
-    Entry("joint_position", JOINTS, lambda now: now.joint_position - now.stand),
-    Entry("joint_velocity", JOINTS, lambda now: now.joint_velocity),
-    Entry("up", VECTOR, lambda now: now.up),
-    Entry("angular_velocity", ROTATION, lambda now: now.angular_velocity),
-    Entry("last_action", JOINTS, lambda now: now.last_action),
+OBSERVATION_TERMS: tuple[ObservationTerm[ObservationInputs], ...] = (
+    ObservationTerm("command", COMMAND, lambda now: now.command),
+    ObservationTerm("phase", CLOCK, lambda now: now.clock),
+    ObservationTerm(
+        "joint_position", JOINTS, lambda now: now.joint_position - now.stand
+    ),
+    ObservationTerm("joint_velocity", JOINTS, lambda now: now.joint_velocity),
+    ObservationTerm("up", VECTOR, lambda now: now.up),
+    ObservationTerm("angular_velocity", ROTATION, lambda now: now.angular_velocity),
+    ObservationTerm("last_action", JOINTS, lambda now: now.last_action),
 )
 """The policy's observation, in order: what the paper lists (section RL training) plus
 the last action."""

@@ -248,7 +248,7 @@ class EnvConfig:
     terrain: TerrainConfig = TerrainConfig()
     reward: RewardConfig = RewardConfig()
     task: Annotated[TaskConfig, tyro.conf.Fixed, tyro.conf.Suppress] = TaskConfig()
-    """a user's reward terms, terminations and entries: `--task`"""
+    """a user's reward terms, terminations and observations: `--task`"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

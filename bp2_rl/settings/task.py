@@ -1,4 +1,4 @@
-"""A task: a user's Python file with reward terms, terminations, observation entries and
+"""A task: a user's Python file with reward terms, terminations, observation terms and
 changed settings.
 
     TASK = Task(rewards=[RewardTerm("level_trunk", level_trunk, imitation=0.1)])
@@ -29,10 +29,16 @@ from bp2_rl.base.arrays import Array
 from bp2_rl.base.bounds import UNWRITTEN, Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import read_bytes, write_text
-from bp2_rl.robot.observation import ENTRIES, JOINTS, Entry, Mirror, Moment
+from bp2_rl.robot.observation import (
+    JOINTS,
+    OBSERVATION_TERMS,
+    Mirror,
+    ObservationInputs,
+    ObservationTerm,
+)
 
 if TYPE_CHECKING:
-    from bp2_rl.env.observations import Unsensed
+    from bp2_rl.env.observations import PrivilegedInputs
     from bp2_rl.settings.training import Stage, TrainConfig
 
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
@@ -55,10 +61,10 @@ class RewardTerm:
 
 
 @dataclasses.dataclass(frozen=True)
-class TaskTermination:
+class TerminationTerm:
     """A reason to end an episode, which then counts as a fall.
 
-    `read` takes `env.observations.Unsensed`, and returns one truth value.
+    `read` takes `env.observations.PrivilegedInputs`, and returns one truth value.
     """
 
     name: str
@@ -72,25 +78,26 @@ class Task:
     Args:
         rewards: terms of the reward.
         terminations: of an episode.
-        entries: of the policy's observation, functions of the sensors and the command
-            (`Moment`), which a robot's computer can run.
-        privileged: entries of the critic's observation (`env.observations.Unsensed`).
+        observations: terms of the policy's observation, functions of `ObservationInputs`,
+            which a robot's computer can run.
+        privileged: terms of the critic's observation alone, functions of
+            `env.observations.PrivilegedInputs`.
         settings: returns a stage's settings, changed: commands, randomisation, PPO.
             Flags change them afterwards.
 
     Raises:
-        UserError: a name is wrong or there twice, or an entry has no mirror image.
+        UserError: a name is wrong or there twice, or a term has no mirror image.
     """
 
     rewards: Iterable[RewardTerm] = ()
-    terminations: Iterable[TaskTermination] = ()
-    entries: Iterable[Entry[Moment]] = ()
-    privileged: "Iterable[Entry[Unsensed]]" = ()
+    terminations: Iterable[TerminationTerm] = ()
+    observations: Iterable[ObservationTerm[ObservationInputs]] = ()
+    privileged: "Iterable[ObservationTerm[PrivilegedInputs]]" = ()
     settings: "Callable[[TrainConfig], TrainConfig] | None" = None
 
     def __post_init__(self) -> None:
         """Make tuples of the parts, and refuse what cannot be."""
-        for field in ("rewards", "terminations", "entries", "privileged"):
+        for field in ("rewards", "terminations", "observations", "privileged"):
             parts = tuple(getattr(self, field))
             object.__setattr__(self, field, parts)
             names = [one.name for one in parts]
@@ -99,17 +106,17 @@ class Task:
                     raise UserError(f"{name!r} is no name in {field}: use a-z, 0-9, _")
                 if names.count(name) > 1:
                     raise UserError(f"{field} has {name} twice: rename one")
-        for entry in (*self.entries, *self.privileged):
-            _require_mirror(entry.name, entry.mirror)
-            if entry.name in {one.name for one in ENTRIES}:
-                raise UserError(f"the policy sees {entry.name} already: rename yours")
+        for term in (*self.observations, *self.privileged):
+            _require_mirror(term.name, term.mirror)
+            if term.name in {one.name for one in OBSERVATION_TERMS}:
+                raise UserError(f"the policy sees {term.name} already: rename yours")
 
 
 def _require_mirror(name: str, mirror: object) -> None:
-    """Raise `UserError` unless an entry has a mirror image, whose own is the entry."""
+    """Raise `UserError` unless an observation term has a mirror image, whose own is the term."""
     if not isinstance(mirror, Mirror):
         raise UserError(
-            f"entry {name} has no mirror image, which symmetric networks and the symmetry term need: give it SCALAR, "
+            f"observation {name} has no mirror image, which symmetric networks and the symmetry term need: give it SCALAR, "
             "VECTOR, JOINTS or another Mirror of bp2_rl.robot.observation"
         )
     order, sign = mirror
@@ -122,7 +129,7 @@ def _require_mirror(name: str, mirror: object) -> None:
         )
     ):
         raise UserError(
-            f"the mirror image of entry {name}, taken twice, is not the entry: mend its order or signs"
+            f"the mirror image of observation {name}, taken twice, is not the observation: mend its order or signs"
         )
 
 
@@ -157,7 +164,7 @@ class TaskConfig(Bounded, path="task."):
     source: str = ""  # my_task.py:TASK; empty: there is no task
     sha256: str = ""  # of the sources
     rewards: tuple[tuple[str, Coefficient], ...] = ()  # coefficients in the stage
-    entries: tuple[tuple[str, int], ...] = ()  # of the policy: names and sizes
+    observations: tuple[tuple[str, int], ...] = ()  # of the policy: names and sizes
     code: TaskSources | Task | None = dataclasses.field(
         default=None, repr=False, metadata=UNWRITTEN
     )
@@ -171,9 +178,9 @@ class TaskConfig(Bounded, path="task."):
         Raises:
             UserError: nobody has named the task that the policy sees.
         """
-        if self.code is None and self.entries:
+        if self.code is None and self.observations:
             raise UserError(
-                f"the policy sees {', '.join(dict(self.entries))}, which its task {self.source} computes: name the file "
+                f"the policy sees {', '.join(dict(self.observations))}, which its task {self.source} computes: name the file "
                 f"with --task, or RUN/{FOLDER}/{self.source}"
             )
         return Task() if self.code is None else run_task(self.code)
@@ -196,19 +203,19 @@ def task_config(code: TaskSources | Task, stage: "Stage") -> TaskConfig:
     """Return a task for the settings of a stage, with the coefficients of the stage.
 
     Raises:
-        UserError: the task's file fails, or an entry cannot be computed on board.
+        UserError: the task's file fails, or a term cannot be computed on board.
     """
     task = run_task(code)
     source, sha256 = "a Task", ""
     if isinstance(code, TaskSources):
         source, sha256 = f"{code.main}:{code.name}", code.sha256
-    _check_entries(task, code)
+    _check_observations(task, code)
     coefficients = tuple(
         (term.name, term.imitation if term.relaxed is None else getattr(term, stage))
         for term in task.rewards
     )
-    entries = tuple((entry.name, entry.size) for entry in task.entries)
-    return TaskConfig(source, sha256, coefficients, entries, code)
+    observations = tuple((term.name, term.size) for term in task.observations)
+    return TaskConfig(source, sha256, coefficients, observations, code)
 
 
 # --- The code -------------------------------------------------------------------------
@@ -310,11 +317,11 @@ def user_code(what: str) -> Generator[None]:
 
 
 def onboard_source(code: TaskSources, task: Task) -> str:
-    """Return a module for a robot's computer, whose `TASK_ENTRIES` are the entries of
-    the policy; each function stands alone, with `np` and `math`.
+    """Return a module for a robot's computer, whose `TASK_OBSERVATIONS` are the task's
+    terms of the policy's observation; each function stands alone, with `np` and `math`.
 
     Raises:
-        UserError: the function of an entry is no `def` at the top level of the file.
+        UserError: the function of a term is no `def` at the top level of the file.
     """
     defined = {
         node.name: node
@@ -322,56 +329,61 @@ def onboard_source(code: TaskSources, task: Task) -> str:
         if isinstance(node, ast.FunctionDef)
     }
     functions: list[str] = []
-    entries: list[str] = []
-    for entry in task.entries:
-        name = getattr(entry.read, "__name__", "")
+    observations: list[str] = []
+    for term in task.observations:
+        name = getattr(term.read, "__name__", "")
         if name not in defined:
             raise UserError(
-                f"task {code.main}: a robot's computer runs the function of the policy's entry {entry.name}: write it "
+                f"task {code.main}: a robot's computer runs the function of the policy's observation {term.name}: write it "
                 "as a def in that file"
             )
         functions.append(ast.unparse(defined[name]))
-        entries.append(f"    Entry({entry.name!r}, {entry.mirror!r}, {name}),")
+        observations.append(
+            f"    ObservationTerm({term.name!r}, {term.mirror!r}, {name}),"
+        )
     return "\n".join(
         [
-            f'"""The entries of the observation that the task {code.main} adds."""',
+            f'"""The observation terms that the task {code.main} adds."""',
             "from __future__ import annotations",
             "import math",
             "import numpy as np",
-            "from bp2_rl.robot.observation import Entry, Mirror",
+            "from bp2_rl.robot.observation import ObservationTerm, Mirror",
             *functions,
-            "TASK_ENTRIES = (",
-            *entries,
+            "TASK_OBSERVATIONS = (",
+            *observations,
             ")\n",
         ]
     )
 
 
-def _check_entries(task: Task, code: TaskSources | Task) -> None:
-    """Raise `UserError` for an entry of the policy that a robot's computer cannot
-    compute, or whose mirror image is not the entry of the mirrored robot."""
-    module = {"TASK_ENTRIES": task.entries}
-    if isinstance(code, TaskSources) and task.entries:
+def _check_observations(task: Task, code: TaskSources | Task) -> None:
+    """Raise `UserError` for a term of the policy that a robot's computer cannot
+    compute, or whose mirror image is not the term of the mirrored robot."""
+    module = {"TASK_OBSERVATIONS": task.observations}
+    if isinstance(code, TaskSources) and task.observations:
         exec(onboard_source(code, task), module)
-    now, mirrored = _draw_moment()
-    for entry in module["TASK_ENTRIES"]:
+    now, mirrored = _draw_inputs()
+    for term in module["TASK_OBSERVATIONS"]:
         with user_code(
-            f"entry {entry.name} on a robot's computer, which has NumPy as np, math and the sensors alone; for more, "
+            f"observation {term.name} on a robot's computer, which has NumPy as np, math and the sensors alone; for more, "
             "make it the critic's (privileged)"
         ):
             value, image = (
-                np.reshape(entry.read(one), entry.size) for one in (now, mirrored)
+                np.reshape(term.read(one), term.size) for one in (now, mirrored)
             )
-        expected = value[[*entry.mirror.order]] * np.array(entry.mirror.sign)
+        expected = value[[*term.mirror.order]] * np.array(term.mirror.sign)
         if not np.allclose(image, expected, equal_nan=True):
             raise UserError(
-                f"task: entry {entry.name} of a mirrored robot is {image}, its mirror image {expected}: mend its Mirror"
+                f"task: observation {term.name} of a mirrored robot is {image}, its mirror image {expected}: mend its Mirror"
             )
 
 
-def _draw_moment() -> tuple[Moment, Moment]:
+def _draw_inputs() -> tuple[ObservationInputs, ObservationInputs]:
     """Return a moment of random numbers, and the moment of the mirrored robot."""
-    mirrors = [*(entry.mirror for entry in ENTRIES), JOINTS]  # in a Moment's order
+    mirrors = [
+        *(term.mirror for term in OBSERVATION_TERMS),
+        JOINTS,
+    ]  # in the order of ObservationInputs
     drawn = [
         np.random.default_rng(seed).normal(size=len(mirror.sign))
         for seed, mirror in enumerate(mirrors)
@@ -381,4 +393,4 @@ def _draw_moment() -> tuple[Moment, Moment]:
         values[[*mirror.order]] * np.array(mirror.sign)
         for values, mirror in zip(units, mirrors, strict=True)
     ]
-    return Moment(*units), Moment(*images)
+    return ObservationInputs(*units), ObservationInputs(*images)

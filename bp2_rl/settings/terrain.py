@@ -8,7 +8,7 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Range, Within
 from bp2_rl.base.errors import UserError
 
-TerrainWish = Annotated[
+TerrainFlag = Annotated[
     str,
     tyro.conf.arg(
         metavar="KIND:SIZE",

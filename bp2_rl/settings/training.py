@@ -21,9 +21,9 @@ Preset = Literal["smoke", "first", "cpu", "gpu"]
 Weights = Literal["ours", "paper"]
 RobotChoice = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
 """A robot by its name or by the path of its robot file: `robot.named`."""
-RobotWish = Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")]
+RobotFlag = Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")]
 """A `RobotChoice`, or None for a command's own default."""
-TaskWish = Annotated[str | None, tyro.conf.arg(metavar="FILE[:NAME]")]
+TaskFlag = Annotated[str | None, tyro.conf.arg(metavar="FILE[:NAME]")]
 """A task by its file, FILE.py or FILE.py:NAME, or by package.module:NAME."""
 Steps = Annotated[int, Within(1, 10**15)]
 CONFIG = "config.json"

@@ -86,7 +86,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
             tracking_error=jnp.asarray(error),
         )
         velocity = observations.trunk_motion(qpos, qvel).velocity
-        unsensed = observations.Unsensed(
+        unsensed = observations.PrivilegedInputs(
             episode, velocity, jnp.asarray(feet), drawn.mass[1]
         )
         rest = observations.observe(observations.PRIVILEGED, unsensed)

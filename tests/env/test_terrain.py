@@ -127,7 +127,7 @@ def test_height_and_falls_are_measured_from_the_ground_below(rough, starts):
     ground = episode.randomization.ground
     below = float(ground.below(*episode.q[:2]).height)
     seen = observations.PRIVILEGED[1].read(
-        observations.Unsensed(episode, jnp.zeros(3), jnp.zeros(4), jnp.ones(()))
+        observations.PrivilegedInputs(episode, jnp.zeros(3), jnp.zeros(4), jnp.ones(()))
     )
     assert float(seen) == pytest.approx(float(episode.q[2]) - below, abs=1e-6)
     for over, fallen in ((0.25, 1.0), (0.45, 0.0)):
@@ -142,7 +142,7 @@ def test_height_and_falls_are_measured_from_the_ground_below(rough, starts):
 def test_the_critic_sees_the_ground_under_and_ahead_of_the_robot(rough, starts):
     """In the mirror image left and right of the ground are exchanged."""
     episode = jax.tree.map(lambda x: x[3], starts.pipeline_state)
-    entry = observations.privileged_of(rough.config)[-1]
+    entry = observations.privileged_terms(rough.config)[-1]
     seen = np.asarray(starts.obs["privileged_state"][3, -15:])
     ground, (x, y) = episode.randomization.ground, episode.q[:2]
     ahead = ground.below(x + 0.8, y + 0.2).height - ground.below(x, y).height

@@ -13,7 +13,7 @@ import pytest
 from bp2_rl.base.assets import asset_path
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.judged import JudgeResult, best_policy
@@ -45,7 +45,7 @@ def test_the_speed_is_that_of_the_benchmark(slower):
         JudgedLaunch(acceleration=6.0, hold=1.0),
     ]
     launched, _ = judging.measure_launches(slower, slower.card.env, launches)
-    setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
+    setup = BenchmarkOptions(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
     assert isinstance(result, RunMetrics)
     assert not launched.fell
@@ -86,7 +86,7 @@ def test_the_judge_finds_the_speed_below_which_a_robot_stays_up(slower):
     # the mean speed under that command counts as one launch of three
     assert result.score == pytest.approx(under.score / 3.0, rel=1e-3)
     assert str(result) == (
-        f"holds 1.4 m/s, 3 of 3 launches fell, first told {result.fell_told:.1f} m/s"
+        f"holds 1.4 m/s, 3 of 3 launches fell, the first at {result.fell_told:.1f} m/s"
     )
 
 

@@ -17,13 +17,13 @@ from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
 from bp2_rl.learning import checkpoint, guards, loop, monitor, policy
 from bp2_rl.learning import run as training
+from bp2_rl.learning.batched_env import FAULTS, BatchedEnv
 from bp2_rl.learning.checkpoint import (
     FAILED,
     latest_step,
     leaves_by_path,
     restore_checkpoint,
 )
-from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.monitor import Log, Monitor, Unlogged
 from bp2_rl.learning.ppo import NOT_FINITE, PPO
 from bp2_rl.learning.writers import read_metrics
@@ -77,7 +77,7 @@ def assert_finite(tree):
 # --- A robot's fault stays with the robot ---------------------------------------------
 def step_fleet(env, change=lambda state, action: (state, action)):
     """Return a fleet after one step, and the fresh episodes that it was given."""
-    fleet = Fleet(env, episode_length=100)
+    fleet = BatchedEnv(env, episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
     young = dataclasses.replace(
@@ -164,7 +164,7 @@ def test_an_end_that_is_neither_yes_nor_no_is_an_end():
 
 
 def test_a_reset_that_is_not_finite_is_replaced_by_the_robots_own_state_and_counted_where_it_was_used():
-    fleet = Fleet(StandIn("reset", rarity=4), episode_length=100)
+    fleet = BatchedEnv(StandIn("reset", rarity=4), episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
     bad = np.asarray(fresh.metrics["fault/reset"]) == 1

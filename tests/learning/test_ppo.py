@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.batched_env import BatchedEnv
 from bp2_rl.learning.networks import make_networks
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.env import EnvConfig
@@ -215,7 +215,7 @@ def test_devices_that_cannot_share_a_minibatch_evenly_are_refused(devices):
 
 
 def test_a_fleet_selects_the_bank_where_an_episode_ends():
-    fleet = Fleet(Aim(ends_after=2), episode_length=100)
+    fleet = BatchedEnv(Aim(ends_after=2), episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), 4))
     action = jnp.zeros((4, 1))
@@ -232,7 +232,7 @@ def test_a_fleet_selects_the_bank_where_an_episode_ends():
 
 
 def test_time_limits_truncate_and_do_not_terminate():
-    fleet = Fleet(Aim(), episode_length=3)
+    fleet = BatchedEnv(Aim(), episode_length=3)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
     state = dataclasses.replace(
         state, info={**state.info, "steps": jnp.array([0, 1, 2, 2])}

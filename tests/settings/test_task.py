@@ -1,4 +1,4 @@
-"""Tasks: a user's file with reward terms, terminations and entries, read, run and refused."""
+"""Tasks: a user's file with reward terms, terminations and observations, read, run and refused."""
 
 import pickle
 import random
@@ -13,14 +13,14 @@ import pytest
 import bp2_rl as bp2
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import config_hash, from_json, to_json
-from bp2_rl.robot.observation import Mirror, Moment
+from bp2_rl.robot.observation import Mirror, ObservationInputs
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.task import onboard_source, read_task, run_task
 
 PAGE = Path(__file__).parents[2] / "docs/howto/write_a_reward_term.md"
 FILE = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-ENTRY = 'Entry("lean", Mirror((0,), (-1,)), lean)'
-TERM = 'RewardTerm("level_trunk", level_trunk, imitation=0.1, relaxed=0.05)'
+ENTRY = 'bp2.ObservationTerm("lean", bp2.Mirror((0,), (-1,)), lean)'
+TERM = 'bp2.RewardTerm("level_trunk", level_trunk, imitation=0.1, relaxed=0.05)'
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_a_task_changes_the_settings_and_is_data_in_them(task):
     assert len(pickle.loads(pickle.dumps(env.task)).task.rewards) == 1
 
 
-def test_the_environment_computes_rewards_terminations_and_entries(task):
+def test_the_environment_computes_rewards_terminations_and_observations(task):
     task.write_text(FILE.replace("> 3.0", "> -1.0"))  # each step skids
     env = bp2.make("bp2_kinematic", task=task)
     state = jax.jit(env.reset)(jax.random.PRNGKey(0))
@@ -65,11 +65,11 @@ def test_the_environment_computes_rewards_terminations_and_entries(task):
     assert (both["fall/too_low"], both["fall/task/skids"]) == (1.0, 0.0)
 
 
-def test_a_robots_computer_computes_the_entry_of_training(task):
+def test_a_robots_computer_computes_the_observation_of_training(task):
     module, code = {}, read_task(task)
     exec(onboard_source(code, run_task(code)), module)
-    [entry] = module["TASK_ENTRIES"]
-    now = Moment(*np.arange(96.0).reshape(8, 12))
+    [entry] = module["TASK_OBSERVATIONS"]
+    now = ObservationInputs(*np.arange(96.0).reshape(8, 12))
     assert (entry.read(now), entry.mirror) == (now.up[1], Mirror((0,), (-1,)))
 
 
@@ -82,20 +82,32 @@ WRONG = {
         f"rewards=[{TERM}]",
         r"rewards has level_trunk twice",
     ),
-    'RewardTerm("level-trunk",': (
-        'RewardTerm("level_trunk",',
+    'bp2.RewardTerm("level-trunk",': (
+        'bp2.RewardTerm("level_trunk",',
         r"'level-trunk' is no name",
     ),
     ENTRY.replace("lean", "up", 1): (ENTRY, r"the policy sees up already"),
     # of the tests alone: types are checked at run time
-    'Entry("lean", None, lean)': (
+    'bp2.ObservationTerm("lean", None, lean)': (
         ENTRY,
         r"lean has no mirror|lean\', \'mirror\': None",
     ),
-    'Entry("lean", Mirror((1, 0), (1, -1)), lean)': (ENTRY, r"lean, taken twice"),
-    'Entry("lean", Mirror((0,), (1,)), lean)': (ENTRY, r"of a mirrored robot is"),
-    'Entry("lean", Mirror((0, 1), (1, 1)), lean)': (ENTRY, r"lean .*cannot reshape"),
-    'Entry("lean", Mirror((0,), (-1,)), lambda now: now.up[1])': (ENTRY, r"as a def"),
+    'bp2.ObservationTerm("lean", bp2.Mirror((1, 0), (1, -1)), lean)': (
+        ENTRY,
+        r"lean, taken twice",
+    ),
+    'bp2.ObservationTerm("lean", bp2.Mirror((0,), (1,)), lean)': (
+        ENTRY,
+        r"of a mirrored robot is",
+    ),
+    'bp2.ObservationTerm("lean", bp2.Mirror((0, 1), (1, 1)), lean)': (
+        ENTRY,
+        r"lean .*cannot reshape",
+    ),
+    'bp2.ObservationTerm("lean", bp2.Mirror((0,), (-1,)), lambda now: now.up[1])': (
+        ENTRY,
+        r"as a def",
+    ),
     "return jnp.sin(now.up[1:2])": ("return now.up[1:2]", r"lean .*name 'jnp'"),
     "return now.episode.q[2:3]": ("return now.up[1:2]", r"lean .* critic's \(privi"),
     "settings=lambda config: 3": ("settings=on_ice", r"settings takes the TrainConfig"),
@@ -121,10 +133,10 @@ def test_a_mistake_in_a_task_is_told_by_name(task, wrong):
             r"reward term level_trunk.* line 10 of my_task.py: Attribute",
         ),
         ("now.velocity[1]", "now.velocity", r"termination skids .one number.: "),
-        ("qvel[3:6]", "qvel", r"entry spin .3 numbers by its mirror image"),
+        ("qvel[3:6]", "qvel", r"observation spin .3 numbers by its mirror image"),
         (
-            'RewardTerm("level_trunk"',
-            'RewardTerm("tracking"',
+            'bp2.RewardTerm("level_trunk"',
+            'bp2.RewardTerm("tracking"',
             r"a reward term tracking already",
         ),
     ],

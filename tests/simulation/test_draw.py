@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from runs import no_action, run_one
 
-from bp2_rl.env.randomization import DESIGN
+from bp2_rl.env.randomization import DESIGN_FACTORS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import foot_geom_ids
@@ -183,12 +183,12 @@ def test_the_model_and_the_motors_have_the_numbers_of_the_design_that_were_drawn
                 drawn.no_load_speed * getattr(before.motors(), name),
             )
         assert motors.peak_torque == before.motors().peak_torque
-        seen.append([float(getattr(drawn, name)) for name in DESIGN])
+        seen.append([float(getattr(drawn, name)) for name in DESIGN_FACTORS])
         plain = Draw(RANGES, 3, number).values(config.hardware)
-        assert [getattr(plain, name) for name in DESIGN] == [None] * 4
+        assert [getattr(plain, name) for name in DESIGN_FACTORS] == [None] * 4
         assert plain.friction == drawn.friction  # no other draw has changed
         np.testing.assert_array_equal(plain.losses, drawn.losses)
-    low, high = np.transpose([getattr(VARIED, name) for name in DESIGN])
+    low, high = np.transpose([getattr(VARIED, name) for name in DESIGN_FACTORS])
     assert np.all((np.array(seen) >= low - 1e-6) & (np.array(seen) <= high + 1e-6))
     assert np.all(np.ptp(seen, axis=0) > 0.7 * (high - low))
     # each by itself

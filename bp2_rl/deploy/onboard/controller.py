@@ -21,7 +21,7 @@ import numpy as np
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import read_npz
-from bp2_rl.robot.observation import ENTRIES, Moment
+from bp2_rl.robot.observation import OBSERVATION_TERMS, ObservationInputs
 
 from .contents import (
     NETWORK,
@@ -34,7 +34,7 @@ from .contents import (
     read_bundle,
 )
 from .motion import load_motion, specs_of
-from .task import TASK_ENTRIES
+from .task import TASK_OBSERVATIONS
 from .watchdog import SensorFault, SensorReading, Watchdog
 
 if TYPE_CHECKING:
@@ -118,7 +118,9 @@ class OnboardController:
     def _load_observation(self) -> None:
         """Find how each observation entry is computed; `NAME@K` is an entry's change
         over K ticks."""
-        known = {entry.name: entry for entry in (*ENTRIES, *TASK_ENTRIES)}
+        known = {
+            entry.name: entry for entry in (*OBSERVATION_TERMS, *TASK_OBSERVATIONS)
+        }
         places, end = {}, 0
         names = [name.partition("@") for name, _ in self.settings["observation"]]
         for name, _, _ in names:
@@ -231,7 +233,7 @@ class OnboardController:
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         angle = 2.0 * math.pi * self._phase
-        now = Moment(
+        now = ObservationInputs(
             self.command,
             np.array((hand * math.sin(angle), hand * math.cos(angle))),
             *measurement[:4],

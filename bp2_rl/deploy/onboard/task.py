@@ -1,6 +1,6 @@
 """The entries of the observation that a task adds: none here, a policy's in its
 bundle."""
 
-from bp2_rl.robot.observation import Entry, Moment
+from bp2_rl.robot.observation import ObservationInputs, ObservationTerm
 
-TASK_ENTRIES: tuple[Entry[Moment], ...] = ()
+TASK_OBSERVATIONS: tuple[ObservationTerm[ObservationInputs], ...] = ()

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from bp2_rl.base.files import require_name, write_bytes
-from bp2_rl.deploy.bundle import describe_policy, replaced, require_entries, robots_of
+from bp2_rl.deploy.bundle import describe_policy, replaced, require_terms, robots_of
 from bp2_rl.deploy.network import to_records
 from bp2_rl.deploy.onboard.binary import assemble, pack
 from bp2_rl.deploy.onboard.contents import Settings
@@ -30,7 +30,7 @@ from bp2_rl.evaluation.report.player.content import describe_robot
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
 from bp2_rl.robot.model import model_xml
-from bp2_rl.robot.observation import ENTRIES
+from bp2_rl.robot.observation import OBSERVATION_TERMS
 from bp2_rl.robot.operator import wish_rates
 from bp2_rl.simulation.laws import JOINT_LOSSES, NO_BUS, NO_RESISTANCE
 from bp2_rl.simulation.metrics import RIPPLE
@@ -72,9 +72,9 @@ def write_page(
             the pinned one, or the place cannot be written.
     """
     require_name(directory)
-    require_entries(
+    require_terms(
         policy,
-        [entry.name for entry in ENTRIES],
+        [entry.name for entry in OBSERVATION_TERMS],
         "Python code of its task computes and a page cannot; --format onnx writes a bundle that can",
     )
     script, code = mujoco_files(package)

@@ -8,7 +8,7 @@ import mujoco
 
 from bp2_rl.base.errors import UserError, shown
 from bp2_rl.base.serialization import config_hash
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, IDEAL, ByJoint, HardwareSpec, robot_name
@@ -105,7 +105,7 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     return None
 
 
-def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
+def robot_of(policy: Policy, setup: BenchmarkOptions) -> HardwareSpec:
     """Return the robot that a benchmark simulates: the one asked for, else the built
     one in place of the ideal one, else the card's own."""
     own = policy.card.env.hardware
@@ -120,7 +120,7 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
 
 
 def conditions(
-    policy: Policy, setup: Setup, schedule: str, simulator: str | None = None
+    policy: Policy, setup: BenchmarkOptions, schedule: str, simulator: str | None = None
 ) -> dict[str, str]:
     """Return the conditions under which an evaluation can be repeated, in words, by
     name; the simulator is by default the one of `setup`."""
@@ -148,7 +148,7 @@ def describe_policy(policy: Policy) -> str:
     )
 
 
-def describe_subject(policy: Policy, setup: Setup) -> str:
+def describe_subject(policy: Policy, setup: BenchmarkOptions) -> str:
     """Name the policy, the robot and the ground of a run, for titles.
 
     The commanded speed is left out: a reader would take it for the speed run.

@@ -22,7 +22,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_subject,
     robot_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.variants import (
     Dots,
@@ -85,7 +85,7 @@ class ConvergenceMetrics:
     variants: tuple[NumericsVariant, ...]
 
 
-def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def convergence(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Repeat the top-speed run with finer numerics; return the changes of speed as an
     evaluation."""
     robot = robot_of(policy, setup)

@@ -20,7 +20,7 @@ from bp2_rl.base.plotting import (
     moving_mean,
     styled,
 )
-from bp2_rl.env.randomization import DESIGN
+from bp2_rl.env.randomization import DESIGN_FACTORS
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     cruising_speed,
@@ -29,7 +29,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     title_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -146,7 +146,7 @@ class RobustnessMetrics:
     robots: tuple[DrawnRobot, ...]
 
 
-def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def robustness(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Run a fleet of randomised robots; return falls, speeds and lane offsets as an
     evaluation."""
     count = setup.robots or NUM_ROBOTS
@@ -201,7 +201,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_robustness(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the command ramp of the robustness benchmark, for BP2 at the same speed
     for every policy, to compare policies."""
     return ramp_to_topspeed(
@@ -219,7 +219,7 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
     )
     design = "".join(
         f", {name.replace('_', ' ')} x {bounds[0]:g} to {bounds[1]:g}"
-        for name in DESIGN
+        for name in DESIGN_FACTORS
         if (bounds := getattr(drawn, name)) is not None
     )
     return (

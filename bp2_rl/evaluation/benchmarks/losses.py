@@ -23,7 +23,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_subject,
     robot_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import (
     ramp_to_topspeed,
@@ -133,7 +133,7 @@ class LossesMetrics:
     )
 
 
-def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def losses(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Measure the speed that each loss costs: alone, left out of the built robot, and
     added in turn."""
     built = robot_of(policy, setup)
@@ -208,7 +208,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_losses(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the command ramp of the losses benchmark.
 
     Raises:

@@ -10,8 +10,8 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.settings.terrain import Terrain, TerrainWish
-from bp2_rl.settings.training import LARGEST_SEED, RobotWish
+from bp2_rl.settings.terrain import Terrain, TerrainFlag
+from bp2_rl.settings.training import LARGEST_SEED, RobotFlag
 from bp2_rl.simulation.backend import Backend
 
 POSTERIOR = "posterior"
@@ -19,10 +19,10 @@ LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 
 @dataclasses.dataclass(frozen=True)
-class Setup(Bounded, path="--"):
+class BenchmarkOptions(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
-    robot: RobotWish = None
+    robot: RobotFlag = None
     """built: BP2 with losses and solid legs; ideal: without; real: one that BP2 may be; by
     default the policy's own robot, and built in place of ideal"""
     backend: Backend = "mujoco"
@@ -52,7 +52,7 @@ class Setup(Bounded, path="--"):
     ] = None
     """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn
     from; by default 0."""
-    terrain: TerrainWish = "flat"
+    terrain: TerrainFlag = "flat"
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD
@@ -81,6 +81,6 @@ class Setup(Bounded, path="--"):
             if getattr(self, f.name) != f.default
         )
 
-    def only(self, flags: tuple[str, ...]) -> "Setup":
+    def only(self, flags: tuple[str, ...]) -> "BenchmarkOptions":
         """Return a setup with these flags alone; all others are at their defaults."""
         return type(self)(**{name: getattr(self, name) for name in flags})

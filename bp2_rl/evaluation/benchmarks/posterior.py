@@ -12,7 +12,7 @@ from bp2_rl.base.metric import card_of, metric, rows_of, table_of
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_rise
 from bp2_rl.evaluation.benchmarks.fleet import Quantiles, quantiles, show_interval
-from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint
 from bp2_rl.evaluation.plausible import (
@@ -62,7 +62,7 @@ class PosteriorMetrics:
     robots: tuple[PlausibleRun, ...]
 
 
-def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
+def posterior(policy: Policy, race: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Run a policy on plausible robots; return belt, road and 100 m as an
     evaluation."""
     count = setup.robots or NUM_ROBOTS
@@ -108,7 +108,7 @@ def posterior(policy: Policy, race: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_posterior(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_posterior(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the ramp of the race, whose launch is the policy's own.
 
     Raises:

@@ -8,7 +8,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
-from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.posterior import posterior, ramp_to_posterior
 from bp2_rl.evaluation.benchmarks.run import (
@@ -27,7 +27,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.schedule import Ramp
 
 ALL = "all"
-Flags = TypeVar("Flags", bound=Setup)
+Flags = TypeVar("Flags", bound=BenchmarkOptions)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +62,10 @@ BENCHMARKS = {
 
 
 def choose(
-    name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS
-) -> dict[str, Setup]:
+    name: str,
+    setup: BenchmarkOptions,
+    benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS,
+) -> dict[str, BenchmarkOptions]:
     """Return a setup for each benchmark that `name` selects, by the benchmark's name.
 
     `all` gives each benchmark the flags that the benchmark knows.

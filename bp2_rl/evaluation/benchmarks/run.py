@@ -29,7 +29,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     speed_to_command,
 )
-from bp2_rl.evaluation.benchmarks.options import POSTERIOR, Setup
+from bp2_rl.evaluation.benchmarks.options import POSTERIOR, BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_pictures
 from bp2_rl.evaluation.races import BOLT_SPLITS, LAUNCH_DISTANCE, MARKS, TRACK
@@ -46,7 +46,7 @@ from bp2_rl.simulation.world import World
 
 
 def run_once(
-    policy: Policy, ramp: Ramp, setup: Setup, finish: float = math.inf
+    policy: Policy, ramp: Ramp, setup: BenchmarkOptions, finish: float = math.inf
 ) -> Trajectory:
     """Simulate a policy under a command ramp as `setup` says, until `finish` (m) at
     most; return the trajectory."""
@@ -64,7 +64,7 @@ def run_once(
 
 
 def plausible_rows(
-    policy: Policy, setup: Setup, name: str, unit: str
+    policy: Policy, setup: BenchmarkOptions, name: str, unit: str
 ) -> tuple[Row, ...]:
     """Return a report's row with the results of robots that BP2 may be, as they are on
     the policy's card; none for another robot than the built one, or other ground."""
@@ -88,7 +88,7 @@ TOPSPEED_HOLD = 20.0  # s
 FOLLOWS = 0.5
 
 
-def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def topspeed(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Ramp to the commanded speed and hold it; return the measurements of the run as an
     evaluation."""
     run = run_once(policy, ramp, setup)
@@ -127,7 +127,7 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_topspeed(
     policy: Policy,
-    setup: Setup,
+    setup: BenchmarkOptions,
     *,
     speed: float | None = None,
     hold: float = TOPSPEED_HOLD,
@@ -235,7 +235,7 @@ class SprintMetrics:
     run: RunMetrics
 
 
-def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def sprint(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Run 100 m from a stand; return the measurements of the sprint as an
     evaluation."""
     run = run_once(policy, ramp, setup, finish=TRACK)
@@ -280,7 +280,7 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_sprint(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_sprint(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the command ramp of a sprint, with the card's speed and acceleration if
     any, else as the controller launches."""
     speed = setup.speed or speed_to_command(policy, "sprint")

@@ -26,7 +26,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_subject,
     robot_of,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import (
     describe_race,
@@ -193,7 +193,7 @@ def _show_range(values: Range | None, unit: str) -> str:
     return "{:.2f} to {:.2f} {}".format(*values, unit) if values else NOT_MEASURED
 
 
-def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Run every variant of the robot at several commands and over 100 m; return the
     results as an evaluation."""
     race = ramp_to_sprint(policy, setup)
@@ -254,7 +254,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_sensitivity(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the schedule of the runs at top speed.
 
     The schedule of the sprints is checked, too, before any robot runs.

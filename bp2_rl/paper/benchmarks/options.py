@@ -2,12 +2,12 @@
 
 import dataclasses
 
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.paper.thermal_specs import MotorHeat
 
 
 @dataclasses.dataclass(frozen=True)
-class DeepSetup(Setup):
+class DeepSetup(BenchmarkOptions):
     """Flags of a deep benchmark (`bp2 paper eval`); None leaves the choice to the
     benchmark."""
 

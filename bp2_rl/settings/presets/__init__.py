@@ -19,8 +19,8 @@ from bp2_rl.settings.presets.robots import (
     GROUND,
     MILD_GROUND,
     drawn_for,
-    settled,
     sized,
+    with_slow_commands,
 )
 from bp2_rl.settings.task import (
     Task,
@@ -180,7 +180,7 @@ def preset(
         preset: `gpu`, `cpu`, `first` (to trot, in minutes) or `smoke` (for tests).
         weights: the rewards; by default `paper` with `smoke`, else `ours`.
         robot: a robot's name, its robot file's path, or its hardware.
-        task: your own rewards, terminations, observation entries and settings: FILE.py,
+        task: your own rewards, terminations, observations and settings: FILE.py,
             FILE.py:NAME or package.module:NAME (docs/howto/write_a_reward_term.md).
 
     Raises:
@@ -218,7 +218,11 @@ def preset(
     )
     config = _changed(config, differences)
     config = dataclasses.replace(config, env=sized(config.env))
-    config = settled(config) if stage == "relaxed" and chosen == "ours" else config
+    config = (
+        with_slow_commands(config)
+        if stage == "relaxed" and chosen == "ours"
+        else config
+    )
     return config if task is None else with_task(config, task)
 
 

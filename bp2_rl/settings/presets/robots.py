@@ -118,7 +118,7 @@ def _multiple(factor: float, value: float | Range | None) -> float | Range | Non
     return None if value is None else factor * value
 
 
-def settled(config: TrainConfig) -> TrainConfig:
+def with_slow_commands(config: TrainConfig) -> TrainConfig:
     """Return settings of the relaxed stage in which a robot other than BP2 follows slow
     commands well, too."""
     env, ppo = config.env, config.ppo

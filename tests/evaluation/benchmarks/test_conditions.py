@@ -9,7 +9,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     speed_to_command,
     top_speed,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import (
     SPRINT_ACCELERATION,
     ramp_to_sprint,
@@ -47,14 +47,14 @@ def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothi
     blank = with_results({})
     control = blank.card.env.control
     assert math.isfinite(control.launching)
-    ramp = ramp_to_sprint(blank, Setup())
+    ramp = ramp_to_sprint(blank, BenchmarkOptions())
     assert (ramp.acceleration, ramp.launching_speed) == (
         control.launching,
         control.launching_speed,
     )
     assert ramp.duration == pytest.approx(30.0)
-    assert ramp_to_topspeed(blank, Setup()).launching == control.launching
+    assert ramp_to_topspeed(blank, BenchmarkOptions()).launching == control.launching
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    ramp = ramp_to_sprint(old, Setup())
+    ramp = ramp_to_sprint(old, BenchmarkOptions())
     assert (ramp.acceleration, ramp.launching) == (SPRINT_ACCELERATION, math.inf)

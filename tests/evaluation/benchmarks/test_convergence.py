@@ -6,7 +6,7 @@ from bp2_rl.evaluation.benchmarks.convergence import (
     compare_numerics,
     convergence,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.simulation.simulator import CONVERGED
 
@@ -52,7 +52,7 @@ def test_the_policy_is_run_under_every_numerics(
         return runs[one.name]
 
     simulated(module, run)
-    policy, setup = make_policy(), Setup(speed=6.0)
+    policy, setup = make_policy(), BenchmarkOptions(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
     assert [schedule for schedule, _ in asked] == [ramp] * 5

@@ -17,7 +17,7 @@ from bp2_rl.evaluation.benchmarks.fleet import (
     robustness,
     wilson_interval,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
@@ -126,7 +126,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(
     monkeypatch.setattr(module, "run_fleet", run_fleet)
     policy, setup = (
         make_policy(results={"topspeed": {"commanded_speed": 16.0}}),
-        Setup(backend=backend),
+        BenchmarkOptions(backend=backend),
     )
     if backend == "drake":
         pytest.importorskip("pydrake")
@@ -140,7 +140,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(
     assert evaluation.good
     assert evaluation.trajectory is None
     assert_fits(evaluation)
-    other = Setup(
+    other = BenchmarkOptions(
         backend=backend, robots=7, seed=5, speed=8.0, acceleration=2.0, hold=3.0
     )
     robustness(policy, ramp_to_robustness(policy, other), other)

@@ -10,7 +10,7 @@ from bp2_rl.evaluation.benchmarks.losses import (
     price,
     ramp_to_losses,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import (
     BUILT,
@@ -68,7 +68,7 @@ def test_each_loss_is_tried_alone_left_out_and_added(
         return make_run(duration=12.0, speed=10.0 - slower, acceleration=5.0)
 
     simulated(module, run)
-    policy, setup = make_policy(), Setup(speed=10.0)
+    policy, setup = make_policy(), BenchmarkOptions(speed=10.0)
     evaluation = losses(policy, ramp_to_losses(policy, setup), setup)
     metrics, parts = evaluation.metrics, differing(IDEAL, BUILT)
     # With all but the last is as added up to it, the first added is alone, and the last

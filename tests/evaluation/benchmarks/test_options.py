@@ -5,7 +5,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import (
     speed_to_command,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.robot.operator import HeadingHold
 from bp2_rl.settings.env import CommandConfig, EnvConfig
 
@@ -70,4 +70,4 @@ def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(
 )
 def test_impossible_choices_are_refused(wrong, words):
     with pytest.raises(UserError, match=words):
-        Setup(**wrong)
+        BenchmarkOptions(**wrong)

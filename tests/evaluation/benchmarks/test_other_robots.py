@@ -11,7 +11,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.fleet import ramp_to_robustness
 from bp2_rl.evaluation.benchmarks.losses import ramp_to_losses
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import ramp_to_sprint, time_limit
 from bp2_rl.evaluation.benchmarks.sensitivity import robots_of
 from bp2_rl.evaluation.benchmarks.tries.tasks import (
@@ -60,7 +60,7 @@ def test_a_top_speed_is_the_measured_one_else_the_judges_else_the_fastest_comman
 ):
     policy, cruise = go1(**results), pytest.approx(0.6 * top, abs=0.005)
     assert (top_speed(policy), cruising_speed(policy)) == (top, cruise)
-    assert ramp_to_robustness(policy, Setup()).target[0] == cruise
+    assert ramp_to_robustness(policy, BenchmarkOptions()).target[0] == cruise
 
 
 def test_bp2_keeps_the_papers_speeds_whatever_was_measured(make_policy):
@@ -101,7 +101,7 @@ def test_another_robots_manoeuvres_are_within_its_speed():
 def test_a_slow_robot_has_the_time_to_arrive(go1):
     policy = go1(topspeed={"best_speed": 2.0, "commanded_speed": 2.0})
     # s: half as long again as 100 m at 2 m/s
-    assert ramp_to_sprint(policy, Setup()).duration == pytest.approx(75.0)
+    assert ramp_to_sprint(policy, BenchmarkOptions()).duration == pytest.approx(75.0)
 
 
 def test_another_robot_without_its_losses_stands_on_its_own_ground(go1):
@@ -127,7 +127,7 @@ def test_another_robot_without_its_losses_stands_on_its_own_ground(go1):
         "solid legs, tracks",
     }
     assert ideal_of(BUILT) is IDEAL
-    assert ramp_to_losses(go1(), Setup(speed=2.0)).target[0] == 2.0
+    assert ramp_to_losses(go1(), BenchmarkOptions(speed=2.0)).target[0] == 2.0
 
 
 def test_the_robots_beside_another_robot_have_what_it_has():

@@ -8,7 +8,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks import posterior as module
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.posterior import posterior, ramp_to_posterior
 from bp2_rl.evaluation.benchmarks.run import plausible_rows
 from bp2_rl.evaluation.plausible import (
@@ -31,7 +31,9 @@ def built():
 
 @pytest.fixture(scope="module")
 def one(built):
-    return posterior(built, ramp_to_posterior(built, Setup()), Setup(robots=1))
+    return posterior(
+        built, ramp_to_posterior(built, BenchmarkOptions()), BenchmarkOptions(robots=1)
+    )
 
 
 def test_a_robots_best_second_on_the_road_is_that_of_a_run_of_its_own(built, one):
@@ -62,7 +64,9 @@ def test_robots_that_fall_are_counted_and_have_no_time(built, monkeypatch):
     )
     runs = [PlausibleRun(fine, fine, 10.0), PlausibleRun(fine, down, None)]
     monkeypatch.setattr(module, "run_plausible", lambda *_: runs)
-    found = posterior(built, ramp_to_posterior(built, Setup()), Setup(robots=2))
+    found = posterior(
+        built, ramp_to_posterior(built, BenchmarkOptions()), BenchmarkOptions(robots=2)
+    )
     assert (found.good, found.metrics.falls, found.metrics.arrived) == (False, 1, 1)
     assert found.results["road"] == pytest.approx(
         np.quantile([12.0, 9.0], (0.05, 0.5, 0.95))
@@ -75,7 +79,7 @@ def test_a_policy_of_another_robot_is_refused(built):
     go1 = dataclasses.replace(built.card.env, hardware=find_robot("go1"))
     policy = dataclasses.replace(built, card=dataclasses.replace(built.card, env=go1))
     with pytest.raises(UserError, match="the policy runs Unitree Go1"):
-        ramp_to_posterior(policy, Setup())
+        ramp_to_posterior(policy, BenchmarkOptions())
 
 
 @pytest.mark.parametrize(
@@ -83,13 +87,17 @@ def test_a_policy_of_another_robot_is_refused(built):
     [
         (
             {"posterior": {"road": [11.0, 12.0, 13.0]}},
-            Setup(),
+            BenchmarkOptions(),
             "12.00 (11.00 to 13.00) m/s",
         ),
-        ({"posterior": {"road": [11.0, 12.0, 13.0]}}, Setup(robot="ideal"), None),
-        ({"posterior": {}}, Setup(), None),
-        ({"posterior": 3.0}, Setup(), None),
-        ({}, Setup(), None),
+        (
+            {"posterior": {"road": [11.0, 12.0, 13.0]}},
+            BenchmarkOptions(robot="ideal"),
+            None,
+        ),
+        ({"posterior": {}}, BenchmarkOptions(), None),
+        ({"posterior": 3.0}, BenchmarkOptions(), None),
+        ({}, BenchmarkOptions(), None),
     ],
 )
 def test_a_report_says_what_plausible_robots_run_if_the_card_does(

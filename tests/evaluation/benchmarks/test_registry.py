@@ -7,7 +7,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import eval as command
 from bp2_rl.evaluation.benchmarks import run as module
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.run import (
     ramp_to_topspeed,
@@ -35,24 +35,24 @@ def asked(monkeypatch, make_run):
 
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_is_given_what_is_chosen_of_it(name):
-    chosen = Setup(operator=HeadingHold(limit=0.1), speed=3.0)
+    chosen = BenchmarkOptions(operator=HeadingHold(limit=0.1), speed=3.0)
     if name == "posterior":
-        chosen = Setup(robots=3)
+        chosen = BenchmarkOptions(robots=3)
     assert choose(name, chosen) == {name: chosen}
 
 
 @pytest.mark.parametrize(
     ("name", "flag", "wrong"),
     [
-        ("topspeed", "robots", Setup(robots=3)),
-        ("sprint", "hold", Setup(hold=3.0)),
-        ("sprint", "robots", Setup(robots=3)),
-        ("convergence", "backend", Setup(backend="drake")),
-        ("sensitivity", "backend", Setup(backend="drake")),
-        ("manoeuvres", "backend", Setup(backend="drake")),
-        ("manoeuvres", "hold", Setup(hold=3.0)),
-        ("manoeuvres", "acceleration", Setup(acceleration=3.0)),
-        ("manoeuvres", "sensor-noise", Setup(sensor_noise=True)),
+        ("topspeed", "robots", BenchmarkOptions(robots=3)),
+        ("sprint", "hold", BenchmarkOptions(hold=3.0)),
+        ("sprint", "robots", BenchmarkOptions(robots=3)),
+        ("convergence", "backend", BenchmarkOptions(backend="drake")),
+        ("sensitivity", "backend", BenchmarkOptions(backend="drake")),
+        ("manoeuvres", "backend", BenchmarkOptions(backend="drake")),
+        ("manoeuvres", "hold", BenchmarkOptions(hold=3.0)),
+        ("manoeuvres", "acceleration", BenchmarkOptions(acceleration=3.0)),
+        ("manoeuvres", "sensor-noise", BenchmarkOptions(sensor_noise=True)),
     ],
 )
 def test_a_flag_that_a_benchmark_does_not_know_is_refused(name, flag, wrong):
@@ -70,11 +70,11 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
             f"--benchmark dash: there are {', '.join(BENCHMARKS)}, and all"
         ),
     ):
-        choose("dash", Setup())
+        choose("dash", BenchmarkOptions())
 
 
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
-    everything = Setup(
+    everything = BenchmarkOptions(
         backend="drake",
         robot="ideal",
         speed=5.0,
@@ -116,7 +116,8 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(
         pytest.importorskip("pydrake")
     operator = HeadingHold(heading_gain=1.0)
     evaluation = run(
-        make_policy(), Setup(backend=backend, speed=6.0, operator=operator, **more)
+        make_policy(),
+        BenchmarkOptions(backend=backend, speed=6.0, operator=operator, **more),
     )
     ((name, request),) = asked
     schedule = request.schedule
@@ -133,9 +134,9 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(
 @pytest.mark.parametrize(
     ("setup", "seed", "said"),
     [
-        (Setup(speed=6.0), None, "without noise"),
+        (BenchmarkOptions(speed=6.0), None, "without noise"),
         (
-            Setup(speed=6.0, seed=7, sensor_noise=True),
+            BenchmarkOptions(speed=6.0, seed=7, sensor_noise=True),
             7,
             "with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s",
         ),
@@ -156,7 +157,7 @@ def test_a_robot_that_is_slower_than_half_the_command_does_not_run(
     ran = make_run(speed=speed)
     told = dataclasses.replace(ran, command=np.full_like(ran.command, 10.0))
     monkeypatch.setattr(module, "simulate", lambda *_, **__: [told])
-    assert run(make_policy(), Setup(speed=10.0)).good is runs
+    assert run(make_policy(), BenchmarkOptions(speed=10.0)).good is runs
 
 
 def test_the_command_offers_all_benchmarks_there_are():

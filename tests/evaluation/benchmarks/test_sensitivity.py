@@ -5,7 +5,7 @@ import operator
 import pytest
 
 from bp2_rl.evaluation.benchmarks import sensitivity as module
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.sensitivity import (
     AS_ASSUMED,
     RobotMetrics,
@@ -131,7 +131,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     simulated(module, run)
     policy, setup = (
         make_policy(results={"sprint": {"sprint_acceleration": 3.5}}),
-        Setup(speed=10.0, robot="ideal"),
+        BenchmarkOptions(speed=10.0, robot="ideal"),
     )
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)

@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks import run as module
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import (
     SprintLaunch,
     measure_first_metres,
@@ -184,7 +184,7 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
     monkeypatch.setattr(module, "simulate", simulate)
     policy, setup = (
         make_policy(results={"topspeed": {"commanded_speed": 10.0}}),
-        Setup(operator=HeadingHold(limit=0.1)),
+        BenchmarkOptions(operator=HeadingHold(limit=0.1)),
     )
     evaluation = sprint(policy, ramp_to_sprint(policy, setup), setup)
     (request,) = asked
@@ -204,7 +204,10 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
 
 @pytest.mark.parametrize(
     ("setup", "speed", "acceleration"),
-    [(Setup(), 12.0, 6.0), (Setup(speed=9.0, acceleration=3.0), 9.0, 3.0)],
+    [
+        (BenchmarkOptions(), 12.0, 6.0),
+        (BenchmarkOptions(speed=9.0, acceleration=3.0), 9.0, 3.0),
+    ],
 )
 def test_a_sprint_starts_as_its_card_says(make_policy, setup, speed, acceleration):
     measured = {
@@ -218,7 +221,7 @@ def test_a_sprint_starts_as_its_card_says(make_policy, setup, speed, acceleratio
 @pytest.mark.parametrize("schedule", [ramp_to_sprint, ramp_to_sensitivity])
 def test_a_start_that_takes_longer_than_the_race_is_refused(make_policy, schedule):
     with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
-        schedule(make_policy(), Setup(speed=10.0, acceleration=0.3))
+        schedule(make_policy(), BenchmarkOptions(speed=10.0, acceleration=0.3))
 
 
 @pytest.mark.parametrize("fell_at", [None, 0.002])

@@ -31,7 +31,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     top_speed,
 )
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.evaluation.benchmarks.tries.rules import (
@@ -174,7 +174,7 @@ MEASURES = (
 )
 
 
-def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Simulate all manoeuvres, such as stops, turns and pushes; return passes and falls
     as an evaluation."""
     robot = robot_of(policy, setup)
@@ -297,7 +297,7 @@ def _measured(name: str, tries: Tries) -> float | None:
 # --- Disturbances ---------------------------------------------------------------------
 
 
-def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+def disturbances(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     """Push the robot, and run it over rough ground, at its cruising speed; return
     passes as an evaluation."""
     robot = robot_of(policy, setup)
@@ -341,7 +341,7 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_disturbances(policy: Policy, setup: Setup) -> Ramp:
+def ramp_to_disturbances(policy: Policy, setup: BenchmarkOptions) -> Ramp:
     """Return the command ramp over rough ground, for BP2 at the same speed for every
     policy, to compare policies."""
     return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=CROSSING)

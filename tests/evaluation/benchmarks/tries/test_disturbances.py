@@ -5,7 +5,7 @@ import collections
 
 import pytest
 
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.tries import benchmark as module
 from bp2_rl.evaluation.benchmarks.tries.benchmark import (
     disturbances,
@@ -67,7 +67,7 @@ def test_the_sheet_from_runs_that_are_known(
     )
     monkeypatch.setattr(module, "simulate", lambda *_: iter([steady]))
     simulated(module, lambda one: fallen if "turning left" in one.group else steady)
-    policy, setup = make_policy(), Setup()
+    policy, setup = make_policy(), BenchmarkOptions()
     evaluation = disturbances(policy, ramp_to_disturbances(policy, setup), setup)
     assert evaluation.verdict == "79 of 143 disturbances without a fall."
     assert not evaluation.good

@@ -7,7 +7,7 @@ from matplotlib.colors import to_hex
 from synthetic import still_policy
 
 from bp2_rl.base.plotting import FALL
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import BenchmarkOptions
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.evaluation.benchmarks.tries import benchmark as module
 from bp2_rl.evaluation.benchmarks.tries.benchmark import (
@@ -195,7 +195,7 @@ def test_the_whole_benchmark_from_runs_that_are_known(
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
     simulated(module, lambda one: fast)
     monkeypatch.setattr(module, "simulate", lambda *_: iter([fast]))
-    policy, setup = make_policy(), Setup(speed=10.0, seed=5)
+    policy, setup = make_policy(), BenchmarkOptions(speed=10.0, seed=5)
     evaluation = manoeuvres(policy, ramp_to_topspeed(policy, setup), setup)
     assert not evaluation.good
     assert evaluation.results["of"] == 95

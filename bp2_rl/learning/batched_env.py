@@ -28,7 +28,7 @@ FAULTS = ("fault/physics", "fault/observation", "fault/reward", "fault/reset")
 episode that could not be used."""
 
 
-class Fleet:
+class BatchedEnv:
     """A batch of robots, each in an episode of its own.
 
     Args:
