@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import datetime
 import sys
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -144,11 +144,14 @@ class EarlyFlags:
         run's settings cannot be read."""
         if self.impl is not None:
             return self.impl
-        if self.existing_run is None:
+        run = self.existing_run or self.parent
+        if run is None and self.stage == "imitation":
             preset = "cpu" if self.preset == "auto" else self.preset
             return presets.preset(self.stage, preset).impl
+        if run is None:
+            return next((config.impl for _, config in _imitation_runs()), None)
         with contextlib.suppress(UserError):  # it is told of later
-            return load_run_config(self.existing_run).impl
+            return load_run_config(run).impl
         return None
 
     @property
@@ -390,7 +393,7 @@ def find_preset(flags: EarlyFlags) -> Preset:
 
 def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
     """Return the settings of a stage that continues a parent run, with the parent's
-    robot, networks and changed settings."""
+    robot, physics, networks and changed settings."""
     from bp2_rl.learning import run
 
     old = run.load_own(parent)
@@ -413,6 +416,7 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
         env = on_robot(env, other)
     return dataclasses.replace(
         now,
+        impl=old.impl,
         env=dataclasses.replace(env, reward=now.env.reward, task=now.env.task),
         ppo=dataclasses.replace(
             now.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}
@@ -420,18 +424,24 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
     )
 
 
+def _imitation_runs() -> Generator[tuple[Path, TrainConfig]]:
+    """Yield the folders of imitation runs and their settings, newest first."""
+    for path in sorted(
+        RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True
+    ):
+        with contextlib.suppress(UserError):  # an older one serves as well
+            config = load_run_config(path.parent)
+            if config.stage == "imitation":
+                yield path.parent, config
+
+
 def _newest_imitation_run() -> Path:
     from bp2_rl.learning.loop import is_finished
 
-    runs = sorted(
-        RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True
-    )
-    for folder in (path.parent for path in runs):
-        try:
-            if load_run_config(folder).stage == "imitation" and is_finished(folder):
+    for folder, _ in _imitation_runs():
+        with contextlib.suppress(UserError):
+            if is_finished(folder):
                 return folder
-        except UserError:
-            continue  # a damaged run is no reason not to use an older one
     raise UserError(
         f"no finished imitation run in {RUNS}/: run `python train.py --stage imitation` first, or name one with --from"
     )

@@ -176,11 +176,18 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
     parent = presets.preset("imitation", preset, robot="ideal")
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
-    save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
+    parent = dataclasses.replace(parent, env=mine, impl="jax")
+    save_config(tmp_path / "config.json", parent)
     words = ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
     relaxed = presets.preset("relaxed", preset, robot="ideal").env
     asked = dataclasses.replace(relaxed.commands, max_lateral=0.3)
-    child = train.read_arguments(words).env
+    arguments = train.read_arguments(words)
+    child = arguments.env
+    assert (
+        arguments.impl
+        == app.parse_known(train.EarlyFlags, words, "train").physics
+        == "jax"
+    )
     assert child == dataclasses.replace(relaxed, commands=asked)
     assert child != dataclasses.replace(mine, reward=relaxed.reward)
     moved = train.read_arguments([*words, "--robot", "built"]).env

@@ -167,6 +167,24 @@ def test_a_program_that_says_nothing_does_not_hang_the_rehearsal(
     assert "printed no port" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("script", "told"),
+    [
+        ("exit 3", "printed '' in the place of its port"),
+        ("echo 9; sleep 0.5; exit 3", "ended during the rehearsal, with exit status 3"),
+    ],
+)
+def test_a_program_that_ends_by_itself_is_told_of(
+    onboard, bundle, tmp_path, capsys, script, told
+):
+    ended = tmp_path / "ended"
+    ended.write_text(f"#!/bin/sh\n{script}\n")
+    ended.chmod(0o755)
+    words = [str(bundle), "--program", str(ended), "--speed", "0.2", "--hold", "1"]
+    assert onboard.rehearse.main(words) == 2
+    assert told in capsys.readouterr().err
+
+
 # --- Wrong sensors --------------------------------------------------------------------
 
 

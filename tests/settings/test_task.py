@@ -130,7 +130,7 @@ def test_a_mistake_in_a_task_is_told_by_name(task, wrong):
         (
             "x.e_z[2]",
             "x.tilt",
-            r"reward term level_trunk.* line 10 of my_task.py: Attribute",
+            r"reward term level_trunk.* line 9 of my_task.py: Attribute",
         ),
         ("now.velocity[1]", "now.velocity", r"termination skids .one number.: "),
         ("qvel[3:6]", "qvel", r"observation spin .3 numbers by its mirror image"),

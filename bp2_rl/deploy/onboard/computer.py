@@ -8,6 +8,7 @@ It prints its port, or what is wrong with the bundle; when it is ended, a line o
 about its ticks.
 """
 
+import collections
 import dataclasses
 import gc
 import json
@@ -27,6 +28,7 @@ from .watchdog import SensorReading
 
 GRACE = 0.001  # s, for which a measurement that is due is waited for
 OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
+RECENT = 720_000  # ticks whose times are kept: an hour's
 PATIENCE = 30.0  # s, for which the robot's first measurement is waited for
 
 
@@ -56,10 +58,11 @@ def run(
     controller: OnboardController, radio: Radio, over: Callable[[], bool]
 ) -> Settings:
     """Run the controller for a robot on the radio until it is `over`; return the number
-    of ticks, their (p50, p99, max) from a measurement to its answer in ms, the fault
+    of ticks of the last hour, their (p50, p99, max) from a measurement to its answer in ms, the fault
     and the limits used."""
     tick = 1.0 / controller.settings["rates"]["policy"]
-    inbox, ticks, packets = Inbox(), [], radio.receive()
+    inbox, packets = Inbox(), radio.receive()
+    ticks: collections.deque[tuple[float, float]] = collections.deque(maxlen=RECENT)
     while not (ticks and over()):
         start, used, now = time.perf_counter(), time.thread_time(), time.monotonic()
         for kind, values in packets:
@@ -92,7 +95,7 @@ def main(folder: Path | str) -> None:
     except BundleError as error:
         print(f"error: {error}")
         sys.exit(2)
-    gc.freeze()  # or a collection would stop a tick
+    gc.freeze()  # a collection looks at what comes later alone
     print(radio.port, flush=True)
     radio.answer_first(PATIENCE)
     for ends in (signal.SIGINT, signal.SIGTERM):

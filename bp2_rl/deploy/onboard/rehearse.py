@@ -71,14 +71,19 @@ def in_real_time(
     ):
         radio.connect(port)
         outcome = _run_robot(world, radio)
+        ended = computer.poll()
         # at once, so that the computer does not take the end for silence
         computer.terminate()
-        told = json.loads(computer.communicate()[0])
+        told = computer.communicate()[0]
+        if ended is not None:
+            raise UserError(
+                f"{program or 'computer'} ended during the rehearsal, with exit status {ended}"
+            )
     busy = (
         min(outcome["real_time"], 1.0 - outcome["most_late"] / SECOND) < LEAST_SHARE
         or outcome["waited_ms"] > LONGEST_WAIT
     )
-    return {**outcome, **world.outcome(), **told, "too_busy": busy}
+    return {**outcome, **world.outcome(), **json.loads(told), "too_busy": busy}
 
 
 @contextlib.contextmanager
@@ -100,8 +105,9 @@ def _computer(
             if line.startswith("error: "):
                 raise UserError(line.removeprefix("error: "))
             if not line.isdecimal():
+                said = f"{line!r} in the place of its port" if heard else "no port"
                 raise UserError(
-                    f"{program or 'computer'} printed no port within {PATIENCE:g} s"
+                    f"{program or 'computer'} printed {said} within {PATIENCE:g} s"
                 )
             yield process, int(line)
         finally:
@@ -113,7 +119,7 @@ def _run_robot(world: RehearsalWorld, radio: Radio) -> dict[str, float]:
     ticks had no answer in time."""
     answers = np.zeros(-(-world.milliseconds // TICK))  # heard in each tick
     heard = waited = 0  # ms of the robot's time, and ms
-    gc.freeze()  # or a collection would stop the robot
+    gc.freeze()  # a collection looks at what comes later alone
     start = time.monotonic()
     for k in range(world.milliseconds):
         due = start + k * DT

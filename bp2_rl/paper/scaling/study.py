@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric, show
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.paper.figures.drawn import name_rows, note
@@ -81,7 +82,11 @@ def compare_limits(
     published: Sequence[PublishedRobot],
     learned: Sequence[LearnedSpeed],
 ) -> ScalingStudy:
-    """Return the study: speed limits beside published and learned speeds."""
+    """Return the study: speed limits beside published and learned speeds.
+
+    Raises:
+        UserError: no robot has a limit.
+    """
     speeds = {robot.robot: robot.top_speed for robot in published}
     assumed = {legs.robot for legs in read_legs() if legs.thigh_mass is None}
     robots = [
@@ -97,6 +102,8 @@ def compare_limits(
         for name, limit in limits.limits.items()
         if limit
     ]
+    if not robots:
+        raise UserError(f"no trot was found of {', '.join(limits.limits)}")
     known = find_robots()
     return ScalingStudy(
         robots=tuple(sorted(robots, key=lambda robot: robot.ratio or float("inf"))),

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
@@ -58,7 +59,11 @@ class Objective:
 def compare_objectives(
     settings: ObjectiveSettings, workers: int = 1
 ) -> list[ObjectiveRow]:
-    """Return a row for each speed and F bar that has a trajectory."""
+    """Return a row for each speed and F bar that has a trajectory.
+
+    Raises:
+        UserError: no speed has a trajectory.
+    """
     from bp2_rl.optimiser.collocation import solve_best  # CasADi
 
     problems = [
@@ -69,7 +74,10 @@ def compare_objectives(
     limit = TIME_LIMIT * settings.intervals
     solve = functools.partial(solve_best, starts=settings.starts, time_limit=limit)
     found = solve_all(solve, problems, workers=workers)
-    return [describe_objective(best) for best in found if best is not None]
+    rows = [describe_objective(best) for best in found if best is not None]
+    if not rows:
+        raise UserError("no trajectory was found: allow more --starts or intervals")
+    return rows
 
 
 def weigh(problem: Problem, body_weights: float) -> Problem:

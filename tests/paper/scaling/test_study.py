@@ -6,7 +6,7 @@ import dataclasses
 import pytest
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import INTERRUPTED, OK, WRONG_INPUT
+from bp2_rl.base.errors import INTERRUPTED, OK, WRONG_INPUT, UserError
 from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import scaling
 from bp2_rl.paper.cli.scaling import choose_robots
@@ -84,6 +84,11 @@ def test_a_speed_above_its_limit_is_said_first(a1):
     assert lines == [
         f"{A1} runs 9.00 m/s (published), and its limit is {a1.speed:.2f} m/s: the model is wrong"
     ]
+
+
+def test_without_any_limit_there_is_no_study():
+    with pytest.raises(UserError, match=f"no trot was found of {A1}"):
+        compare_limits(SpeedLimits(Rules(4), {A1: None}), read_robots(), ())
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import itertools
 
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import collocation
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution
@@ -48,4 +49,6 @@ def test_each_weight_is_solved_from_several_starts_and_the_cheapest_is_told(
     assert (row.speed, row.body_weights) == (10.0, 1.0)
     second = made_up(asked[1], guesses[1], 1.0)
     assert row.period == pytest.approx(second.period)
+    with pytest.raises(UserError, match="no trajectory was found"):
+        compare_objectives(ObjectiveSettings((10.0,), body_weights=(3.0,)))
     assert row.period != pytest.approx(guesses[0].durations.sum(), rel=1e-6)
