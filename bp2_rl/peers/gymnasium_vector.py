@@ -134,7 +134,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             draw_key(draws) if begins else 0
             for draws, begins in zip(self._draws, which, strict=True)
         ]
-        fresh = self._reset(jnp.stack([jax.random.PRNGKey(key) for key in keys]))
+        fresh = self._reset(jax.vmap(jax.random.PRNGKey)(np.array(keys, np.uint32)))
         self._state = (
             fresh if self._state is None else self._choose(which, fresh, self._state)
         )
