@@ -21,17 +21,18 @@ SCREEN = """usage: {prog} [FLAGS]
 {what}
 
 flags:
-  --variants NAME ...   some of those below, or tasks: FILE.py [all]
-  --seeds INT ...       [0 1 2]
+  --variants NAME ...   variants of the list below, or task files FILE.py [all]
+  --seeds INT ...       random seeds, one training each [0 1 2]
   --preset {gpu,cpu,first,smoke}
                         size of the trainings [gpu]
-  --robot NAME|FILE     which is trained and judged, as for train.py [built]
+  --robot NAME|FILE     the robot, as for train.py [built]
   --steps INT INT       control steps of the imitation and of the relaxed stage
   --out DIR             the study's folder [runs/study]
-  --judges INT          processes that judge policies while others train
+  --judges INT          processes that judge policies during the trainings
   --jobs.executor {here,slurm,local}
-                        slurm: each training is a job; local: the same jobs here
-  --no-train            only summarise what is there
+                        here: this machine; slurm: a Slurm job for each training;
+                        local: jobs on this machine, to test them [here]
+  --no-train            only summarise the finished trainings
 
 variants:
 {variants}
@@ -40,7 +41,7 @@ all flags, with --jobs.*: {prog} --help-all
 
 examples:
   bp2 study --variants ours kinematic --seeds 0 1 2
-  bp2 study --variants ours my_task.py   # a task beside the recipe""".replace(
+  bp2 study --variants ours my_task.py   # compare a task with the recipe""".replace(
     "{variants}",
     listed({name: variant.meaning for name, variant in VARIANTS.items()}),
 )
@@ -50,29 +51,29 @@ examples:
 @dataclasses.dataclass(frozen=True)
 class StudyArguments(Bounded, path="--"):
     """Train variants of the recipe with several seeds, judge every saved policy in C
-    MuJoCo, and compare.
+    MuJoCo, and compare the variants.
 
-    One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on
-    where it stands when called again. The table grows as trainings end.
+    Each GPU runs one training at a time; a cluster runs each training as a job. The
+    same command continues an interrupted study. The table grows as trainings end.
     """
 
     variants: tuple[str, ...] = tuple(VARIANTS)
-    """which are trained, or the files of tasks; what each is: --help"""
+    """variants of the recipe (listed by --help), or task files FILE.py"""
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
     robot: RobotChoice = "built"
-    """which is trained and judged, as for train.py"""
+    """the robot, as for train.py"""
     steps: tuple[Steps, Steps] | None = None
     """control steps of the imitation and of the relaxed stage; by default the
     preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
     judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
-    """processes that judge policies while others train"""
+    """processes that judge policies during the trainings"""
     jobs: JobsConfig = JobsConfig()
     train: bool = True
-    """--no-train: only summarise what is there"""
+    """--no-train: only summarise the finished trainings"""
 
 
 def _study(arguments: StudyArguments) -> None:
