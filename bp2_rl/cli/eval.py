@@ -43,9 +43,9 @@ policy and benchmark:
   POLICY_OR_RUN         name of a shipped policy (built, gentle, fastest, ideal,
                         rough), or folder of a policy or a training run [built]
   --benchmark NAME      a benchmark of the list below [topspeed]
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without both;
-                        real: the most plausible BP2; go1, ...; or a robot file
-                        [the policy's own robot; built for the policy ideal]
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+                        both; real: the most plausible BP2; go1, ...; or a robot
+                        file [the policy's own robot; built for the policy ideal]
   --task FILE[:NAME]    the policy's task, if the task adds observations
   --backend {mujoco,drake}
                         simulator: C MuJoCo, or Drake for comparison [mujoco]
@@ -56,7 +56,7 @@ conditions:
   --speed M/S           commanded speed [as in the result on the policy's card]
   --acceleration M/S2   rate at which the commanded speed rises
   --hold S              time at the commanded speed
-  --robots N            number of random robots; robustness [200], posterior [32]
+  --robots N            random robots; robustness [200], posterior [32]
   --seed N              random seed of robots, rough ground and noise [0]
   --sensor-noise        add the sensor noise of training
 

@@ -30,8 +30,8 @@ flags:
   --out DIR             the study's folder [runs/study]
   --judges INT          processes that judge policies during the trainings
   --jobs.executor {here,slurm,local}
-                        here: this machine; slurm: a Slurm job for each training;
-                        local: jobs on this machine, to test them [here]
+                        here: this machine; slurm: a Slurm job for each
+                        training; local: jobs on this machine, to test them [here]
   --no-train            only summarise the finished trainings
 
 variants:

@@ -53,8 +53,8 @@ SCREEN = """usage: {prog} [FLAGS]
 {what}
 
 task and robot:
-  --stage {imitation,relaxed}  imitation: learn the reference motion; then relaxed:
-                               run faster for less effort [imitation]
+  --stage {imitation,relaxed}  imitation: learn the reference motion; then
+                               relaxed: run faster for less effort [imitation]
   --preset {gpu,cpu,first,smoke,auto}
                                size of the training [auto: gpu if JAX finds an
                                accelerator, else cpu]; first: a slow trot, in
@@ -63,7 +63,7 @@ task and robot:
                                [the robot of --from, else built]
   --weights {ours,paper}       reward weights: ours, or the paper's Table S4
   --reference {collocation,kinematic,none}
-                               reference motion to imitate: trots from trajectory
+                               motion to imitate: trots from trajectory
                                optimisation, a trot in closed form, or standing
   --task FILE[:NAME]           your own rewards, terminations, observations
                                and settings; --task.reward.NAME: a term's weight
@@ -73,19 +73,19 @@ runs:
   --out PATH                   the run's folder [runs/STAGE-DATE-TIME]
   --from PATH                  start with networks and settings of this run
                                [relaxed: the newest imitation run]
-  --resume PATH                continue this stopped run from its last checkpoint
-  --replay PATH                repeat this run's train step that gave NaN or infinity,
-                               and name the value that became so first
+  --resume PATH                continue this run from its last checkpoint
+  --replay PATH                repeat this run's train step that gave NaN or
+                               infinity, and name the value that became so first
 
 length:
   --run.steps INT              control steps, summed over all robots
-  --until M/S                  stop when a policy reaches this speed from a stand in
-                               C MuJoCo and holds it for 5 s
+  --until M/S                  stop when a policy reaches this speed from a stand
+                               in C MuJoCo and holds it for 5 s
   --run.seed INT               random seed [0]
 
 compute:
-  --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock MJX;
-                               warp: MJX-Warp
+  --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock
+                               MJX; warp: MJX-Warp
   --ppo.num-envs INT           number of parallel environments
   --deterministic              bit-for-bit reproducible on GPUs; slower
   --track wandb                also log metrics to this tracker
@@ -126,7 +126,7 @@ class EarlyFlags:
     """start with networks and settings of this run [relaxed: the newest imitation
     run]"""
     resume: Path | None = None
-    """continue this stopped run from its last checkpoint"""
+    """continue this run from its last checkpoint"""
     replay: Path | None = None
     """repeat this run's train step that gave NaN or infinity, and name the value that
     became so first"""

@@ -109,7 +109,7 @@ LIBRARY_SCREEN = """usage: {prog} build [FLAGS]
 flags:
   --robot NAME|FILE     built, ideal, go1, ... or a robot file [ideal]
   --slowest FLOAT       lowest speed, m/s
-  --fastest FLOAT       highest speed, m/s [for other robots than BP2 their limit]
+  --fastest FLOAT       highest speed, m/s [the limit of robots other than BP2]
   --step FLOAT          difference between neighbouring speeds, m/s
   --starts INT          initial guesses at the first speed
   --coarse INT          mesh intervals in each segment at the first solve

@@ -17,20 +17,20 @@ from bp2_rl.simulation.backend import Backend
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
-Test the paper's claims about a gait on a policy, and write a report with a table, plots
-and a film.
+Test the paper's claims about a gait on a policy, and write a report with a
+table, plots and a film.
 
 policy and benchmark:
   POLICY_OR_RUN         name of a shipped policy (built, gentle, fastest, ideal,
                         rough), or folder of a policy or a training run [built]
-  --benchmark NAME      stability: return map of the gait under noise, and the largest
-                        push that the robot survives [stability]
+  --benchmark NAME      stability: return map of the gait under noise, and the
+                        largest push that the robot survives [stability]
                         endurance: time until a motor is too hot
                         mechanism: inertial coupling of the limbs, at five speeds
                         efficiency: cost of transport, at eight speeds
                         all: all of them
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without both;
-                        real: the most plausible BP2
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+                        both; real: the most plausible BP2
   --quick               a short version, in half a minute
 
 conditions:
