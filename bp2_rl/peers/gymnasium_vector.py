@@ -37,10 +37,10 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many robots side by side as a Gymnasium vector environment, in one compiled
     program.
 
-    A robot whose episode has ended begins a new one at the next step, whose action it
-    does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
-    array for each entry of the single environment's, and what is in it is there for
-    every robot.
+    A robot whose episode has ended starts a new episode at the next step; that step
+    ignores the action and returns the reward 0 (`AutoresetMode.NEXT_STEP`). `info`
+    holds an array for each entry of the single environment's, and what is in it is
+    there for every robot.
 
     Args:
         num_envs: robots.

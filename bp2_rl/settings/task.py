@@ -168,15 +168,15 @@ class TaskConfig(Bounded, path="task."):
     code: TaskSources | Task | None = dataclasses.field(
         default=None, repr=False, metadata=UNWRITTEN
     )
-    """the task's code, where somebody has named it; no file has it"""
+    """the task's code, if the user gave it; it is not saved in files"""
 
     @property
     def task(self) -> Task:
-        """The task itself; an empty one where there is none, or nobody has named it and
-        the policy does not see it.
+        """The task itself; an empty task if there is none, or if its code was not given
+        and the policy does not see it.
 
         Raises:
-            UserError: nobody has named the task that the policy sees.
+            UserError: the code of the task's observation terms was not given.
         """
         if self.code is None and self.observations:
             raise UserError(

@@ -1,7 +1,7 @@
 """The losses benchmark: the speed that each loss between the ideal and the built robot
 costs.
 
-A robot of a file is the built one; the ideal one is that robot without its losses.
+For a robot from a file, the built robot has the file's losses and the ideal robot none.
 """
 
 import dataclasses

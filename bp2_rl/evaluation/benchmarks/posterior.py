@@ -1,5 +1,4 @@
-"""The posterior benchmark: one policy on robots that explain the paper's numbers, on
-treadmill and road."""
+"""The posterior benchmark: one policy on plausible robots, on treadmill and road."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ NUM_ROBOTS = 32
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosteriorMetrics:
-    """Speeds and times of all robots: the median, and between what nine tenths lie."""
+    """Speeds and times of all robots: the median and the 90 % interval."""
 
     belt: Quantiles | None = metric(
         "Treadmill",
@@ -56,7 +55,7 @@ class PosteriorMetrics:
     falls: int = metric(
         "Falls",
         form="d",
-        meaning="robots that fell while the command rose beyond what they can",
+        meaning="robots that fell while the command rose beyond their top speed",
         card=True,
     )
     robots: tuple[PlausibleRun, ...]
@@ -86,7 +85,7 @@ def posterior(policy: Policy, race: Ramp, setup: BenchmarkOptions) -> Evaluation
     )
     return Evaluation(
         benchmark=POSTERIOR,
-        subject=f"{policy.card.stage} policy, {count} robots that BP2 may be",
+        subject=f"{policy.card.stage} policy, {count} plausible robots",
         conditions=said
         | {
             "robot": f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"

@@ -66,8 +66,8 @@ def run_once(
 def plausible_rows(
     policy: Policy, setup: BenchmarkOptions, name: str, unit: str
 ) -> tuple[Row, ...]:
-    """Return a report's row with the results of robots that BP2 may be, as they are on
-    the policy's card; none for another robot than the built one, or other ground."""
+    """Return a report's row with the results of plausible robots on the policy's card;
+    none for another robot than the built one, or other ground."""
     results = policy.card.results.get(POSTERIOR)
     found = isinstance(results, dict) and results.get(name)
     if not found or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
@@ -76,7 +76,7 @@ def plausible_rows(
         Row(
             "Plausible robots",
             "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*found, unit),
-            "median (90 %) of robots that BP2 may be, by --benchmark posterior",
+            "median (90 %) of plausible robots, by --benchmark posterior",
         ),
     )
 
@@ -84,7 +84,7 @@ def plausible_rows(
 # --- Top speed ------------------------------------------------------------------------
 
 TOPSPEED_HOLD = 20.0  # s
-# of the commanded speed: a robot that is slower does not run at all as it is told
+# of the commanded speed: a slower robot does not follow its command
 FOLLOWS = 0.5
 
 
@@ -141,7 +141,7 @@ def ramp_to_topspeed(
 
 # --- Sprint ---------------------------------------------------------------------------
 
-# s; more for another robot than BP2 that is told a speed at which that is short
+# s; longer for robots other than BP2 at slow commands
 TIME_LIMIT = 30.0
 SLOWNESS = 1.5  # times the time that the track takes at the speed commanded
 SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5

@@ -50,14 +50,14 @@ from bp2_rl.simulation.schedule import Ramp
 SENSITIVITY_HOLD = 5.0  # s
 COMMANDS = 1.0, 0.9, 0.8
 """Commands given to each robot, as shares of the commanded speed: a weak robot may run
-faster when told less."""
+faster under a slower command."""
 AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
 ROBOTS_IN_WORDS = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
     "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
-    f"each is told {', '.join(f'{share:.0%}' for share in COMMANDS)} of the speed, and shown at its best; "
+    f"each runs at {', '.join(f'{share:.0%}' for share in COMMANDS)} of the commanded speed, and is shown at its best; "
     "one run each: an unlucky landing can cost a stride or not, by chance"
 )
 
@@ -272,11 +272,11 @@ def robot_metrics(
     """Return the measurements of a robot's fastest run without a fall, and of its
     sprint.
 
-    A robot that fell at every command is told of by its run at the first.
+    For a robot that fell at every command, the run at the first command is returned.
 
     Args:
         name: of the robot.
-        commands: m/s, that it was told.
+        commands: the robot's commands, m/s.
         held: its run at each command.
         raced: its run over 100 m.
     """

@@ -1,5 +1,5 @@
-"""The pass rules of the manoeuvres and disturbances: what is measured in a run without
-a fall, and what passes."""
+"""The pass rules of the manoeuvres and disturbances: the measurements of a run without
+a fall, and the limits that it must keep."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ CREEP = 0.02  # m, of a stand
 # Nm, of BP2's stand; of another robot as much of its weight times its legs' length
 CHATTER = 1.0
 CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
-ASTRAY = 3.0  # m, of a run that nobody steers
+ASTRAY = 3.0  # m, of a run without steering
 
 Measured = dict[str, float | None]
 """Quantities that a rule measured in a run, by name, SI units; None if not measured."""
@@ -137,7 +137,7 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
     after `since` (s).
 
     Measured: the mean `speed` in the direction commanded (m/s), the trunk's `height`
-    (m), and the electrical `cost_of_transport`, None where it goes nowhere.
+    (m), and the electrical `cost_of_transport`, None if the robot does not move.
     """
     told = math.hypot(*command[:2])
     steady = run.between(since, math.inf)
