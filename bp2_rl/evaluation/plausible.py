@@ -33,7 +33,7 @@ from bp2_rl.simulation.trajectory import Trajectory, window_means
 from bp2_rl.simulation.world import World
 
 ASSUMPTIONS, ROBOTS = "plausible/assumptions.toml", "plausible/robots.csv"
-RISE = 1.2  # m/s2, of the command: slow, so that the command passes each robot's best speed
+RISE = 1.2  # m/s2, of the command: slow, so that each robot reaches its best speed
 HOLD = 1.0  # s, of the greatest command
 SECOND = 1000  # samples
 HIND = slice(6, 12)  # motors of the hind legs

@@ -94,7 +94,8 @@ class CurriculumConfig:
     near: BelowOne = 0.9
     """with a start speed, only commands above this share of the limit count"""
     evidence: Amount = 0.5  # s, least time at counted commands between two draws
-    tolerance: Extent = 0.1  # largest mean speed error at counted commands, as a share of (1 m/s + limit)
+    # largest mean speed error at counted commands, as a share of (1 m/s + limit)
+    tolerance: Extent = 0.1
     raise_by: BelowOne = 0.15
     lower_by: BelowOne = 0.05
 
