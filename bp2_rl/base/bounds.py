@@ -171,8 +171,10 @@ def _kinds_of(annotation: object, bounds: Within = ANY) -> list[tuple[Any, Withi
     bounds of its numbers."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        found = [remark for remark in inner[1:] if isinstance(remark, Within)]
-        return _kinds_of(inner[0], found[0] if found and bounds is ANY else bounds)
+        declared = [remark for remark in inner[1:] if isinstance(remark, Within)]
+        return _kinds_of(
+            inner[0], declared[0] if declared and bounds is ANY else bounds
+        )
     if origin in (Union, UnionType):
         return [kind for member in inner for kind in _kinds_of(member, bounds)]
     return [(annotation, bounds)]

@@ -211,6 +211,6 @@ def package_versions() -> dict[str, str]:
 
     bp2_rl itself need not be installed.
     """
-    others = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
-    found = {name: importlib.metadata.version(name) for name in others.split()}
-    return {"bp2_rl": __version__} | found
+    names = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    versions = {name: importlib.metadata.version(name) for name in names.split()}
+    return {"bp2_rl": __version__} | versions

@@ -126,8 +126,10 @@ def _terminable(patient: bool) -> Generator[None]:
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)
             os._exit(128 + number)
 
-    ours = (signal.SIG_DFL, signal.default_int_handler)
-    numbers = [number for number in STOPPING if signal.getsignal(number) in ours]
+    default_handlers = (signal.SIG_DFL, signal.default_int_handler)
+    numbers = [
+        number for number in STOPPING if signal.getsignal(number) in default_handlers
+    ]
     with handling(numbers, stop, insist):
         try:
             yield
@@ -256,8 +258,8 @@ class Command(Generic[Config]):
     @property
     def description(self) -> str:
         """Description of the command: the first paragraph of its flags' docstring."""
-        said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
-        return said[:1].lower() + said[1:].rstrip(".")
+        text = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
+        return text[:1].lower() + text[1:].rstrip(".")
 
 
 def show_screen(
@@ -319,23 +321,23 @@ def parse_known(config: type[Config], words: Sequence[str], prog: str) -> Config
     import tyro
 
     with _mistakes_raised():
-        known, _ = tyro.cli(
+        config_flags, _ = tyro.cli(
             config,
             prog=prog,
             args=words,
             return_unknown_args=True,
             add_help=False,
         )
-    return known
+    return config_flags
 
 
 @contextlib.contextmanager
 def _mistakes_raised() -> Generator[None]:
     """Raise an error for a wrong command line where tyro would print and exit: the
     config's `UserError`, else a `FlagError`."""
-    said = io.StringIO()
+    errors = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(errors):
             yield
     except SystemExit as end:
         if end.code == OK:
@@ -343,7 +345,7 @@ def _mistakes_raised() -> Generator[None]:
         cause: BaseException | None = end
         while cause is not None and not isinstance(cause, UserError):
             cause = cause.__context__
-        raise cause or FlagError(said.getvalue()) from None
+        raise cause or FlagError(errors.getvalue()) from None
 
 
 def entries(commands: Mapping[str, Command[Any]]) -> dict[str, Entry]:

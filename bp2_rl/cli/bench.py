@@ -90,8 +90,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _bench(words: list[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
-    known = app.HELP_ALL in words or flags.known_without_jax
-    arguments = read_arguments(words, flags) if known else None
+    defaults_known = app.HELP_ALL in words or flags.known_without_jax
+    arguments = read_arguments(words, flags) if defaults_known else None
     with unused_left_out(flags):
         from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     use_processors(flags)
@@ -130,12 +130,12 @@ def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
     """
     import jax
 
-    there = jax.device_count()
-    if max(arguments.devices, default=1) > there:
-        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
+    available = jax.device_count()
+    if max(arguments.devices, default=1) > available:
+        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {available}")
     sizes = {
         (robots, devices): None
         for robots in arguments.robots or (arguments.ppo.num_envs,)
-        for devices in arguments.devices or (there,)
+        for devices in arguments.devices or (available,)
     }
     return tuple(sizes)

@@ -95,10 +95,10 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.running import Resources, run_study, visible_gpus
 
     def tabulate() -> list[Outcome]:
-        found = [
+        found_outcomes = [
             outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
         ]
-        outcomes = [one for one in found if one is not None]
+        outcomes = [one for one in found_outcomes if one is not None]
         for one in outcomes:
             save_config(arguments.out / f"{label(one.variant)}.json", one)
         if outcomes:

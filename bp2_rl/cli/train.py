@@ -402,13 +402,13 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
 
     old = run.load_own(parent)
     task = flags.task or old.env.task.code
-    theirs = (
+    robot = (
         (robot_name(old.env.hardware) or "built")
         if old.env.hardware.is_bp2
         else old.env.hardware
     )
     before, now = (
-        presets.preset(each, preset, flags.weights, theirs, task)
+        presets.preset(each, preset, flags.weights, robot, task)
         for each in (old.stage, flags.stage)
     )
     env = merge(before.env, old.env, now.env)

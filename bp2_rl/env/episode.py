@@ -76,14 +76,14 @@ class EpisodeStarts:
         command = command.replace(current=jnp.where(standing, 0.0, command.current))
         phase = jax.random.uniform(key_phase)
         reference = self._controller.reference(command.current, phase)
-        told = command
+        initial_command = command
         if config.reset.command_error:
-            told = commands.with_command_error(
+            initial_command = commands.with_command_error(
                 jax.random.fold_in(key_command, 1), command, standing, top, config
             )
         if config.reset.standing_time[1]:
-            told = commands.with_standing_time(
-                jax.random.fold_in(key_command, 2), told, standing, config
+            initial_command = commands.with_standing_time(
+                jax.random.fold_in(key_command, 2), initial_command, standing, config
             )
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
@@ -99,7 +99,7 @@ class EpisodeStarts:
         episode = PipelineState(
             physics=_physics_at_rest(qpos, qvel, targets),
             controller=self._controller.init(phase),
-            command=told,
+            command=initial_command,
             randomization=robot,
             mean_torque=jnp.zeros(conventions.NUM_MOTORS),
             tracking_error=jnp.zeros(3),

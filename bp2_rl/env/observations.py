@@ -116,12 +116,12 @@ SCAN = Mirror(
 
 def _ground_terms(config: TerrainConfig) -> list[ObservationTerm[PrivilegedInputs]]:
     """Return the critic's observation of the ground."""
-    seen = []
+    terms = []
     if config.kind != "flat":
-        seen.append(ObservationTerm("ground", SCAN, _scan))
+        terms.append(ObservationTerm("ground", SCAN, _scan))
     if config.slope[1]:
-        seen.append(ObservationTerm("vertical", VECTOR, _vertical))
-    return seen
+        terms.append(ObservationTerm("vertical", VECTOR, _vertical))
+    return terms
 
 
 def observation_terms(

@@ -206,14 +206,14 @@ def combine(
     """
     fell = launches[0].fell
     counted = slower if fell else launches
-    mean = sum(one.followed for one in counted) / len(launches)
-    fallen = [one.fell_told for one in launches if one.fell]
+    mean = sum(launch.followed for launch in counted) / len(launches)
+    commands_at_falls = [launch.fell_told for launch in launches if launch.fell]
     return JudgeResult(
         launches[0].best_speed,
-        len(fallen),
+        len(commands_at_falls),
         len(launches),
         mean / len(launches) if fell else mean,
-        min(fallen, default=0.0),
+        min(commands_at_falls, default=0.0),
         min(counted[0].held, counted[0].command) if counted else 0.0,
         launches[0].command,
     )

@@ -208,8 +208,10 @@ def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
     during = slice(pace, pace + SECOND)
     power = (run.torque * run.joint_velocity)[during, HIND].max(axis=0)
     hip, knee = power.reshape(2, 3).max(axis=0)[1:]
-    told = float(run.command[best + SECOND // 2, 0])
-    return BestSecond(float(speeds[best]), told, (float(hip), float(knee)), run.fell_at)
+    command = float(run.command[best + SECOND // 2, 0])
+    return BestSecond(
+        float(speeds[best]), command, (float(hip), float(knee)), run.fell_at
+    )
 
 
 def _race_time(_: RunRequest, run: Trajectory) -> float | None:

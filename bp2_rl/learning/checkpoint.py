@@ -212,10 +212,10 @@ def restore_checkpoint(
             )
     metadata = read_metadata(run_dir, step, folder)
     directory = find_folder(Path(run_dir) / folder / str(step))
-    wanted = leaves_by_path(template)
+    leaves_wanted = leaves_by_path(template)
     specs = {
         path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape))
-        for path, leaf in wanted.items()
+        for path, leaf in leaves_wanted.items()
     }
     with _refusing_damage(directory):
         content = read_bytes(directory / STATE)
@@ -223,14 +223,14 @@ def restore_checkpoint(
             raise BadFileError(f"{directory / STATE} is damaged: its checksum differs")
         require_same(
             metadata.tree,
-            {path: _describe(leaf) for path, leaf in wanted.items()},
+            {path: _describe(leaf) for path, leaf in leaves_wanted.items()},
             directory,
             part=part,
         )
         arrays = read_npz(
             directory / STATE, specs, content=content, largest=len(content)
         )
-    leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
+    leaves = [place(arrays[path], leaf) for path, leaf in leaves_wanted.items()]
     return step, jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
@@ -244,9 +244,9 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
-        there = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
+        steps = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
         raise CheckpointError(
-            f"no checkpoint of step {step} in {directory.parent}; it has: {there}"
+            f"no checkpoint of step {step} in {directory.parent}; it has: {steps}"
         )
     if not path.exists():
         raise CheckpointError(
@@ -288,10 +288,13 @@ def require_same(
     """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with
     `part`; name what differs."""
     for name in wanted if part else [*wanted, *saved]:
-        there, here = saved.get(name, "absent"), wanted.get(name, "absent")
-        if there != here:
+        saved_value, wanted_value = (
+            saved.get(name, "absent"),
+            wanted.get(name, "absent"),
+        )
+        if saved_value != wanted_value:
             raise CheckpointError(
-                f"{directory} is of another training: {name} is {there} there and {here} {where}"
+                f"{directory} is of another training: {name} is {saved_value} there and {wanted_value} {where}"
             )
 
 
@@ -354,10 +357,10 @@ def _refusing_damage(directory: Path) -> Generator[None]:
         yield
     except BadFileError as error:
         steps = saved_steps(directory.parents[1], directory.parent.name)
-        others = [step for step in steps if str(step) != directory.name]
+        other_steps = [step for step in steps if str(step) != directory.name]
         advice = (
-            f"remove that folder to go on from step {max(others)}"
-            if others
+            f"remove that folder to go on from step {max(other_steps)}"
+            if other_steps
             else "there is no other to go on from"
         )
         raise CheckpointError(f"{error}; {advice}") from error

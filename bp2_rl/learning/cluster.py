@@ -79,9 +79,9 @@ def is_first() -> bool:
 def require_same(text: str, what: str) -> None:
     """Raise `UserError`, on all processes, unless the text is the same on all; `what`
     names it in the plural."""
-    ours = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
-    first = multihost_utils.broadcast_one_to_all(ours)
-    if largest(not np.array_equal(ours, first)):
+    digest = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+    first = multihost_utils.broadcast_one_to_all(digest)
+    if largest(not np.array_equal(digest, first)):
         raise UserError(
             f"the processes of the cluster differ in their {what}: give all the same flags and files"
         )

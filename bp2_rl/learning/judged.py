@@ -36,8 +36,8 @@ class JudgeResult:
 
     def __str__(self) -> str:
         """Return the result in words."""
-        said = (self.ran, self.fallen if self.falls else "")
-        return ", ".join(part for part in said if part)
+        parts = (self.ran, self.fallen if self.falls else "")
+        return ", ".join(part for part in parts if part)
 
     @property
     def ran(self) -> str:
@@ -51,8 +51,10 @@ class JudgeResult:
     def fallen(self) -> str:
         """Return how many launches to the fastest command fell, and at which command,
         in words."""
-        told = f", the first at {self.fell_told:.1f} m/s" if self.fell_told else ""
-        return f"{self.falls} of {self.launches} launches fell{told}"
+        at_command = (
+            f", the first at {self.fell_told:.1f} m/s" if self.fell_told else ""
+        )
+        return f"{self.falls} of {self.launches} launches fell{at_command}"
 
     def reaches(self, speed: float | None) -> bool:
         """Return whether the policy holds this speed, m/s, in the first launch."""

@@ -87,11 +87,11 @@ def _values(
 ) -> Float[Array, "robots values"]:
     """Return the critic's values of all observations, the one after the last included."""
     apply = network.value_network.apply
-    known, last = (
+    present, last = (
         apply(normalizer, params.value, seen)
         for seen in (data.observation, data.next_observation)
     )
-    return jnp.concatenate([known, last], axis=1)
+    return jnp.concatenate([present, last], axis=1)
 
 
 def targets_and_advantages(
@@ -109,14 +109,14 @@ def targets_and_advantages(
     counts = 1.0 - truncation
     rewards = config.reward_scaling * data.reward
     discount = config.discounting * goes_on
-    known, after = values[:, :-1], values[:, 1:]
-    delta = counts * (rewards + discount * after - known)
+    present, following = values[:, :-1], values[:, 1:]
+    delta = counts * (rewards + discount * following - present)
     keep = counts * config.gae_lambda * discount
     beyond = jnp.zeros_like(delta[:, 0])
     backwards = []
     for time in reversed(range(delta.shape[1])):
         beyond = delta[:, time] + keep[:, time] * beyond
         backwards.append(beyond)
-    targets = known + jnp.stack(backwards[::-1], axis=1)
+    targets = present + jnp.stack(backwards[::-1], axis=1)
     later = jnp.concatenate([targets[:, 1:], values[:, -1:]], axis=1)
-    return targets, counts * (rewards + discount * later - known)
+    return targets, counts * (rewards + discount * later - present)

@@ -223,16 +223,18 @@ class SymmetricPolicy(linen.Module):
 def _symmetric_networks(
     mirrors: Mapping[str, Mirror], config: PPOConfig
 ) -> networks.PPONetworks:
-    seen = CRITIC if CRITIC in mirrors else POLICY
-    how = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
+    critic_input = CRITIC if CRITIC in mirrors else POLICY
+    options = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
     actor = SymmetricPolicy(
         mirrors[POLICY],
         mirrors["action"],
         config.policy_layers,
-        *how,
+        *options,
         config.initial_std,
     )
-    critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
+    critic = SymmetricMLP(
+        mirrors[critic_input], Mirror((0,), (1,)), config.value_layers, *options
+    )
 
     def network(
         module: linen.Module,
@@ -257,7 +259,7 @@ def _symmetric_networks(
     )  # a dataclass, though pyright does not follow Brax's way to `flax.struct`
     return make(
         policy_network=network(actor, POLICY, lambda out: out),
-        value_network=network(critic, seen, lambda out: out[..., 0]),
+        value_network=network(critic, critic_input, lambda out: out[..., 0]),
         parametric_action_distribution=distribution.NormalDistribution(
             event_size=len(mirrors["action"].order)
         ),

@@ -272,10 +272,10 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
 
 def versions() -> dict[str, str]:
     """Return the versions of the packages that a solution depends on."""
-    found = {"bp2_rl": config.package_versions()["bp2_rl"], "numpy": np.__version__}
+    packages = {"bp2_rl": config.package_versions()["bp2_rl"], "numpy": np.__version__}
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-        found["casadi"] = importlib.metadata.version("casadi")
-    return found
+        packages["casadi"] = importlib.metadata.version("casadi")
+    return packages
 
 
 def _beside(path: Path, suffix: str) -> Path:

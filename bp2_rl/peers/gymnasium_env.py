@@ -77,12 +77,12 @@ class BP2Peer:
     def _open(
         self, env: BP2Env, render_mode: RenderMode | None, *, many: bool = False
     ) -> None:
-        each = jax.vmap if many else lambda of_one: of_one
+        batched = jax.vmap if many else lambda of_one: of_one
         self.env = env
         self.render_mode = render_mode
         self._camera = open_camera(env.config.hardware, render_mode)
-        self._reset = jax.jit(each(env.reset))
-        self._step = jax.jit(each(env.step))
+        self._reset = jax.jit(batched(env.reset))
+        self._step = jax.jit(batched(env.step))
         self._state: Any = None
 
     def _act(self, action: np.ndarray) -> None:

@@ -32,7 +32,7 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
         packed = message.encode() if isinstance(message, str) else message
         fields = msgspec.msgpack.decode(packed)
         kind = KINDS[fields.pop("type")]
-        said = msgspec.convert(fields, kind)
+        content = msgspec.convert(fields, kind)
     except (
         ValueError,
         TypeError,
@@ -43,12 +43,12 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
         return False
     if fields.keys() != {field.name for field in dataclasses.fields(kind)}:
         return False
-    if not isinstance(said, GuiUpdateMessage):
+    if not isinstance(content, GuiUpdateMessage):
         return True
     return (
-        said.uuid in widgets
-        and said.updates.keys() == {"value"}
-        and takes(widgets[said.uuid], **said.updates)
+        content.uuid in widgets
+        and content.updates.keys() == {"value"}
+        and takes(widgets[content.uuid], **content.updates)
     )
 
 

@@ -298,7 +298,7 @@ def readings(session: Session, pace: Pace) -> dict[str, str]:
     """Return the texts of the display by name: velocities, commands, sprint, run and
     real-time factor."""
     forward, left, turn = session.velocity
-    told = session.command
+    command = session.command
     best = f"{session.best:.2f} s" if math.isfinite(session.best) else "none yet"
     paper = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
     fallen = "" if session.down_since is None else "fell; "
@@ -306,9 +306,9 @@ def readings(session: Session, pace: Pace) -> dict[str, str]:
     if session.finished:
         sprint = f"{session.sprint:.2f} s; reset for another"
     return {
-        "speed": f"{forward:z.2f} m/s, told {told[0]:z.2f}",
-        "sideways": f"{left:z.2f} m/s, told {told[1]:z.2f}",
-        "turn": f"{turn:z.2f} rad/s, told {told[2]:z.2f}",
+        "speed": f"{forward:z.2f} m/s, told {command[0]:z.2f}",
+        "sideways": f"{left:z.2f} m/s, told {command[1]:z.2f}",
+        "turn": f"{turn:z.2f} rad/s, told {command[2]:z.2f}",
         f"{TRACK:g} m": sprint if session.sprint else "ready",
         "best": best + (paper if session.hardware.is_bp2 else ""),
         "run": f"{fallen}{session.distance:.0f} m in {session.time:.1f} s; falls: {session.falls}",

@@ -133,10 +133,10 @@ class Page:
     def watched(self) -> bool:
         """Return whether a browser shows the page; if none does, wait `POLLING` seconds
         first."""
-        there = bool(self.server.get_clients())
-        if not there:
+        is_watched = bool(self.server.get_clients())
+        if not is_watched:
             time.sleep(POLLING)
-        return there
+        return is_watched
 
     def show(self, pace: Pace) -> None:
         """Apply the page's requests to the session, and update the page."""

@@ -163,19 +163,19 @@ def _weld_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     actuators."""
     if not joints:
         return
-    known = {
+    names = {
         joint.name for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE
     }
     if (
         len(joints) != len(MOTOR_NAMES)
         or len(set(joints)) != len(MOTOR_NAMES)
-        or not known.issuperset(joints)
+        or not names.issuperset(joints)
     ):
         raise ReadingError(
-            f"`joints` must be 12 names of {', '.join(sorted(known))}: each leg's abad, hip and knee"
+            f"`joints` must be 12 names of {', '.join(sorted(names))}: each leg's abad, hip and knee"
         )
-    others = known - set(joints)
-    driven = [actuator for actuator in spec.actuators if actuator.target in others]
-    welded = [joint for joint in spec.joints if joint.name in others]
+    unnamed = names - set(joints)
+    driven = [actuator for actuator in spec.actuators if actuator.target in unnamed]
+    welded = [joint for joint in spec.joints if joint.name in unnamed]
     for element in (*driven, *welded, *spec.keys):  # which no longer fit
         spec.delete(element)

@@ -112,12 +112,12 @@ def _named(
     model: mujoco.MjModel, limbs: list[Limb], joints: Sequence[str]
 ) -> list[Limb]:
     names = [[model.joint(j).name for j in chain.joints[:3]] for chain in limbs]
-    wanted = [list(joints[i : i + 3]) for i in range(0, len(joints), 3)]
-    if sorted(names) != sorted(wanted):
+    requested = [list(joints[i : i + 3]) for i in range(0, len(joints), 3)]
+    if sorted(names) != sorted(requested):
         raise ReadingError(
             f"`joints` must be 12 names, legs FR, FL, RR, RL, each abad, hip, knee; there are {names}"
         )
-    return [limbs[names.index(leg)] for leg in wanted]
+    return [limbs[names.index(leg)] for leg in requested]
 
 
 def _limb(model: mujoco.MjModel, body: int) -> Limb:

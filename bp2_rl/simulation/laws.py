@@ -138,9 +138,11 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
         zip(names, joints.reshape(len(names), conventions.NUM_MOTORS), strict=True)
     )
     resisting = {name: named.pop(name) for name in JOINT_LOSSES}
-    others = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
+    other_losses = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
     bus = len(vars(NO_BUS))
-    resistance = Resistance(**resisting, **dict(zip(others, rest[bus:-1], strict=True)))
+    resistance = Resistance(
+        **resisting, **dict(zip(other_losses, rest[bus:-1], strict=True))
+    )
     return Actuator(**named, bus=Bus(*rest[:bus])), resistance, rest[-1]
 
 

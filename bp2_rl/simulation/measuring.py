@@ -255,11 +255,13 @@ def time_at(run: Trajectory, distance: float) -> float | None:
     The time is interpolated between samples; None if the robot never arrived.
     """
     along = track_position(run)[0]
-    there = int(np.argmax(along >= distance))
-    if along[there] < distance:
+    arrival = int(np.argmax(along >= distance))
+    if along[arrival] < distance:
         return None
-    before = max(there - 1, 0)
-    return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
+    before = max(arrival - 1, 0)
+    return float(
+        np.interp(distance, along[[before, arrival]], run.time[[before, arrival]])
+    )
 
 
 def measure_lane(run: Trajectory) -> Lane:

@@ -120,8 +120,8 @@ class PolicyRunner:
 
     @functools.cached_property
     def _unpacked_reference(self) -> Callable[[Array], Reference]:
-        one = jax.eval_shape(self._controller.reference, jnp.zeros(3), jnp.zeros(()))
-        return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape), one))[1]
+        shapes = jax.eval_shape(self._controller.reference, jnp.zeros(3), jnp.zeros(()))
+        return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape), shapes))[1]
 
     def tick(
         self,
@@ -156,10 +156,10 @@ class PolicyRunner:
                 self._state,
                 *(x[self._filled] for x in (inputs, *drawn)),
             )
-        told, position, velocity, self._reference = np.split(
+        commands, position, velocity, self._reference = np.split(
             np.asarray(results), RESULTS, axis=1
         )
-        self.next_command = told[self._each]
+        self.next_command = commands[self._each]
         for issued, new in ((self.position, position), (self.velocity, velocity)):
             issued[:, :-1] = issued[:, 1:]
             issued[:, -1] = new[self._each]

@@ -79,7 +79,7 @@ def write_page(
     )
     script, code = mujoco_files(package)
     settings, arrays = describe_policy(policy, world)
-    env, told = policy.card.env, {}
+    env, robots = policy.card.env, {}
     files = {file.name: file.read_bytes() for file in (*FROM_PLAYER, *OWN)}
     files |= {
         INDEX: (HERE / "page.html").read_bytes().replace(b"VERSION", VERSION.encode()),
@@ -99,7 +99,7 @@ def write_page(
                 hardware, world.lay, weighed=True
             ).encode(),
         }
-        told[name] = _describe(setup, robot)
+        robots[name] = _describe(setup, robot)
     page = {
         "name": env.hardware.anatomy.name,
         "command": settings["command"],
@@ -108,7 +108,7 @@ def write_page(
         "ripple": RIPPLE,
         "track": TRACK,
         "rivals": RIVALS,
-        "robots": told,
+        "robots": robots,
     }
     files[f"{POLICY}/page.json"] = json.dumps(page, allow_nan=False).encode()
     with replaced(directory, "page", INDEX) as fresh:

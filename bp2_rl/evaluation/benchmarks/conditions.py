@@ -183,10 +183,10 @@ def describe_robot(hardware: HardwareSpec) -> str:
         "solid legs": hardware.solid_legs,
         "legs that pass through each other": not hardware.solid_legs,
     }
-    said = ", ".join(part for part, holds in parts.items() if holds)
+    properties = ", ".join(part for part, holds in parts.items() if holds)
     if name is not None:
-        return f"{name}: {said}"
-    return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {said}; config {config_hash(hardware)}"
+        return f"{name}: {properties}"
+    return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {properties}; config {config_hash(hardware)}"
 
 
 def _by_joint(value: ByJoint) -> str:

@@ -83,10 +83,10 @@ def choose(
         raise UserError(
             f"--benchmark {name}: there are {', '.join(benchmarks)}, and {ALL}"
         )
-    known = benchmarks[name].flags
+    flags = benchmarks[name].flags
     for flag in setup.chosen:
-        if flag not in known:
-            wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *known))
+        if flag not in flags:
+            wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *flags))
             raise UserError(
                 f"{wrong} is not of --benchmark {name}, which takes {', '.join(others)}"
             )

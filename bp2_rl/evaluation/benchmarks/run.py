@@ -69,13 +69,13 @@ def plausible_rows(
     """Return a report's row with the results of plausible robots on the policy's card;
     none for another robot than the built one, or other ground."""
     results = policy.card.results.get(POSTERIOR)
-    found = isinstance(results, dict) and results.get(name)
-    if not found or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
+    interval = isinstance(results, dict) and results.get(name)
+    if not interval or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
         return ()
     return (
         Row(
             "Plausible robots",
-            "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*found, unit),
+            "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*interval, unit),
             "median (90 %) of plausible robots, by --benchmark posterior",
         ),
     )
@@ -375,14 +375,14 @@ def split_tables(metrics: SprintMetrics) -> tuple[Table, ...]:
     finished split."""
     if not metrics.splits:
         return ()
-    ours = table_of("Splits", metrics.splits)
+    table = table_of("Splits", metrics.splits)
     record = zip(BOLT_SPLITS, np.diff((0.0, *BOLT_SPLITS)), strict=True)
     lines = [
         (*line, f"{bolt:.2f}", f"{10.0 / split:.2f}")
-        for line, (bolt, split) in zip(ours.lines, record, strict=False)
+        for line, (bolt, split) in zip(table.lines, record, strict=False)
     ]
-    head = *ours.head, "Bolt 2009 [s]", "Bolt's mean speed [m/s]"
-    return (Table(ours.title, head, lines),)
+    head = *table.head, "Bolt 2009 [s]", "Bolt's mean speed [m/s]"
+    return (Table(table.title, head, lines),)
 
 
 def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:

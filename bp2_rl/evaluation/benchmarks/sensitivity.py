@@ -220,7 +220,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
         ],
         ramp.target[0],
     )
-    said = conditions(policy, setup, describe_ramp(ramp))
+    run_conditions = conditions(policy, setup, describe_ramp(ramp))
     best_speeds = {
         r.name: None if r.fell_at is not None else r.best_speed for r in metrics.robots
     }
@@ -228,7 +228,8 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
-        conditions=said | {"sprint": describe_race(race), "robots": ROBOTS_IN_WORDS},
+        conditions=run_conditions
+        | {"sprint": describe_race(race), "robots": ROBOTS_IN_WORDS},
         verdict=f"{metrics.upright} of {len(robots)} robots did not fall: "
         f"{_show_range(metrics.best_speeds, 'm/s')}, {TRACK:g} m in {_show_range(metrics.times_100m, 's')}.",
         good=metrics.upright == len(robots),
@@ -280,12 +281,12 @@ def robot_metrics(
         held: its run at each command.
         raced: its run over 100 m.
     """
-    ran = list(zip(commands, (one.metrics for one in held), strict=True))
-    upright = [run for run in ran if run[1].fell_at is None] or ran[:1]
-    told, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
+    runs = list(zip(commands, (one.metrics for one in held), strict=True))
+    upright = [run for run in runs if run[1].fell_at is None] or runs[:1]
+    command, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
     return RobotMetrics(
         name=name,
-        told=told,
+        told=command,
         best_speed=best.best_speed,
         mean_speed=best.mean_speed if best.fell_at is None else None,
         fell_at=best.fell_at,

@@ -95,11 +95,11 @@ def load_library(path: Path) -> MotionLibrary:
     """
     try:
         content = read_bytes(path)
-        found = read_npz(path, {"format": ArraySpec(np.integer, ())}, content=content)[
-            "format"
-        ]
-        if found != FORMAT:
-            raise broken(path, f"has format {found}, this version reads {FORMAT}")
+        version = read_npz(
+            path, {"format": ArraySpec(np.integer, ())}, content=content
+        )["format"]
+        if version != FORMAT:
+            raise broken(path, f"has format {version}, this version reads {FORMAT}")
         contents = read_npz(
             path, ARRAYS | {"provenance": ArraySpec(np.str_, ())}, content=content
         )

@@ -134,15 +134,15 @@ def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
     """Judge the run of a trial by the trial's rule; a robot that falls fails, and is
     not measured."""
     fell = run.fell_at is not None
-    found = Assessment(False, FELL, {}) if fell else one.assess(run)
+    assessment = Assessment(False, FELL, {}) if fell else one.assess(run)
     return TryOutcome(
         group=one.group,
         asked=one.asked,
         rule=one.rule,
-        did=found.said,
-        passed=found.passed,
+        did=assessment.said,
+        passed=assessment.passed,
         fell_at=run.fell_at,
-        measured=found.measured,
+        measured=assessment.measured,
     )
 
 
@@ -185,12 +185,12 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
     asked = all_manoeuvres(ramp, level, robot, setup.operator, seed, sizes)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
     metrics = ManoeuvreMetrics(**vars(tries), level_speed=level, cruise=cruise)
-    told = (
+    schedule = (
         f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the "
         f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
         f"m/s; straightness, ground and latency: {TRACK:g} m at the top"
     )
-    said = conditions(policy, setup, told)
+    run_conditions = conditions(policy, setup, schedule)
     by_itself = " A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
     caption = (
         "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on "
@@ -200,7 +200,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
     return Evaluation(
         benchmark="manoeuvres",
         subject=describe_subject(policy, setup),
-        conditions=said
+        conditions=run_conditions
         | {"ground": GROUND, "rough ground's seed": f"{seed}", "measures": MEASURES},
         verdict=f"{share_passed(metrics.outcomes)} manoeuvres passed; {metrics.fell} fell.",
         good=metrics.passed == len(metrics.outcomes),
@@ -290,8 +290,8 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
 def _measured(name: str, tries: Tries) -> float | None:
     """Return a figure of the last trial that measured it; for straightness this is the
     run without steering."""
-    found = [o.measured[name] for o in tries.outcomes if name in o.measured]
-    return found[-1] if found else None
+    values = [o.measured[name] for o in tries.outcomes if name in o.measured]
+    return values[-1] if values else None
 
 
 # --- Disturbances ---------------------------------------------------------------------
@@ -308,7 +308,7 @@ def disturbances(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluat
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
     asked = all_disturbances(speed, stride, robot, setup.operator, seed)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
-    told = (
+    schedule = (
         f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there, of "
         f"{SHOVE * robot.size.speed:.3g} m/s and {TURN * robot.size.rate:.3g} rad/s"
     )
@@ -320,12 +320,12 @@ def disturbances(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluat
         "A row a phase of the stride, or a kind of ground; a cell a try: where the push goes, ahead is up, and how far "
         "the robot went off its line. Red: it fell."
     )
-    said = conditions(policy, setup, told)
+    run_conditions = conditions(policy, setup, schedule)
     seeds = f"{seed} and the next {SEEDS - 1}"
     return Evaluation(
         benchmark="disturbances",
         subject=describe_subject(policy, setup),
-        conditions=said | {"ground": ground, "rough ground's seeds": seeds},
+        conditions=run_conditions | {"ground": ground, "rough ground's seeds": seeds},
         verdict=f"{share_passed(tries.outcomes)} disturbances without a fall.",
         good=tries.fell == 0,
         rows=disturbance_rows(tries),
