@@ -144,9 +144,11 @@ def walk(
     records = [kind for kind, _ in kinds if dataclasses.is_dataclass(kind)]
     if len(records) > 1 and way != "check":
         return _walk_choice(records, value, path, way)
-    fitting = [each for each in kinds if _is_of(value, each[0], way)]
+    fitting = [member for member in kinds if _is_of(value, member[0], way)]
     if not fitting:
-        names = [_in_words(each, way) for each, _ in kinds if each is not NoneType]
+        names = [
+            _in_words(member, way) for member, _ in kinds if member is not NoneType
+        ]
         raise UserError(
             f"{path or 'config'} takes {' or '.join(names)}, got {_shown(value)}"
         )
@@ -157,7 +159,9 @@ def walk(
         return _walk_number(kind, value, path, way, bounds)
     if get_origin(kind) in (tuple, Sequence):
         entries = _walk_entries(kind, value, path, way, bounds)
-        ranges = way == "check" and [each for each, _ in kinds if each is not NoneType]
+        ranges = way == "check" and [
+            member for member, _ in kinds if member is not NoneType
+        ]
         if ranges == [Range] and not value[0] <= value[1]:
             raise UserError(
                 f"{path} must be a range (low, high) with low <= high, got {value}"

@@ -303,10 +303,10 @@ def read_npz(
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = {
-                one.filename.removesuffix(".npy"): one.filename
-                for one in archive.infolist()
+                entry.filename.removesuffix(".npy"): entry.filename
+                for entry in archive.infolist()
                 # as NumPy does
-                if one.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+                if entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
             }
             sizes: dict[str, int] = {}
             total = 0

@@ -276,7 +276,9 @@ def show_screen(
     """
     if screen and HELP_ALL not in words and not set(HELP).isdisjoint(words):
         paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
-        what = "\n\n".join(textwrap.fill(each, COLUMNS) for each in paragraphs)
+        what = "\n\n".join(
+            textwrap.fill(paragraph, COLUMNS) for paragraph in paragraphs
+        )
         print(screen.replace("{what}", what).replace("{prog}", prog))
         raise SystemExit(OK)
 

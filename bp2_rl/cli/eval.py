@@ -213,6 +213,6 @@ def evaluate(
             if config.benchmark == ALL:
                 folder.write_overview(evaluations, out)
     if config.benchmark == ALL:
-        for one in evaluations:
-            console.print(f"{one.benchmark}:", terminal.verdict_of(one))
+        for evaluation in evaluations:
+            console.print(f"{evaluation.benchmark}:", terminal.verdict_of(evaluation))
     console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)

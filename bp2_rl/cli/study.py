@@ -98,9 +98,9 @@ def _study(arguments: StudyArguments) -> None:
         found_outcomes = [
             outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
         ]
-        outcomes = [one for one in found_outcomes if one is not None]
-        for one in outcomes:
-            save_config(arguments.out / f"{label(one.variant)}.json", one)
+        outcomes = [outcome for outcome in found_outcomes if outcome is not None]
+        for outcome in outcomes:
+            save_config(arguments.out / f"{label(outcome.variant)}.json", outcome)
         if outcomes:
             write_text(arguments.out / "table.md", outcome_table(outcomes))
         return outcomes
@@ -127,7 +127,9 @@ def _study(arguments: StudyArguments) -> None:
             arguments.out / "learning_curves.png",
         )
         print(outcome_table(outcomes))
-        if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
+        if fallen := [
+            outcome.variant for outcome in outcomes if not any(outcome.top_speeds)
+        ]:
             print(
                 f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison"
             )

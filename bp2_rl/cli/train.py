@@ -408,8 +408,8 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
         else old.env.hardware
     )
     before, now = (
-        presets.preset(each, preset, flags.weights, robot, task)
-        for each in (old.stage, flags.stage)
+        presets.preset(stage, preset, flags.weights, robot, task)
+        for stage in (old.stage, flags.stage)
     )
     env = merge(before.env, old.env, now.env)
     if flags.robot and env.hardware != (other := find_robot(flags.robot)):

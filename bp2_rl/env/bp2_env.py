@@ -225,7 +225,10 @@ class BP2Env(envs.Env):
                 false,
                 false,
                 false if self.config.hardware.solid_legs else None,
-                {one.name: false for one in self.config.task.task.terminations},
+                {
+                    termination.name: false
+                    for termination in self.config.task.task.terminations
+                },
             ),
         )
         return envs.State(
@@ -426,5 +429,5 @@ def make(
     return BP2Env(settings.env, impl=impl, num_robots=num_robots)
 
 
-for each in CONFIGS:
-    envs.register_environment(each, functools.partial(make, each))  # pyright: ignore[reportArgumentType]  # it is only called
+for name in CONFIGS:
+    envs.register_environment(name, functools.partial(make, name))  # pyright: ignore[reportArgumentType]  # it is only called

@@ -90,8 +90,11 @@ def own_falls(
         UserError: a termination fails, or returns more than one number.
     """
     return {
-        one.name: own_number(f"termination {one.name}", one.read, now) > 0
-        for one in terminations
+        termination.name: own_number(
+            f"termination {termination.name}", termination.read, now
+        )
+        > 0
+        for termination in terminations
     }
 
 

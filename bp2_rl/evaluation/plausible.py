@@ -175,16 +175,17 @@ def run_plausible(
         policy.card.env.commands.max_forward, acceleration=RISE, hold=HOLD
     ).under(control)
     outdoors = [
-        RunRequest(rise, plausible_robot(one), world=road(one)) for one in robots
+        RunRequest(rise, plausible_robot(values), world=road(values))
+        for values in robots
     ]
-    belts = [RunRequest(rise, on_the_belt(one)) for one in robots]
+    belts = [RunRequest(rise, on_the_belt(values)) for values in robots]
     ran = simulate_all(best_second, policy, belts + outdoors)
     on_belt, on_road = ran[: len(robots)], ran[len(robots) :]
     races = [
         dataclasses.replace(
-            one, schedule=_race(best.told, launch).under(control), finish=TRACK
+            request, schedule=_race(best.told, launch).under(control), finish=TRACK
         )
-        for one, best in zip(outdoors, on_road, strict=True)
+        for request, best in zip(outdoors, on_road, strict=True)
     ]
     times = simulate_all(_race_time, policy, races)
     return list(map(PlausibleRun, on_belt, on_road, times))

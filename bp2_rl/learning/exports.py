@@ -75,9 +75,9 @@ class ExportedPolicies:
         before = read_judged(run_dir)
         self._began = before.began or (run_dir / CONFIG).stat().st_mtime
         self._judged = {
-            one.control_steps: one
-            for one in before.policies
-            if one.control_steps <= kept
+            policy.control_steps: policy
+            for policy in before.policies
+            if policy.control_steps <= kept
         }
         if judge is None:
             return
@@ -96,7 +96,9 @@ class ExportedPolicies:
     @property
     def reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run."""
-        return any(one.result.reaches(self._until) for one in self._judged.values())
+        return any(
+            policy.result.reaches(self._until) for policy in self._judged.values()
+        )
 
     def export(self, policy: Policy, steps: int) -> None:
         """Write the policy of control step `steps`, and submit it to the judge.
@@ -128,7 +130,8 @@ class ExportedPolicies:
         """
         self._wait(enough)
         fell = all(
-            one.result.falls and not one.result.speed for one in self._judged.values()
+            policy.result.falls and not policy.result.speed
+            for policy in self._judged.values()
         )
         late = self._until is not None and fell and not enough()
         if self._judge is not None and late:

@@ -131,8 +131,8 @@ def results_of_judge(policy: Path) -> dict[str, object]:
     where the policy is no run's, or was not judged."""
     if policy.parent.name != POLICIES:
         return {}
-    for one in read_judged(policy.parent.parent).policies:
-        if str(one.control_steps) == policy.name:
-            steps = {"control_steps": one.control_steps}
-            return {"judged": steps | dataclasses.asdict(one.result)}
+    for judged in read_judged(policy.parent.parent).policies:
+        if str(judged.control_steps) == policy.name:
+            steps = {"control_steps": judged.control_steps}
+            return {"judged": steps | dataclasses.asdict(judged.result)}
     return {}

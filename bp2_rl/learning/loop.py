@@ -343,9 +343,9 @@ def is_finished(run_dir: Path) -> bool:
         return True
     kept = (latest_step(run_dir) or 0) * config.ppo.steps_per_train_step
     return any(
-        one.result.reaches(config.run.until)
-        for one in read_judged(run_dir).policies
-        if one.control_steps <= kept
+        policy.result.reaches(config.run.until)
+        for policy in read_judged(run_dir).policies
+        if policy.control_steps <= kept
     )
 
 

@@ -62,7 +62,8 @@ def ppo_loss(
     advantages -= mean(advantages)
     advantages /= jnp.sqrt(mean(jnp.square(advantages))) + 1e-8
     now, then = (
-        distribution.create_dist(one) for one in (output, acted["distribution_params"])
+        distribution.create_dist(parameters)
+        for parameters in (output, acted["distribution_params"])
     )
     terms = {
         "policy_loss": -jnp.mean(jnp.minimum(ratio * advantages, clipped * advantages)),

@@ -100,7 +100,7 @@ class Task:
         for field in ("rewards", "terminations", "observations", "privileged"):
             parts = tuple(getattr(self, field))
             object.__setattr__(self, field, parts)
-            names = [one.name for one in parts]
+            names = [part.name for part in parts]
             for name in names:
                 if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
                     raise UserError(f"{name!r} is no name in {field}: use a-z, 0-9, _")
@@ -108,7 +108,7 @@ class Task:
                     raise UserError(f"{field} has {name} twice: rename one")
         for term in (*self.observations, *self.privileged):
             _require_mirror(term.name, term.mirror)
-            if term.name in {one.name for one in OBSERVATION_TERMS}:
+            if term.name in {builtin.name for builtin in OBSERVATION_TERMS}:
                 raise UserError(f"the policy sees {term.name} already: rename yours")
 
 
@@ -369,7 +369,7 @@ def _check_observations(task: Task, code: TaskSources | Task) -> None:
             "make it the critic's (privileged)"
         ):
             value, image = (
-                np.reshape(term.read(one), term.size) for one in (now, mirrored)
+                np.reshape(term.read(inputs), term.size) for inputs in (now, mirrored)
             )
         expected = value[[*term.mirror.order]] * np.array(term.mirror.sign)
         if not np.allclose(image, expected, equal_nan=True):

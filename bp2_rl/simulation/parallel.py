@@ -90,8 +90,9 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     # Torques of a few robots take as long as four of their physics steps.
     work = np.array(
         [
-            one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
-            for one in (requests[i] for i in alike)
+            request.schedule.duration
+            * (request.numerics.steps + 4 * request.numerics.updates)
+            for request in (requests[i] for i in alike)
         ]
     )
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
@@ -100,8 +101,8 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     # where that comes to all of them, by requests that take no time
     worker = np.minimum(worker, workers - 1)
     shares = [
-        [i for i, whose in zip(alike, worker, strict=True) if whose == each]
-        for each in range(workers)
+        [i for i, whose in zip(alike, worker, strict=True) if whose == number]
+        for number in range(workers)
     ]
     return [
         sorted(share, key=lambda i: -requests[i].schedule.duration)
@@ -133,7 +134,7 @@ def _measure_all(
     requests: Sequence[One],
 ) -> list[Result]:
     runs = simulate(policy, requests, backend=backend)
-    return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
+    return [measure(request, run) for request, run in zip(requests, runs, strict=True)]
 
 
 def compute_here() -> None:
@@ -236,10 +237,10 @@ def run_fleet(
         fell_at=np.array(falls),
         leg_room=np.array(rooms),
         robots={
-            "friction": np.array([float(one.friction) for one in drawn]),
-            "latency": np.array([float(one.latency) for one in drawn]),
+            "friction": np.array([float(robot.friction) for robot in drawn]),
+            "latency": np.array([float(robot.latency) for robot in drawn]),
             "mass": np.array(masses),
-            "strength": np.array([float(np.min(one.strength)) for one in drawn]),
+            "strength": np.array([float(np.min(robot.strength)) for robot in drawn]),
         },
         steady_from=schedule.steady_from,
     )

@@ -167,10 +167,10 @@ def simulate(
         Sequence,
         "several requests, such as [RunRequest(Ramp(10.0))]",
     )
-    for each in requests:
+    for request in requests:
         require_kind(
             "each request",
-            each,
+            request,
             RunRequest,
             "a RunRequest, such as RunRequest(Ramp(10.0))",
         )
@@ -269,7 +269,9 @@ class _SideBySide:
         self._recording = Recording.empty(
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
-        self._finish = np.array([min(one.finish, one.world.end) for one in requests])
+        self._finish = np.array(
+            [min(request.finish, request.world.end) for request in requests]
+        )
         self._grounds = {
             i: _data_on_ground(self._simulator.models[i])
             for i, one in enumerate(requests)
@@ -305,7 +307,10 @@ class _SideBySide:
         """Let the policy set the joints' targets, and simulate until it does again."""
         time = tick * conventions.CONTROL_STEP
         poses = zip(self._requests, self._simulator.qpos, strict=True)
-        sensed = [sensed_pose(x, one.world, one.gyro_bias, time) for one, x in poses]
+        sensed = [
+            sensed_pose(x, request.world, request.gyro_bias, time)
+            for request, x in poses
+        ]
         targets = self._runner.tick(
             np.stack(sensed),
             self._simulator.qvel,

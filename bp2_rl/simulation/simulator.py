@@ -462,11 +462,12 @@ def settled(
     kinds = [
         (
             RobotSetup(
-                one.config, World(dataclasses.replace(one.world.terrain, seed=0))
+                request.config,
+                World(dataclasses.replace(request.world.terrain, seed=0)),
             ),
             SETTLING_TIME,
         )
-        for one in robots
+        for request in robots
     ]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:

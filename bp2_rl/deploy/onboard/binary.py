@@ -136,7 +136,7 @@ def _flat(value: object, name: str) -> Iterator[tuple[str, object]]:
     """Yield the dotted names and the values in `value`, where a list of objects counts
     as an object of lists."""
     if isinstance(value, list) and value and isinstance(value[0], Mapping):
-        value = {key: [one[key] for one in value] for key in value[0]}
+        value = {key: [entry[key] for entry in value] for key in value[0]}
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _flat(inner, f"{name}.{key}" if name else key)

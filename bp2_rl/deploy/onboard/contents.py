@@ -245,7 +245,7 @@ def with_infinity(values: Settings) -> dict[str, float | np.ndarray]:
 
     def number(value: list[float | None] | float | None) -> float | np.ndarray:
         if isinstance(value, list):
-            return np.array([number(one) for one in value])
+            return np.array([number(entry) for entry in value])
         return math.inf if value is None else value
 
     return {name: number(value) for name, value in values.items()}
@@ -265,7 +265,9 @@ def _numbers(settings: Settings, name: str) -> np.ndarray:
     where there is a list of objects."""
     value = settings
     for part in name.split("."):
-        value = [one[part] for one in value] if isinstance(value, list) else value[part]
+        value = (
+            [entry[part] for entry in value] if isinstance(value, list) else value[part]
+        )
     return np.asarray(value)
 
 

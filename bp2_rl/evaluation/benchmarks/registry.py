@@ -75,9 +75,9 @@ def choose(
     """
     if name == ALL:
         return {
-            each: setup.only(benchmark.flags)
-            for each, benchmark in benchmarks.items()
-            if each != POSTERIOR  # of BP2 alone
+            known: setup.only(benchmark.flags)
+            for known, benchmark in benchmarks.items()
+            if known != POSTERIOR  # of BP2 alone
         }
     if name not in benchmarks:
         raise UserError(

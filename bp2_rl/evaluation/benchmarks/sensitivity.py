@@ -237,12 +237,12 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
             *rows_of(metrics),
             *(
                 Row(
-                    one.name,
-                    show(one.best_speed, ".2f", "m/s"),
-                    f"told {one.told:.1f}{', fell' if one.fell_at else ''}; "
-                    f"{TRACK:g} m: {show(one.time_100m, '.2f', 's')}",
+                    robot.name,
+                    show(robot.best_speed, ".2f", "m/s"),
+                    f"told {robot.told:.1f}{', fell' if robot.fell_at else ''}; "
+                    f"{TRACK:g} m: {show(robot.time_100m, '.2f', 's')}",
                 )
-                for one in metrics.robots
+                for robot in metrics.robots
             ),
         ),
         tiles=("Without a fall", "Best speeds", f"{TRACK:g} m"),
@@ -281,7 +281,7 @@ def robot_metrics(
         held: its run at each command.
         raced: its run over 100 m.
     """
-    runs = list(zip(commands, (one.metrics for one in held), strict=True))
+    runs = list(zip(commands, (run.metrics for run in held), strict=True))
     upright = [run for run in runs if run[1].fell_at is None] or runs[:1]
     command, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
     return RobotMetrics(

@@ -245,10 +245,12 @@ def with_task(
 
 def _changed(config: TrainConfig, differences: tuple[Differences, ...]) -> TrainConfig:
     """Return the settings with the differences applied, in their order."""
-    groups = {group for one in differences for group in one}
+    groups = {group for difference in differences for group in difference}
     merged = {
         group: {
-            name: x for one in differences for name, x in one.get(group, {}).items()
+            name: x
+            for difference in differences
+            for name, x in difference.get(group, {}).items()
         }
         for group in groups
     }

@@ -160,9 +160,9 @@ def all_manoeuvres(
         *_standing(of, hardware),
         *_straightness(of, dash, operator),
         *(
-            one
+            trial
             for size in sizes.pushes
-            for one in _pushes(
+            for trial in _pushes(
                 functools.partial(
                     of, cruising.hold(AFTER_PUSH), group=f"Push of {size:g} m/s"
                 ),
@@ -223,10 +223,10 @@ def all_disturbances(
     )
     return (
         *(
-            one
+            trial
             for phase in range(PHASES)
             for way, sign in SIDES
-            for one in _pushes(
+            for trial in _pushes(
                 functools.partial(
                     of,
                     steady.hold(AFTER_PUSH + stride),
