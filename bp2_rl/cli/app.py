@@ -367,7 +367,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
 
 def run_module(name: str, argv: Sequence[str] | None = None) -> int:
     """Run the `main` of a command's module and return the exit status; a package that
-    the module needs and Python lacks is told in one line."""
+    the module needs and Python lacks is reported in one line."""
     try:
         module = importlib.import_module(name)
     except UserError as missing:

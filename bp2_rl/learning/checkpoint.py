@@ -70,7 +70,7 @@ class Metadata:
     created: str  # UTC, ISO 8601
     versions: dict[str, str]
     config: dict[str, Any]  # the run's settings, as JSON
-    log: dict[str, Any]  # what the run's log had not yet written, as JSON
+    log: dict[str, Any]  # metrics that the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
     files: dict[str, str]  # the SHA-256 of every other file
     devices: str  # that trained the state
@@ -100,8 +100,7 @@ class Saver:
     that waits for the last.
 
     Args:
-        run_dir: the run's folder, which is never made anew: one that was deleted stays
-            so.
+        run_dir: the run's folder; a deleted folder is not created again.
         config: the run's settings, as JSON, to be stored with every checkpoint.
         folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
     """
@@ -124,8 +123,8 @@ class Saver:
             step: names the checkpoint; one of the same step is replaced, and KEPT up to
                 this one remain.
             state: any pytree of JAX or NumPy arrays.
-            log: what the run's log has not yet written, as JSON; `read_metadata` gives
-                it back.
+            log: metrics that the run's log has not yet written, as JSON;
+                `read_metadata` returns them.
 
         Raises:
             CheckpointError: the save before this one could not be written; the
@@ -285,8 +284,8 @@ def require_same(
     part: bool = False,
     where: str = "here",
 ) -> None:
-    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with
-    `part`; name what differs."""
+    """Raise `CheckpointError` unless a checkpoint holds the wanted entries, or more
+    with `part`; name the first difference."""
     for name in wanted if part else [*wanted, *saved]:
         saved_value, wanted_value = (
             saved.get(name, "absent"),

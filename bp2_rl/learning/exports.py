@@ -1,7 +1,6 @@
-"""The policies that a run exports on its way, and has judged beside the training.
+"""Export a run's policies, and submit them to the judge during the training.
 
-What a policy is, and how one is written and read, is in `policy`; which one is the
-run's own, in `judged`."""
+`policy` describes, writes and reads a policy; `judged` chooses the run's own."""
 
 import dataclasses
 import time
@@ -27,7 +26,7 @@ from bp2_rl.learning.monitor import Monitor, count
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.settings.training import CONFIG
 
-PAUSE = 0.05  # s between two looks at what is being judged
+PAUSE = 0.05  # s, interval of polling the judge
 
 
 @runtime_checkable
@@ -40,8 +39,8 @@ class Judge(Protocol):
         """Queue the policy in this folder behind those submitted before; return at
         once.
 
-        Where the robot falls under the fastest command, `slower` asks for the speed
-        that it holds.
+        If the robot falls under the fastest command, `slower` requests the speed that
+        it holds.
         """
         ...
 
@@ -50,7 +49,7 @@ class ExportedPolicies:
     """Exports a run's policies, submits them to the judge, and keeps its results in
     judged.json.
 
-    Training depends on nothing in here but `reached`.
+    Training depends only on `reached`.
 
     Args:
         run_dir: the run's folder.
@@ -194,8 +193,7 @@ class ExportedPolicies:
         self._monitor.show(words)
 
     def _go_on_without_judge(self, error: Exception) -> None:
-        """Go on without the judge, as if there had been none: the newest policy becomes
-        the run's own."""
+        """Continue without the judge: the newest policy becomes the run's own."""
         self._judge = None
         self._pending = {}
         self._write(None)

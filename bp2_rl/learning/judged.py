@@ -1,4 +1,4 @@
-"""Which of a run's policies is its own, by the judge's measurements.
+"""The choice of a run's own policy, by the judge's measurements.
 
     RUN/policies/<control steps>/    every policy that the run exported
     RUN/judged.json                  the judge's results, and the best policy's control steps
@@ -63,7 +63,7 @@ class JudgeResult:
 
 @dataclasses.dataclass(frozen=True)
 class JudgedPolicy:
-    """A policy that was judged, and when its result was known."""
+    """A judged policy, and the time at which its result was known."""
 
     control_steps: int
     seconds: float  # after the run began

@@ -48,7 +48,7 @@ class TrainingRun:
     """A run that this process trains: settings, folder, learner, judge and writers."""
 
     config: TrainConfig
-    run_dir: Path  # holds the config already
+    run_dir: Path  # already holds the config
     learner: PPO
     # of the exported policies; of a cluster's processes only the first has one
     judge: Judge | None = None
@@ -233,7 +233,7 @@ class _Loop:
     def _save(self, state: TrainState, log: Log, saver: Saver) -> None:
         """Begin to write a checkpoint; raise where the last one could not be written,
         or the run's folder is gone."""
-        # or the others would train on when process 0 cannot write
+        # otherwise the others would continue if process 0 cannot write
         with cluster.together():
             saver.wait()
             if not (self.run.run_dir / CONFIG).is_file():
@@ -328,13 +328,13 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
 
 
 def train_steps(config: TrainConfig) -> int:
-    """Return how many train steps a run makes from its beginning to its end."""
+    """Return the number of train steps of a run."""
     return -(-config.run.steps // config.ppo.steps_per_train_step)
 
 
 def is_finished(run_dir: Path) -> bool:
-    """Return whether the policy of a run's last train step is there, or one as fast as
-    ends the run."""
+    """Return whether a run is finished: it has the policy of its last train step, or a
+    policy that reaches the run's speed."""
     if not (run_dir / CONFIG).is_file():
         return False
     config = load_run_config(run_dir)

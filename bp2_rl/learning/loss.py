@@ -86,7 +86,8 @@ def _values(
     normalizer: RunningStatisticsState,
     data: Transition,
 ) -> Float[Array, "robots values"]:
-    """Return the critic's values of all observations, the one after the last included."""
+    """Return the critic's values of all observations, including the observation after
+    the last step."""
     apply = network.value_network.apply
     present, last = (
         apply(normalizer, params.value, seen)

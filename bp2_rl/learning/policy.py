@@ -43,7 +43,7 @@ from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
 SHIPPED = ("built", "gentle", "fastest", "ideal", "rough")
-"""Names of the policies that ship."""
+"""Names of the shipped policies."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"
 CHECKSUM = "card_sha256"
@@ -53,7 +53,7 @@ LARGEST_WEIGHTS = 256 << 20
 MOST_LAYERS = 100
 LARGEST_OBSERVATION = 1e3
 """Largest number in an observation (SI units); up to it no action may overflow."""
-# The entry of Brax's observation dictionary that the policy sees.
+# The policy's entry in Brax's observation dictionary.
 POLICY_OBSERVATION = "state"
 
 
@@ -63,7 +63,8 @@ class PolicyError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCard:
-    """The card of a policy: all that its reader needs to run it and to judge it."""
+    """The card of a policy: everything that is needed to run the policy and to compare
+    it."""
 
     stage: Stage
     # (name, size) in the order of the observation vector
@@ -75,11 +76,11 @@ class PolicyCard:
     env: EnvConfig
     # the reference motion it was trained on: collocation, kinematic or none
     reference: str
-    physics_steps: int  # 1 ms steps of one robot, all robots together
+    physics_steps: int  # physics steps of 1 ms, summed over all robots
     seed: int
     versions: dict[str, str]  # of bp2_rl, jax, mujoco and brax
     config_hash: str  # of the whole training config
-    results: dict[str, Any]  # what was measured of it, by name
+    results: dict[str, Any]  # measured results, by name
     created: str  # UTC, ISO 8601
     library_sha256: str = ""  # of the motion library it was trained on, if it was
     weights_sha256: str = ""  # of weights.npz; filled in by save_policy
@@ -241,8 +242,8 @@ def load_policy(
 
     Args:
         path: a policy directory (it holds card.json), a run directory (`own_policy`
-            says which of its policies is meant), or the name of a policy that ships,
-            such as `built`.
+            says which of its policies is meant), or the name of a shipped policy, such
+            as `built`.
         layout_of: the observation's (name, size) pairs that the caller will feed in an
             environment; None takes any.
         task: the task that the policy was trained with, as `preset` takes it, whose
@@ -333,7 +334,7 @@ def _read_card(directory: Path) -> PolicyCard:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
-    """Read the arrays that a policy's card promises, and no others."""
+    """Read only the arrays that a policy's card describes."""
     if not path.exists():
         raise PolicyError(
             f"{path} is missing: the policy was copied without its weights"

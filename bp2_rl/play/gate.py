@@ -72,10 +72,10 @@ def guarding(
     """Make viser servers started in the block ignore invalid messages and, with
     `own_names`, other machines.
 
-    With `own_names` they answer 403 where a browser asks for another machine or comes
-    from one. A site may let its own name lead to this machine, or open a connection to
-    it from its page; a browser's request tells both, in `Host` and `Origin`. viser has
-    no setting for either, so its way to websockets' server is led past them.
+    With `own_names` they answer 403 to requests for or from another machine. A site may
+    let its own name lead to this machine, or open a connection to it from its page; a
+    browser's request tells both, in `Host` and `Origin`. viser has no setting for
+    either, so its way to websockets' server is led past them.
 
     Args:
         widgets: of the page by their uuid; they may come later.

@@ -1,8 +1,8 @@
 """Measure armature, stiffness, damping and peak torque of a compiled model's joints,
 whichever attributes declare them.
 
-Armature and damping may stand at joints, actuators behind their gears, or tendons; a
-loop's gains at several actuators.
+Armature and damping may be declared at joints, at actuators with gears, or at tendons;
+gains at several actuators.
 """
 
 import copy

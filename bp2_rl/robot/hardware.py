@@ -338,9 +338,9 @@ REAL = BUILT.changed(
     bus_power_in=6890.0,
     bus_sag=0.0071,
 )
-"""One of many robots that may be BP2: of those of `evaluation.plausible`, the one on
-which a policy runs most nearly what the paper's BP2 ran. Its wind is that of the road;
-the road itself rises by 0.19 % and is rough by 2.8 mm."""
+"""One of the plausible robots of `evaluation.plausible`: the robot on which a policy's
+speeds are nearest to those of the paper's BP2. Its wind is that of the road; the road
+itself rises by 0.19 % and is rough by 2.8 mm."""
 
 
 RobotName = Literal["ideal", "built", "real"]

@@ -431,9 +431,9 @@ def robot_text(
         reading: of the model.
         mjcf: the model's path from the file's folder; None: the numbers themselves are
             written, the left legs'.
-        joints: as `read_mjcf` was told.
-        feet: as `read_mjcf` was told.
-        foot_radius: as `read_mjcf` was told.
+        joints: as given to `read_mjcf`.
+        feet: as given to `read_mjcf`.
+        foot_radius: as given to `read_mjcf`.
     """
 
     sayable = {"no_load_speed": "speed", "peak_torque": None, "armature": None}

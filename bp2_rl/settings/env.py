@@ -162,7 +162,7 @@ class RandomizationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class TerminationConfig:
-    """Limits of a robot's state; a robot beyond one of them has fallen."""
+    """Limits of a robot's state; beyond any of these limits the robot has fallen."""
 
     # Height and tilt end an episode before the trunk touches the ground, a contact that
     # training does not simulate.

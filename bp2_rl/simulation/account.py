@@ -1,5 +1,5 @@
-"""Account for the energy and the ground contact of a run: every recorded sample is put
-through C MuJoCo again.
+"""Account for the energy and the ground contact of a run, by evaluating C MuJoCo's
+forward dynamics at every recorded sample.
 
 For a run in steps of 1 ms. Powers are means over a millisecond: a force
 times the mean of the velocities at its ends, which for MuJoCo's Euler integrator is the
@@ -56,7 +56,7 @@ class Ledger(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
-        """Bus power that losses and stored energy do not explain, W."""
+        """Bus power minus losses and the change of stored energy, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
 

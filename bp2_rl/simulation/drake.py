@@ -1,5 +1,5 @@
-"""The simulator with Drake's multibody dynamics and Drake's contact in the place of
-MuJoCo's: a second opinion.
+"""The simulator with Drake's multibody dynamics and contact instead of MuJoCo's, for
+comparison.
 
 Motors, losses, latencies and controller are those of `simulation.simulator`, and so is
 the law of springs and stops. Drake takes over what MuJoCo has computed: equations of
@@ -37,7 +37,7 @@ try:
 except ModuleNotFoundError as missing:
     raise not_installed("--backend drake", "drake", "drake") from missing
 
-# It says of any ground that no deformable body feels it; there are none.
+# Drake warns about ground in models without deformable bodies.
 logging.getLogger("drake").setLevel(logging.ERROR)
 
 SHARE = 0.075
@@ -55,7 +55,7 @@ class DrakeSimulator(Simulator):
     `Simulator`.
 
     Raises:
-        UserError: a robot stands on rough ground, which Drake has not.
+        UserError: a robot stands on rough ground, which this simulator lacks.
     """
 
     backend: ClassVar[Backend] = "drake"

@@ -1,8 +1,8 @@
 """The equations of motors and losses compiled for many different robots at once, in
 float64.
 
-Every robot is a row of numbers. One that lacks a part has it at no strength, so that
-one program serves all.
+Every robot is a row of numbers. A part that a robot lacks gets the strength 0, so that
+one program serves all robots.
 """
 
 import functools

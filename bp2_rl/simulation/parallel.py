@@ -98,7 +98,7 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
         int
     )
-    # where that comes to all of them, by requests that take no time
+    # limits the index, which requests of no duration could exceed
     worker = np.minimum(worker, workers - 1)
     shares = [
         [i for i, whose in zip(alike, worker, strict=True) if whose == number]
@@ -118,8 +118,8 @@ def _pool(
     if _kept:
         return contextlib.nullcontext(_kept[-1])
     keep_compiled()
-    # When the block ends, nothing that is asked for is left to do; after an
-    # interruption nobody wants it.
+    # At the end of the block all requests are done, or after an interruption no longer
+    # needed.
     return spawned(
         max(count, 1),
         functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]),
@@ -141,9 +141,8 @@ def compute_here() -> None:
     """Have JAX compute on the CPU in the calling thread; call it before JAX computes
     anything.
 
-    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to
-    another thread takes longer than to answer it, and many times longer where other
-    programs keep the processors busy.
+    C MuJoCo's robots need a few numbers every millisecond. Passing such a call to
+    another thread takes longer than the computation, and much longer on a busy machine.
     """
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -188,10 +187,11 @@ def run_fleet(
     motion.
 
     Args:
-        policy: what all run by; `ranges` take the place of what it was trained with.
+        policy: the policy of all robots; `ranges` replace the randomisation of its
+            training.
         request: the run of the robot around which they are drawn; its own pushes and
             noise are not used.
-        ranges: from what they are drawn.
+        ranges: of the random parameters.
         robots: how many.
         seed: of everything that is drawn.
         backend: the simulator.

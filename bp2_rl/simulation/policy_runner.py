@@ -134,7 +134,7 @@ class PolicyRunner:
         of its milliseconds.
 
         Args:
-            qpos: the positions as the robots and their operators know them.
+            qpos: the positions as measured by the robots and their operators.
             qvel: the velocities that belong to `qpos`.
             scheduled: the commands at the end of the control step, before an operator
                 steers.
@@ -212,8 +212,8 @@ def control_step(
             )
         state, observation = controller.observe(state, command, measured)
         action = policy(observation)
-        # With the reference, though not everybody asks for it: without it XLA rounds
-        # the targets otherwise.
+        # Always with the reference: without this output XLA rounds the targets
+        # differently.
         told = config.control.tell(command, asked)
         return *controller.act(state, command, action), told
 

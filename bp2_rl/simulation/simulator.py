@@ -84,7 +84,7 @@ class RobotSetup:
     config: EnvConfig
     world: World = LEVEL
     numerics: Numerics = CONVERGED
-    drawn: Draw | None = None  # what chance makes of the hardware
+    drawn: Draw | None = None  # random changes of the hardware
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
@@ -292,7 +292,8 @@ class Simulator:
         mujoco.mj_getState(self.models[robot], self.data[robot], row, STATE)
 
     def _row(self, name: str, robot: int) -> Float[np.ndarray, " _"]:
-        """Return a part of a robot's state; a change of it is the robot's."""
+        """Return a view of a part of a robot's state; writing to the view changes the
+        state."""
         return getattr(self._batches[self._kind[robot]], name)[self._place[robot]]
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:

@@ -252,7 +252,7 @@ def with_infinity(values: Settings) -> dict[str, float | np.ndarray]:
 
 
 def command_law(settings: Settings) -> CommandLaw:
-    """Return the limits on the forward command that the policy is told, from
+    """Return the limits on the forward command that the policy observes, from
     `deploy.json`."""
     limits = {name: settings["control"][name] for name in COMMAND_LIMITS}
     return CommandLaw(

@@ -65,7 +65,7 @@ def write_page(
         directory: the page's folder.
         policy: runs the robot.
         world: its ground.
-        package: the file of MuJoCo's package, where there is no network.
+        package: the file of MuJoCo's package, for machines without a network.
 
     Raises:
         UserError: the controller in C++ cannot run this policy, MuJoCo's package is not
@@ -146,7 +146,7 @@ def _at_joints(values: Settings) -> dict[str, np.ndarray]:
 
 
 def _describe(setup: RobotSetup, robot: Settings) -> Settings:
-    """Return what a page's JavaScript is told of a robot."""
+    """Return a robot's settings for a page's JavaScript."""
     options, hardware = setup.model().opt, setup.config.hardware
     path = np.array([[0.0, 0.0], [SHOWN, 0.0]])
     scene = describe_robot(hardware, setup.world, path)

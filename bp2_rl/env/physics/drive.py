@@ -1,5 +1,4 @@
-"""Motor torque and resistance of one robot in a physics step, shared by all physics
-engines."""
+"""Motor torque and resistance in a physics step, shared by all physics engines."""
 
 from typing import NamedTuple
 
