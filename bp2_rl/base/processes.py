@@ -78,7 +78,7 @@ def without_gl_library() -> Generator[None]:
 
 
 def cache_folder() -> Path:
-    """Return the project's folder for files that can be made or fetched anew:
+    """Return the project's folder for files that can be recreated:
     $BP2_CACHE, else the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
 
     Raises:

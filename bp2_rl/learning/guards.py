@@ -16,7 +16,7 @@ little."""
 EXPLODED_KL = 10.0
 """Multiple of the desired KL divergence that is warned about at the least learning
 rate. From twice on the rate is lowered, which takes a few train steps: a training's
-first ones may be far off, and that mends itself."""
+first ones may be far off, and this ends by itself."""
 LEAST_RATE = 1e-5
 """Least learning rate to which Brax's `adaptive_kl_learning_rate` goes."""
 BLOWN_VALUE = 10.0

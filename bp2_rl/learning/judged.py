@@ -92,7 +92,7 @@ def read_judged(run_dir: Path) -> Judged:
         return load_config(Judged, path)
     except ConfigError as error:
         raise ConfigError(
-            f"{error}; remove it, and a resumed run has its policies judged anew"
+            f"{error}; remove it, and a resumed run judges its policies again"
         ) from error
 
 

@@ -161,7 +161,7 @@ def _stopping_in_one_line(
             )
             kept = f"kept step {latest_step(run_dir)} of {total}"
             raise RunStopped(
-                f"{what}; {kept}, mend that and go on: {_resume(run_dir)}", status=1
+                f"{what}; {kept}, fix that and continue: {_resume(run_dir)}", status=1
             ) from error
     except RunStopped as stop:
         with contextlib.suppress(OSError):
@@ -269,7 +269,7 @@ class _Loop:
 
     def _export(self, state: TrainState) -> None:
         """Export the policy of a state; skip it, with a warning, where its weights
-        overflow: training may mend that."""
+        overflow: further training may correct that."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
         # by NumPy nothing compiles; of a cluster a process has a part alone
         levels = state.fleet.info["curriculum"]

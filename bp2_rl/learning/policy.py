@@ -252,7 +252,7 @@ def load_policy(
 
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we
-            know, how to mend it.
+            know, how to correct it.
     """
     directory = find_policy(path)
     card = _read_card(directory)

@@ -217,7 +217,7 @@ class PPO:
             step=jnp.zeros((), jnp.int32),
         )
         # Some of Brax's scalars are weakly typed; after a step or a restore they are
-        # not, which would compile anew.
+        # not, which would cause a second compilation.
         return jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), state)
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:

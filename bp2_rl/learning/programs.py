@@ -48,7 +48,7 @@ def use_kept(
 
     Only in one process, and of accelerators only on a single one: more of them were not
     tried. Not with MJX-Warp, whose programs call into their own process. A damaged file
-    is traced anew. The folder is trusted, like that of JAX's own
+    is traced again. The folder is trusted, like that of JAX's own
     cache: its programs are run.
 
     `config` has the run's settings, `robot` is its model, for which the settings may

@@ -68,7 +68,7 @@ def start(
     (`programs.use_kept`).
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum
-    levels; optimiser, clock and random numbers start anew.
+    levels; optimiser, clock and random numbers are new.
 
     Raises:
         UserError: the folder is not empty, not writable or another process's, or the
@@ -142,7 +142,7 @@ def resume(
             step = latest_step(run_dir)
             if step is None:
                 raise UserError(
-                    f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew"
+                    f"run {run_dir} was stopped before its first checkpoint: remove that folder and start again"
                 )
             metadata = _read_own(run_dir, step, config)
             unlogged = _read_log(metadata, run_dir)

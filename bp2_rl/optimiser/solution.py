@@ -19,7 +19,7 @@ from bp2_rl.base.files import ArraySpec, read_bytes, read_json, read_npz, write_
 from bp2_rl.optimiser.problem import Problem
 
 FORMAT = 1
-MEND = "solve it again"
+REMEDY = "solve it again"
 
 
 class NotSolved(UserError):
@@ -234,7 +234,9 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
             if not np.isfinite(array).all():
                 raise UserError(f"it holds numbers in {name} that are not finite")
     except UserError as error:
-        raise UserError(f"solution {path} cannot be read ({error}): {MEND}") from error
+        raise UserError(
+            f"solution {path} cannot be read ({error}): {REMEDY}"
+        ) from error
     if problem is not None and card.problem != problem:
         raise UserError(
             f"{path} holds the solution of another problem, at {card.problem.speed:.9g} m/s: "

@@ -84,21 +84,21 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
 def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Replace physically impossible inertias, which URDFs have, by the nearest possible
     ones."""
-    mended: list[str] = []
+    repaired: list[str] = []
     full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
     for body in full if not spec.compiler.balanceinertia else ():
         moments, axes = np.linalg.eigh(
             Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix
         )
-        # MuJoCo finds the axes anew, to that
+        # MuJoCo recomputes the axes to that
         nearest = possible_moments(moments, margin=1e-9)
         if np.any(nearest != moments):
             body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
         if not np.allclose(nearest, moments, rtol=ROUNDING, atol=0.0):
-            mended.append(body.name)
-    if mended:
+            repaired.append(body.name)
+    if repaired:
         notes.append(
-            f"no body can have the inertia of {', '.join(mended)}: the nearest that one can have is taken"
+            f"no body can have the inertia of {', '.join(repaired)}: the nearest that one can have is taken"
         )
 
 

@@ -124,7 +124,7 @@ def read_mjcf(
         foot_radius: m, of the feet's spheres; None for that of the geoms.
 
     Raises:
-        ReadingError: one line that says what cannot be read and how to mend it.
+        ReadingError: one line that says what cannot be read and how to correct it.
     """
     try:
         model, notes = compile_file(path, joints)

@@ -182,7 +182,7 @@ def load_robot(path: Path) -> RobotFile:
     """Read a robot file, and return the robot and what the file says beside it.
 
     Raises:
-        UserError: one line that names the file, the key at fault, and how to mend it.
+        UserError: one line that names the file, the key at fault, and how to correct it.
     """
     content = read_bytes(path, LARGEST)
     try:

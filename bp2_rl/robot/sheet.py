@@ -147,7 +147,7 @@ def _body_lines(robot: RobotFile) -> list[str]:
         )
         if farthest < STRETCH * length or farthest - nearest < STROKE * length:
             doubts.append(
-                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: mend the knee's range"
+                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: correct the knee's range"
             )
     spring = f"spring: {robot.hardware.spring_stiffness:g} N/m"
     return [*sizes, spring if anatomy.sprung else "rigid shanks", *doubts]
@@ -215,7 +215,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
         ]
         if stood.feet_down < len(LEGS):
             lines.append(
-                "! not all feet are down: mend [stand], so that fore and hind legs are equally high"
+                "! not all feet are down: correct [stand], so that fore and hind legs are equally high"
             )
     else:
         lines = [
@@ -235,7 +235,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     )
     if (resistance := float(np.max(drag / peak))) > DRAG:
         lines.append(
-            f"! joints resist with up to {resistance:.0%} of the peak torque: mend joint_friction or joint_viscosity in [losses]"
+            f"! joints resist with up to {resistance:.0%} of the peak torque: correct joint_friction or joint_viscosity in [losses]"
         )
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "
@@ -243,7 +243,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     )
     if stood.touching:
         lines.append(
-            f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs"
+            f"! it touches with {', '.join(stood.touching)}: correct [stand], or the radii of trunk and legs"
         )
     return lines
 

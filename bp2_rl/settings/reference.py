@@ -15,7 +15,7 @@ from bp2_rl.robot import bp2, kinematics
 LIBRARIES = "bp2_trot", "bp2_trot_slow"
 """Shipped libraries in assets/reference_motions: the optimiser's, and one whose slow
 trots have no flight."""
-MEND = "make it anew with `bp2 trajopt library build`"
+REMEDY = "build it again with `bp2 trajopt library build`"
 Size = Annotated[float, Within(0.01, 10.0)]
 
 
@@ -78,4 +78,4 @@ class CollocationConfig(Bounded, path="library."):
         try:
             return hashlib.sha256(read_bytes(self.file, LARGEST_ARRAYS)).hexdigest()
         except BadFileError as error:
-            raise UserError(f"motion library {error}; {MEND}") from error
+            raise UserError(f"motion library {error}; {REMEDY}") from error

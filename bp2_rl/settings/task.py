@@ -129,7 +129,7 @@ def _require_mirror(name: str, mirror: object) -> None:
         )
     ):
         raise UserError(
-            f"the mirror image of observation {name}, taken twice, is not the observation: mend its order or signs"
+            f"the mirror image of observation {name}, taken twice, is not the observation: correct its order or signs"
         )
 
 
@@ -194,7 +194,7 @@ class TaskConfig(Bounded, path="task."):
         if isinstance(code, TaskSources) and code.sha256 != self.sha256:
             raise UserError(
                 f"the task {code.main} is not as in training: the checksum of its sources is {code.sha256[:12]}, not "
-                f"{self.sha256[:12] or 'that of any task'}; use the run's own copy, RUN/{FOLDER}, or train anew"
+                f"{self.sha256[:12] or 'that of any task'}; use the run's own copy, RUN/{FOLDER}, or train again"
             )
         return dataclasses.replace(self, code=code)
 
@@ -374,7 +374,7 @@ def _check_observations(task: Task, code: TaskSources | Task) -> None:
         expected = value[[*term.mirror.order]] * np.array(term.mirror.sign)
         if not np.allclose(image, expected, equal_nan=True):
             raise UserError(
-                f"task: observation {term.name} of a mirrored robot is {image}, its mirror image {expected}: mend its Mirror"
+                f"task: observation {term.name} of a mirrored robot is {image}, its mirror image {expected}: correct its Mirror"
             )
 
 

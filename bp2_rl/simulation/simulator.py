@@ -46,7 +46,7 @@ class Numerics:
     """The numerical settings of C MuJoCo's physics, by default as in all benchmarks."""
 
     steps: int = 1  # physics steps
-    # torques and their limits are computed anew at each of them, not held between
+    # torques and their limits are recomputed at each of them, not held between
     motors_each_step: bool = False
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most

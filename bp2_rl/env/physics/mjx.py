@@ -91,7 +91,7 @@ class MjxPhysics:
             after = data.qpos, data.qvel, data.qacc_warmstart, torque
             return after, (torque, power, data.geom_xpos[self._feet, 2])
 
-        # All else in `mjx.Data` is computed anew at each step, to save memory.
+        # All else in `mjx.Data` is recomputed at each step, to save memory.
         before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
         after, (torques, powers, heights) = jax.lax.scan(
             physics_step, before, jnp.asarray(TARGET_AGES)

@@ -179,7 +179,7 @@ def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
     if longest <= gait.sweep / 2.0:
         raise UserError(
             f"the knees of {robot.anatomy.name} let its legs reach {reach(hardware=robot)[1]:.3g} m, and the gait "
-            f"needs {0.5 * gait.sweep * size.length / MOST_REACH:.3g} m: mend the knees' range"
+            f"needs {0.5 * gait.sweep * size.length / MOST_REACH:.3g} m: correct the knees' range"
         )
     return dataclasses.replace(
         gait,
