@@ -123,12 +123,12 @@ def export(config: ExportConfig) -> None:
     }
     for folder in config.report:
         report = read_report(folder)
-        ours = policy.card.weights_sha256
-        theirs = report.conditions.get("weights_sha256", "")
-        if theirs != ours:
+        weights = policy.card.weights_sha256
+        measured = report.conditions.get("weights_sha256", "")
+        if measured != weights:
             raise UserError(
-                f"report {folder} is of another policy: weights {theirs[:12] or 'unknown'}, those of "
-                f"{config.run} are {ours[:12]}; make one: python eval.py {config.run} --out DIR"
+                f"report {folder} is of another policy: its weights are {measured[:12] or 'unknown'}, those of "
+                f"{config.run} are {weights[:12]}; make a new report: python eval.py {config.run} --out DIR"
             )
         results = results | report.results
     policy = dataclasses.replace(

@@ -287,13 +287,13 @@ def require_same(
     """Raise `CheckpointError` unless a checkpoint holds the wanted entries, or more
     with `part`; name the first difference."""
     for name in wanted if part else [*wanted, *saved]:
-        saved_value, wanted_value = (
+        in_file, expected = (
             saved.get(name, "absent"),
             wanted.get(name, "absent"),
         )
-        if saved_value != wanted_value:
+        if in_file != expected:
             raise CheckpointError(
-                f"{directory} is of another training: {name} is {saved_value} there and {wanted_value} {where}"
+                f"{directory} is of another training: {name} is {in_file} there and {expected} {where}"
             )
 
 

@@ -57,7 +57,7 @@ def join(config: ClusterConfig) -> None:
         )
     except (RuntimeError, ValueError) as error:
         why = (
-            f"nothing here is of Slurm or Open MPI ({error})"
+            f"this process was not started by Slurm or Open MPI ({error})"
             if where is None
             else f"{where}: {error}"
         )

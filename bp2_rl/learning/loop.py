@@ -238,7 +238,7 @@ class _Loop:
             saver.wait()
             if not (self.run.run_dir / CONFIG).is_file():
                 raise FileNotFoundError(
-                    errno.ENOENT, "no such run any more", str(self.run.run_dir)
+                    errno.ENOENT, "the run's folder is gone", str(self.run.run_dir)
                 )
         step = int(state.step)
         saver.save(step, state, to_json(log.unwritten()))

@@ -328,7 +328,7 @@ def _read_card(directory: Path) -> PolicyCard:
         raise PolicyError(str(error)) from error
     if len(card.hidden_layer_sizes) > MOST_LAYERS:
         raise PolicyError(
-            f"{directory / CARD} has over {MOST_LAYERS} layers: no training of ours makes that many"
+            f"{directory / CARD} has over {MOST_LAYERS} layers, more than any policy of bp2_rl"
         )
     return card
 

@@ -64,7 +64,11 @@ class Pace:
 
     def __str__(self) -> str:
         """Return the real-time factor in words."""
-        return f"real-time factor {self.factor:.2f}" if self._shown else "nobody looked"
+        return (
+            f"real-time factor {self.factor:.2f}"
+            if self._shown
+            else "no browser was open"
+        )
 
 
 def play_on(

@@ -235,7 +235,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     )
     if (resistance := float(np.max(drag / peak))) > DRAG:
         lines.append(
-            f"! joints resist with up to {resistance:.0%} of the peak torque: correct joint_friction or joint_viscosity in [losses]"
+            f"! joints resist with up to {resistance:.0%} of the peak torque: correct joint_friction or joint_viscosity"
         )
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "

@@ -88,6 +88,6 @@ def choose(
         if flag not in flags:
             wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *flags))
             raise UserError(
-                f"{wrong} is not of --benchmark {name}, which takes {', '.join(others)}"
+                f"{wrong} does not apply to --benchmark {name}, which takes {', '.join(others)}"
             )
     return {name: setup}

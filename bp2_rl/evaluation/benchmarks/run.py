@@ -103,9 +103,9 @@ def topspeed(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
         | {
             "good": f"no fall, and a mean speed of {FOLLOWS:.0%} of the commanded one or more"
         },
-        verdict=f"Ran {metrics.mean_speed:.2f} m/s in the mean of {metrics.steady_to - metrics.steady_from:.1f} s, "
+        verdict=f"Ran {metrics.mean_speed:.2f} m/s in the mean over {metrics.steady_to - metrics.steady_from:.1f} s, "
         f"{show(metrics.best_speed, '.2f', 'm/s')} in the best second; "
-        f"told {metrics.commanded_speed:g} m/s; fall: {show_fall(metrics.fell_at)}.",
+        f"command {metrics.commanded_speed:g} m/s; fall: {show_fall(metrics.fell_at)}.",
         good=metrics.fell_at is None
         and metrics.mean_speed >= FOLLOWS * metrics.commanded_speed,
         rows=(*rows_of(metrics), *plausible_rows(policy, setup, "road", "m/s")),

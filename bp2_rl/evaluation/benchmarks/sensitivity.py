@@ -133,7 +133,7 @@ class RobotMetrics:
     m."""
 
     name: str = metric("Robot", form="s")
-    told: float = metric("Told", "m/s")
+    told: float = metric("Command", "m/s")
     # best 1-s mean; None for a run shorter than 1 s
     best_speed: float | None = metric("Best speed", "m/s")
     # while held; None if it fell
@@ -239,7 +239,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
                 Row(
                     robot.name,
                     show(robot.best_speed, ".2f", "m/s"),
-                    f"told {robot.told:.1f}{', fell' if robot.fell_at else ''}; "
+                    f"at a command of {robot.told:.1f}{', fell' if robot.fell_at else ''}; "
                     f"{TRACK:g} m: {show(robot.time_100m, '.2f', 's')}",
                 )
                 for robot in metrics.robots
