@@ -1,5 +1,4 @@
-"""The frame of every command: how it is found, parses its flags, and ends with an exit
-status.
+"""Run a command: find it, parse its flags, and return its exit status.
 
 A command ends with status 0: done; 2: a user's mistake; 1: a failure, with what to do
 or the place of its log; 128 + n: stopped by signal n, with the work kept. All but 0 say
@@ -148,7 +147,7 @@ def _stopped(number: int) -> RunStopped:
 
 
 def _print_error(line: str) -> None:
-    """Say a line on standard error, unless its terminal is closed."""
+    """Print a line on standard error, unless its terminal is closed."""
     try:
         print(line, file=sys.stderr, flush=True)
     except OSError:
@@ -232,7 +231,7 @@ class Command(Generic[Config]):
     Args:
         prog: the command as the user types it.
         arguments: the dataclass of its flags.
-        run: what it does with an instance of that.
+        run: the command's function of an instance of that dataclass.
         default: makes the instance that holds where no flag says otherwise, from the
             words of the command line; by default the dataclass's own.
         screen: as of `parse`.

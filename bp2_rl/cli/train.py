@@ -1,4 +1,4 @@
-"""`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run.
+"""`bp2 train`, also `python train.py`: train a stage, or continue a stopped run.
 
 The command line is read in two steps: first the flags on which the defaults of all
 others and the start of JAX depend (`EarlyFlags`), then all (`TrainArguments`), with the
@@ -282,7 +282,7 @@ def _start_jax(flags: EarlyFlags) -> None:
         runtime.repeat_bit_for_bit()
     keep_compiled()
     cluster.join(flags.cluster)
-    # where there is none, every further word to the others would fail
+    # if the process has no connection, every further call to the others would fail
     runtime.find_backend()
     runtime.wake_device()
 
@@ -360,8 +360,7 @@ def read_arguments(
 
 
 def _require_own_settings(words: list[str], flags: EarlyFlags) -> None:
-    """Raise UserError for a flag that would change the settings of a run that goes
-    on."""
+    """Raise UserError for a flag that would change the settings of a continued run."""
     name = "--replay" if flags.resume is None else "--resume"
     allowed = (name, "--cluster.", "--deterministic", "--track")
     for word in words:

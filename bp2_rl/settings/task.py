@@ -48,7 +48,7 @@ FOLDER = "task"
 
 @dataclasses.dataclass(frozen=True)
 class RewardTerm:
-    """A term of the reward: coefficient x read(inputs, config, shared).
+    """A reward term: coefficient x read(inputs, config, shared).
 
     `read` takes `env.rewards.RewardInputs`, `RewardConfig` and `SharedValues`, and
     returns one number, without unit.
@@ -82,7 +82,7 @@ class Task:
             which a robot's computer can run.
         privileged: terms of the critic's observation alone, functions of
             `env.observations.PrivilegedInputs`.
-        settings: returns a stage's settings, changed: commands, randomisation, PPO.
+        settings: takes and returns a stage's settings: commands, randomisation, PPO.
             Flags change them afterwards.
 
     Raises:
@@ -96,7 +96,8 @@ class Task:
     settings: "Callable[[TrainConfig], TrainConfig] | None" = None
 
     def __post_init__(self) -> None:
-        """Make tuples of the parts, and refuse what cannot be."""
+        """Make tuples of the parts, and raise `UserError` for invalid names or
+        mirrors."""
         for field in ("rewards", "terminations", "observations", "privileged"):
             parts = tuple(getattr(self, field))
             object.__setattr__(self, field, parts)

@@ -1,5 +1,5 @@
-"""Adapt a preset to another robot: how widely the robot is randomised, and settings
-scaled to its size."""
+"""Adapt a preset to another robot: ranges of its randomisation, and settings scaled to
+its size."""
 
 import dataclasses
 import math
