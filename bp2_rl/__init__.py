@@ -3,8 +3,8 @@ evidence.
 
     import bp2_rl as bp2
 
-    policy = bp2.load_policy("built")  # a shipped policy, or the folder of a run run =
-    bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
+    policy = bp2.load_policy("built")  # a shipped policy, or the folder of a run
+    run = bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
     print(run.metrics.best_speed)
 
     env = bp2.make("bp2")  # a Brax environment
