@@ -114,7 +114,7 @@ class BP2Env(envs.Env):
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         after = before.replace(physics=physics, controller=controller)
-        now = self._unsensed(after, foot_contact)
+        now = self._privileged_inputs(after, foot_contact)
         fall = fall._replace(
             own=termination.own_falls(self.config.task.task.terminations, now)
         )
@@ -351,7 +351,7 @@ class BP2Env(envs.Env):
             state.controller, command, measurement
         )
         privileged = observations.observe(
-            self._privileged, self._unsensed(state, foot_contact)
+            self._privileged, self._privileged_inputs(state, foot_contact)
         )
         obs = {
             "state": noisy,
@@ -359,7 +359,7 @@ class BP2Env(envs.Env):
         }
         return state.replace(controller=controller), obs
 
-    def _unsensed(
+    def _privileged_inputs(
         self, state: PipelineState, foot_contact: Float[Array, "4"]
     ) -> observations.PrivilegedInputs:
         """Return what the critic, and the reward terms and terminations of a task, look at."""

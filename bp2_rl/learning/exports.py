@@ -114,7 +114,7 @@ class ExportedPolicies:
             try:
                 result = pending.result() if pending.done() else None
             except Exception as error:
-                self._go_on_without_judge(error)
+                self._continue_without_judge(error)
                 return
             if result is not None:
                 del self._pending[steps]
@@ -156,7 +156,7 @@ class ExportedPolicies:
                 folder = policy_folder(self._run_dir, steps)
                 self._pending[steps] = self._judge.submit(folder, slower=slower)
             except Exception as error:
-                self._go_on_without_judge(error)
+                self._continue_without_judge(error)
 
     def _add_result(self, steps: int, result: JudgeResult) -> None:
         seconds = time.time() - self._began
@@ -192,7 +192,7 @@ class ExportedPolicies:
             words += f"; best {self._judged[best].result} at {count(best)}"
         self._monitor.show(words)
 
-    def _go_on_without_judge(self, error: Exception) -> None:
+    def _continue_without_judge(self, error: Exception) -> None:
         """Continue without the judge: the newest policy becomes the run's own."""
         self._judge = None
         self._pending = {}

@@ -188,7 +188,7 @@ def blank_policy(card: PolicyCard) -> Policy:
     """Return a policy of this card all of whose actions are zero."""
     arrays = {
         name: np.zeros(shape, np.float32)
-        for name, shape in _promised_shapes(card).items()
+        for name, shape in _expected_shapes(card).items()
     }
     return _from_arrays(card, {**arrays, "std": arrays["std"] + np.float32(1.0)})
 
@@ -347,7 +347,7 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
             )
         specs = {
             name: ArraySpec(np.dtype(np.float32), shape)
-            for name, shape in _promised_shapes(card).items()
+            for name, shape in _expected_shapes(card).items()
         }
         return read_npz(path, specs, content=content, largest=LARGEST_WEIGHTS)
     except BadFileError as error:
@@ -367,7 +367,7 @@ def _check_layout(
             )
 
 
-def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
+def _expected_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
     """Return the shape of every array of a policy with this card."""
     sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
     shapes: dict[str, tuple[int, ...]] = {"mean": sizes[:1], "std": sizes[:1]}
@@ -384,7 +384,7 @@ def _check_shapes(policy: Policy) -> None:
             f"the network has {len(policy.layers)} layers, its card says {count}"
         )
     arrays = _to_arrays(policy)
-    for name, shape in _promised_shapes(policy.card).items():
+    for name, shape in _expected_shapes(policy.card).items():
         if arrays[name].shape != shape:
             raise PolicyError(
                 f"{name} has shape {arrays[name].shape}, its card says {shape}"

@@ -182,14 +182,14 @@ class WandbRun(Writer):
         self._run.define_metric("*", step_metric=STEP)
         self.tracked = Tracked("wandb", self._run.id, project)
         lines = read_metrics(run_dir) if had else []
-        self._told = {(line["step"], name) for line in lines for name in line}
+        self._sent = {(line["step"], name) for line in lines for name in line}
 
     def write(self, record: Record) -> None:
         """See `Writer`."""
         news = {
             name: value
             for name, value in record.metrics.items()
-            if (record.step, name) not in self._told
+            if (record.step, name) not in self._sent
         }
         try:
             if news:

@@ -90,7 +90,7 @@ class BP2Peer:
         limit = self.env.config.control.action_limit
         self._state = self._step(self._state, limit * jnp.asarray(action, jnp.float32))
 
-    def _seen(self) -> np.ndarray:
+    def _observation(self) -> np.ndarray:
         return np.array(self._state.obs[POLICY])
 
     def _info(self) -> Info:
@@ -146,13 +146,13 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         del options
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
-        return self._seen(), self._info()
+        return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, Info]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._act(action)
         return (
-            self._seen(),
+            self._observation(),
             float(self._state.reward),
             bool(self._state.done),
             False,

@@ -106,7 +106,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if seed[robot] is not None:
                 self._draws[robot] = seeding.np_random(seed[robot])[0]
         self._begin(which)
-        return self._seen(), self._info()
+        return self._observation(), self._info()
 
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
         """Take one control step, 5 ms, with each robot."""
@@ -121,7 +121,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             terminated[begins] = False
         truncated = (self._age >= self._limit) & ~begins
         self._over = terminated | truncated
-        return self._seen(), rewards, terminated, truncated, self._info()
+        return self._observation(), rewards, terminated, truncated, self._info()
 
     def render(self) -> tuple[Picture, ...] | None:
         """Return a picture for each robot, with `render_mode="rgb_array"`."""

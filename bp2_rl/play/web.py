@@ -144,7 +144,7 @@ class Page:
         # not what comes meanwhile, or a flood would never let the robot run
         for _ in range(self._wanted.qsize()):
             self._wanted.get()(session)
-        self._agree_on_the_wish()
+        self._synchronise_wish()
         session.friction = self._friction.value
         pace.slow = SLOWER[self._slower.value]
         with self.server.atomic():
@@ -163,7 +163,7 @@ class Page:
             part, percent = lean.groups()
             self._wanted.put(lambda session: session.lean(part, int(percent) / 100))
 
-    def _agree_on_the_wish(self) -> None:
+    def _synchronise_wish(self) -> None:
         """Set the wish from the sliders or, if the wish changed otherwise, the sliders
         from the wish."""
         session = self._session

@@ -41,8 +41,8 @@ def compile_file(
     notes: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        _free(spec, notes)
-        _mend_inertias(spec, notes)
+        _free_base(spec, notes)
+        _repair_inertias(spec, notes)
         _require_inertias(spec)
         _strip(spec)
         _weld_others(spec, joints)
@@ -61,7 +61,7 @@ def compile_file(
     return model, notes
 
 
-def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _free_base(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Give the body that carries the joints a free joint if no body has one, as in a
     URDF, whose base MuJoCo fixes."""
     tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
@@ -81,7 +81,7 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
     notes.append(f"body '{tops[0].name}' was fixed to the world: it got a free joint")
 
 
-def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _repair_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Replace physically impossible inertias, which URDFs have, by the nearest possible
     ones."""
     repaired: list[str] = []

@@ -83,11 +83,11 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     model = load_model(run.hardware, visual=False, scene=World(run.terrain).lay)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    force, energy, soles = _look_again(model, run, applied)
+    force, energy, soles = _forces_at_samples(model, run, applied)
     return _balance(run, force, energy, against), soles
 
 
-def _look_again(
+def _forces_at_samples(
     model: mujoco.MjModel, run: Trajectory, applied: Float[np.ndarray, "_ nv"]
 ) -> tuple[dict[str, Float[np.ndarray, "N nv"]], Float[np.ndarray, " N"], SoleAccount]:
     """Return each sample's forces on the coordinates by their kind, its energy, and the

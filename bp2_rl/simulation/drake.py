@@ -137,7 +137,7 @@ class DrakeRobot:
         bodies = _add_bodies(plant, model)
         joints = _add_joints(plant, model, bodies)
         ids = _add_contacts(plant, model, bodies, stiffness)
-        _let_collide_what_does(scene, model, ids)
+        _exclude_collisions(scene, model, ids)
         plant.Finalize()
         self._diagram = builder.Build()
         self._root = self._diagram.CreateDefaultContext()
@@ -323,7 +323,7 @@ def _add_contacts(
     return ids
 
 
-def _let_collide_what_does(
+def _exclude_collisions(
     scene: geometry.SceneGraph,
     model: mujoco.MjModel,
     ids: dict[int, geometry.GeometryId],

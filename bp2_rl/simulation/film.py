@@ -149,11 +149,11 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     try:
         with contextlib.closing(Camera(model, shot.height, shot.width)) as camera:
             # the endless floor is laid out around the camera's last place
-            camera.picture(_near_the_middle(run, samples[0]))
+            camera.picture(_moved_to_middle(run, samples[0]))
             for i, k in enumerate(samples):
                 recent = forward[max(0, k - ripple) : k + 1]
                 text = f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
-                picture = camera.picture(_near_the_middle(run, k))
+                picture = camera.picture(_moved_to_middle(run, k))
                 image = _captioned(picture, text)
                 writer.send(image.tobytes())
                 if i == len(samples) // 2:
@@ -163,7 +163,7 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     return poster.getvalue()
 
 
-def _near_the_middle(run: Trajectory, sample: int) -> np.ndarray:
+def _moved_to_middle(run: Trajectory, sample: int) -> np.ndarray:
     """Return the robot's positions, on a flat floor moved by whole metres to the midst of
     the scene."""
     moved = run.qpos[sample].copy()

@@ -77,7 +77,7 @@ class PolicyRunner:
         )
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
-            function, weights = _apart(policy)
+            function, weights = _split_policy(policy)
             self._weights = jax.device_put(weights)
             self._control = _compiled_control_step(function, config, noise)
             self._controller = Controller(config)
@@ -220,7 +220,7 @@ def control_step(
     return control
 
 
-def _apart(
+def _split_policy(
     policy: ActionFunction,
 ) -> tuple[Callable[..., Array], tuple[object, ...]]:
     """Split a policy into a network function and its weights; a plain function has no

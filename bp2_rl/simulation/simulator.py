@@ -152,7 +152,7 @@ class RobotBatch:
     ):
         self.robots, self.steps = robots, steps
         self.batch = Batch(models[0], len(models), nthread=1, persistent=False)
-        _give(self.batch, models)
+        _set_models(self.batch, models)
         stands = [model.key("stand").id for model in models]
         self.batch.reset(keyframe=stands, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.state = self.batch.state
@@ -497,7 +497,7 @@ def _layout(model: mujoco.MjModel) -> tuple[int, ...]:
     return tuple(size for size in sizes if isinstance(size, int))
 
 
-def _give(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
+def _set_models(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
     """Let a batch simulate these models: one model with the values in which they
     differ, where it can be, as whole models crowd each other out of a processor's
     cache."""
