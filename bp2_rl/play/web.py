@@ -155,11 +155,11 @@ class Page:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
 
-    def _hear(self, said: bytes | str) -> None:
+    def _hear(self, message: bytes | str) -> None:
         """Take what `pad.js` says: a key, or a part of the wish with its share."""
-        if said in KEYS:
-            self._wanted.put(KEYS[said][1])
-        elif isinstance(said, str) and (lean := STICK.fullmatch(said)):
+        if message in KEYS:
+            self._wanted.put(KEYS[message][1])
+        elif isinstance(message, str) and (lean := STICK.fullmatch(message)):
             part, percent = lean.groups()
             self._wanted.put(lambda session: session.lean(part, int(percent) / 100))
 
@@ -353,11 +353,11 @@ async def _step_back(client: viser.ClientHandle) -> None:
         client.camera.position, client.camera.look_at = TALL_VIEW
 
 
-def _table(said: dict[str, str]) -> str:
+def _table(texts: dict[str, str]) -> str:
     """Return readings as HTML."""
     rows = (
         f'<tr><td style="padding-right:.8em;opacity:.6">{html.escape(name)}</td>'
         f'<td data-reading="{html.escape(name)}">{html.escape(value)}</td></tr>'
-        for name, value in said.items()
+        for name, value in texts.items()
     )
     return f'<table style="margin:.2em .8em;font-size:.85em;line-height:1.4">{"".join(rows)}</table>'

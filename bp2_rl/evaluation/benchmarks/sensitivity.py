@@ -56,7 +56,7 @@ AS_ASSUMED = "as assumed"
 SLOW = 1.2
 ROBOTS_IN_WORDS = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
-    "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
+    "the motors' corner and no-load speeds stay unless named, so that less torque is less power, too; "
     f"each runs at {', '.join(f'{share:.0%}' for share in COMMANDS)} of the commanded speed, and is shown at its best; "
     "one run each: an unlucky landing can cost a stride or not, by chance"
 )

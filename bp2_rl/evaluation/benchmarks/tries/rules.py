@@ -41,7 +41,7 @@ class Assessment:
     measured."""
 
     passed: bool
-    said: str  # what it did, in a word
+    result: str  # the measured quantity, as text
     measured: Measured
 
 
@@ -189,9 +189,9 @@ def assess_straightness(
     distance = float(track_position(run)[0][-1])
     reach = float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
-    said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
+    text = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
     measured: Measured = {"distance": distance, "reach": reach, "allowed": allowed}
-    return Assessment(arrived and reach <= allowed, said, measured)
+    return Assessment(arrived and reach <= allowed, text, measured)
 
 
 def assess_push(run: Trajectory) -> Assessment:
