@@ -94,11 +94,11 @@ JUDGED_LAUNCHES = (
         latency=0.005,
     ),
 )
-"""Launches that the judge makes of every policy: the first gives its top speed, the
-others show whether that was luck.
+"""The judge's launches of every policy: the first gives the top speed, the others show
+whether a small change makes the robot fall.
 
-In the last launch the built robot has a friction of 0.6. No benchmark makes these
-launches: none reports the results by which a policy was chosen.
+In the last launch the built robot has a friction of 0.6. No benchmark repeats these
+launches, so that no benchmark reports a result by which a policy was chosen.
 """
 SLOWER_LAUNCHES = [
     dataclasses.replace(launch, share=0.7**k)
@@ -111,8 +111,7 @@ fastest command."""
 
 @dataclasses.dataclass(frozen=True)
 class LaunchResult:
-    """The result of a launch: whether and at which command the robot fell, and its best
-    speed."""
+    """The result of a launch: the command at a fall, or the best speed."""
 
     fell: bool
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell

@@ -65,7 +65,7 @@ SLIDERS = {
     "left": ("Sideways, m/s", "To the left"),
     "turn": (
         "Turn, rad/s",
-        "To the left. The faster the robot, the less of it is commanded: what friction holds",
+        "To the left. At high speed the command is limited to the turn that friction allows",
     ),
 }
 STICK = re.compile("(speed|left|turn) (-?[0-9]{1,3})")  # per cent of the limit
