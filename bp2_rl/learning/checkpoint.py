@@ -287,10 +287,7 @@ def require_same(
     """Raise `CheckpointError` unless a checkpoint holds the wanted entries, or more
     with `part`; name the first difference."""
     for name in wanted if part else [*wanted, *saved]:
-        in_file, expected = (
-            saved.get(name, "absent"),
-            wanted.get(name, "absent"),
-        )
+        in_file, expected = saved.get(name, "absent"), wanted.get(name, "absent")
         if in_file != expected:
             raise CheckpointError(
                 f"{directory} is of another training: {name} is {in_file} there and {expected} {where}"

@@ -75,7 +75,7 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert status == 0
     assert err == ""
     assert "Best speed" in out
-    assert "command 0.5 m/s" in out
+    assert "command 0.5 m/s" in out.replace("\n", "")
     (folder,) = Path("reports").iterdir()
     assert folder.name.startswith("topspeed-")
     assert str(folder / "index.html") in out.replace("\n", "")

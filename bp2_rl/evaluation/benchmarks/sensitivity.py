@@ -239,7 +239,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
                 Row(
                     robot.name,
                     show(robot.best_speed, ".2f", "m/s"),
-                    f"at a command of {robot.told:.1f}{', fell' if robot.fell_at else ''}; "
+                    f"at {robot.told:.1f} m/s{', fell' if robot.fell_at else ''}; "
                     f"{TRACK:g} m: {show(robot.time_100m, '.2f', 's')}",
                 )
                 for robot in metrics.robots

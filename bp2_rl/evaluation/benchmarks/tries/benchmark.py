@@ -278,7 +278,7 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
         Row(
             "No steering",
             show(_measured("reach", metrics), ".1f", "m"),
-            f"largest distance of the trunk's edge from the line within {TRACK:g} m",
+            f"how far the trunk's edge strays within {TRACK:g} m",
         ),
         *(
             Row(name, share_passed(group), group[0].rule)
