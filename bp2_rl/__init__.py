@@ -3,12 +3,12 @@ evidence.
 
     import bp2_rl as bp2
 
-    policy = bp2.load_policy("built")  # one that ships, or the folder of a run
+    policy = bp2.load_policy("built")  # a shipped policy, or the folder of a run
     run = bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
     print(run.metrics.best_speed)
 
     env = bp2.make("bp2")  # a Brax environment
-    bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # in a Python of its own it takes all processors
+    bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # uses all processors in a new process
 
 Each public name has its own help, such as `help(bp2_rl.rollout)`.
 """

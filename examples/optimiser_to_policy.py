@@ -1,5 +1,5 @@
-"""Follow a trajectory from the optimiser to the policy: what was asked for, what is
-played, what is run.
+"""Compare a stride of the optimiser, of the motion library, and of the policy that
+imitates the library.
 
 pip install -c constraints.txt -e ".[trajopt]"
 python examples/optimiser_to_policy.py
@@ -22,29 +22,29 @@ from bp2_rl.simulation.schedule import Ramp
 
 
 class Stride(NamedTuple):
-    """What the three have in common."""
+    """Period and duty factor of a stride."""
 
     period: float  # s
-    duty: float  # share of the cycle that a foot stands
+    duty: float  # share of the cycle in which a foot stands
 
 
 def solved(speed: float, intervals: int) -> tuple[Stride, float]:
-    """The optimiser's trot on a coarse mesh, and the energy that a judge of its own
-    misses in it."""
+    """Return the optimiser's trot on a coarse mesh, and the relative error of its
+    energy according to the verifier."""
     solution = solve(Problem(speed=speed, intervals=intervals))
     return Stride(solution.period, solution.duty), verify(solution)["energy_residual"]
 
 
 def played(speed: float) -> Stride:
-    """The library that ships: such solutions at thirty speeds, each near its neighbour,
-    as training plays it."""
+    """Return the stride of the shipped library, which interpolates solutions at thirty
+    speeds."""
     gait, command = CollocationGait(), jnp.array([speed, 0.0, 0.0])
     cycle = jax.jit(gait)(jnp.tile(command, (1000, 1)), jnp.arange(1000) / 1000.0)
     return Stride(1.0 / float(gait.phase_rate(command)), float(cycle.contact.mean()))
 
 
 def run(speed: float, hold: float) -> Stride:
-    """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
+    """Return the stride of the policy trained with this library, in C MuJoCo."""
     policy = load_policy(asset_path("policies/built"))
     [found] = simulate(policy, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold))])
     leg = found.metrics.legs[0]
@@ -52,7 +52,7 @@ def run(speed: float, hold: float) -> Stride:
 
 
 def main() -> None:
-    """All three at 8 m/s."""
+    """Print all three strides at 8 m/s."""
     found, missing = solved(8.0, 16)
     print(f"the optimiser's stride misses {missing:.1e} of its motors' work")
     for name, stride in (

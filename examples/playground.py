@@ -28,7 +28,7 @@ from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
 from mujoco_playground.config.locomotion_params import brax_ppo_config
 
 TASK = "Go1JoystickFlatTerrain"
-TRAIN_STEPS = 5  # between two looks at the clock
+TRAIN_STEPS = 5  # between two readings of the clock
 WARM_UP = 2  # looks: all that compiles must have compiled by then
 MOST = 1000  # looks
 
@@ -41,11 +41,11 @@ class _TimedEnoughError(Exception):
 def measure_playground(
     robots: int | None = None, seconds: float = 2.0, impl: str | None = None
 ) -> float:
-    """Train Playground's Go1 for some seconds; return the control steps per second, all
-    robots together.
+    """Train Playground's Go1 for some seconds; return the control steps per second,
+    summed over all robots.
 
-    It trains in at least two spans of `TRAIN_STEPS`. What Playground resets between
-    evaluations is left out, as are the evaluations.
+    It trains in at least two spans of `TRAIN_STEPS`. Evaluations, and the resets
+    between them, are left out.
 
     Args:
         robots: a multiple of Playground's 32 minibatches; by default its own number.
@@ -101,8 +101,8 @@ def choose_physics() -> str:
 
 
 def make_env(impl: str) -> Any:
-    """Make Playground's environment without the meshes, which are only looked at: they
-    would have to be downloaded."""
+    """Make Playground's environment without its visual meshes, which would have to be
+    downloaded."""
 
     def assets() -> dict[str, bytes]:
         found: dict[str, bytes] = {}

@@ -1,10 +1,10 @@
-"""Write a reward term, and weigh it against the others before any training.
+"""Write a reward term, and compare it with the other terms before any training.
 
     python examples/reward_term.py
 
 A term that is nearly constant teaches nothing; one that outweighs tracking teaches
-standing still. A second of the reference motion, played without a policy, already
-tells.
+standing still. Half a second of the reference motion, played without a policy, shows
+the size of each term.
 """
 
 import jax
@@ -20,19 +20,19 @@ from bp2_rl.settings.task import RewardTerm, Task
 
 
 def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedValues) -> Scalar:
-    """1 for a trunk that does not lean: e_z is its vertical axis, (0, 0, 1) when
-    level."""
+    """Return 1 for a level trunk, less for a leaning one; e_z is the trunk's vertical
+    axis, (0, 0, 1) when level."""
     del config, at  # the same at every command
     return jnp.exp(-20.0 * (1.0 - x.e_z[2]))
 
 
 TASK = Task(rewards=[RewardTerm("level_trunk", level_trunk, imitation=0.1)])
-"""What `python train.py --task examples/reward_term.py` trains on."""
+"""The task of `python train.py --task examples/reward_term.py`."""
 
 
 def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
-    """The mean of every term over `steps` control steps of `robots` robots, with actions
-    of zero."""
+    """Return the mean of every term over `steps` control steps of `robots` robots, with
+    actions of zero."""
     config = preset("imitation", "smoke", task=TASK).env
     env = BP2Env(config, impl=impl, num_robots=robots)
     step = jax.jit(jax.vmap(env.step))

@@ -1,9 +1,9 @@
-"""Train a slow trot: one to two minutes on two processors that have nothing else to do.
+"""Train a slow trot, in one to two minutes on two idle processors.
 
     python examples/slow_trot.py
 
-It is what `python train.py --stage imitation --preset first` does, in Python: settings,
-a run, what came of it.
+This does in Python what `python train.py --stage imitation --preset first` does: it
+makes settings, trains a run, and reads its metrics.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from bp2_rl.settings.training import TrainConfig
 
 
 def settings() -> TrainConfig:
-    """The preset `first`, with commands of at most 1.5 m/s instead of 2."""
+    """Return the preset `first`, with commands of at most 1.5 m/s instead of 2."""
     config = bp2.preset("imitation", "first")
     slow = dataclasses.replace(config.env.commands, max_forward=1.5)
     return dataclasses.replace(
@@ -24,16 +24,17 @@ def settings() -> TrainConfig:
 
 
 def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
-    """Train a run in a new folder; return the lines of its metrics, without the
+    """Train a run in a new folder; return the records of its metrics, without the
     judge's."""
     # A run is a folder: settings, metrics, checkpoints, and a policy at every save.
-    # Killed, it goes on by `bp2.resume`.
+    # `bp2.resume` continues a killed run.
     bp2.train(config, folder)
     return [line for line in read_metrics(folder) if "reward" in line]
 
 
 def main() -> None:
-    """Train, and say how the reward and its largest terms came along."""
+    """Train, and print the reward and its largest terms at the beginning and the
+    end."""
     folder = Path("runs/slow_trot")
     lines = train(settings(), folder)
     for line in (lines[0], lines[-1]):

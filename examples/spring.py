@@ -1,8 +1,9 @@
-"""Change the legs' spring, and see what a policy that never met it makes of that.
+"""Change the stiffness of the legs' springs, and run a policy that was trained with
+another stiffness.
 
     python examples/spring.py
 
-The robot is a frozen dataclass: a change is a copy with another number in it.
+The robot is a frozen dataclass: to change it, make a copy with another number.
 """
 
 import dataclasses
@@ -16,11 +17,11 @@ from bp2_rl.robot.hardware import BUILT
 
 
 class Tried(NamedTuple):
-    """What came of a spring."""
+    """The result of a run with one spring stiffness."""
 
-    sag: float  # m, of a spring, standing, mean of the four
-    speed: float  # m/s, in the mean of the steady part
-    travel: float  # m, most that a spring was pressed in
+    sag: float  # m, mean compression of the springs in a stand
+    speed: float  # m/s, mean of the steady part
+    travel: float  # m, largest compression of a spring
     fell_at: float | None  # s
 
 
@@ -29,8 +30,8 @@ def try_spring(
 ) -> Tried:
     """Launch the policy on the built robot with springs of this stiffness, N/m."""
     robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
-    # `hardware` is the robot that runs; controller and policy still take it for the one
-    # that they were trained on.
+    # `hardware` is the simulated robot; controller and policy still assume the robot of
+    # their training.
     run = bp2.rollout(
         bp2.load_policy(policy), bp2.Ramp((speed, 0.0, 0.0), hold=hold), hardware=robot
     )
@@ -41,7 +42,7 @@ def try_spring(
 
 
 def main() -> None:
-    """Softer and harder than BP2's own 6000 N/m."""
+    """Try springs softer and stiffer than BP2's own 6000 N/m."""
     print("   N/m   sag mm    m/s   travel mm")
     for stiffness in (4000.0, 6000.0, 9000.0):
         tried = try_spring(stiffness, speed=6.0, hold=4.0)

@@ -1,11 +1,11 @@
-"""Search for settings with which a policy runs faster, with Optuna.
+"""Search for settings of faster policies with Optuna.
 
     pip install -c constraints.txt -e ".[tune]"
     python examples/tune.py             # one training after the other, here
     pip install -c constraints.txt -e ".[cluster]"
     python examples/tune.py slurm       # each training a job of a cluster
 
-What is known is kept in runs/tune/tune.db: called again, the search goes on.
+The results are kept in runs/tune/tune.db: called again, the search continues.
 """
 
 import dataclasses
@@ -27,8 +27,8 @@ OUT = Path("runs/tune")
 
 
 def settings(trial: "Trial | FixedTrial") -> TrainConfig:
-    """Let Optuna choose among settings of the imitation stage: these are yours to
-    change."""
+    """Return settings of the imitation stage, some of them chosen by Optuna; change the
+    search space here."""
     config = bp2.preset("imitation", "cpu")
     reward = dataclasses.replace(
         config.env.reward, tracking=trial.suggest_float("tracking", 0.5, 3.0)
@@ -38,7 +38,8 @@ def settings(trial: "Trial | FixedTrial") -> TrainConfig:
         learning_rate=trial.suggest_float("learning_rate", 1e-4, 1e-3, log=True),
         entropy_cost=trial.suggest_float("entropy_cost", 5e-4, 1e-2, log=True),
     )
-    # What is saved is judged below, in the same way for all.
+    # No judge during the training: `top_speed` measures all saved policies in the same
+    # way.
     run = dataclasses.replace(config.run, judged=0)
     env = dataclasses.replace(config.env, reward=reward)
     return dataclasses.replace(config, env=env, ppo=ppo, run=run)
@@ -54,7 +55,7 @@ def top_speed(config: TrainConfig, folder: Path) -> float:
 def search(
     executor: "Executor | submitit.Executor", trials: int, at_once: int = 1
 ) -> "FrozenTrial":
-    """Search until so many further trials are known; return the best of all."""
+    """Run further trials; return the best of all trials."""
     import optuna
 
     OUT.mkdir(parents=True, exist_ok=True)
@@ -76,7 +77,8 @@ def search(
 
 
 def main() -> None:
-    """Search here, or on the cluster that is named: `slurm`, or `local` to try it."""
+    """Search on this machine, or with submitit's executor that the argument names:
+    `slurm`, or `local` to test it."""
     if sys.argv[1:]:
         import submitit
 
@@ -84,7 +86,7 @@ def main() -> None:
         cluster.update_parameters(timeout_min=240, gpus_per_node=1, cpus_per_task=8)
         best = search(cluster, trials=100, at_once=10)
     else:
-        # A training wants a Python of its own, in which it takes all processors.
+        # A training needs a separate Python process, in which it uses all processors.
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(1, spawn, max_tasks_per_child=1) as here:
             best = search(here, trials=20)

@@ -1,5 +1,5 @@
-"""Watch a policy run: once through C MuJoCo, a table, keyframes, and a film where there
-is a GL library.
+"""Run a policy in C MuJoCo, print its speed, and save pictures, and a film if there is
+a GL library.
 
 python examples/watch.py                     # the policy that ships
 python examples/watch.py runs/slow_trot      # yours
@@ -19,11 +19,11 @@ OUT = Path("reports/watch")
 def watch(
     policy_or_run: Path | str, speed: float, hold: float, out: Path
 ) -> bp2.RunMetrics:
-    """From a stand to `speed` (m/s), held for `hold` seconds; trajectory and picture in
-    `out`."""
+    """Run a policy from a stand to `speed` (m/s), held for `hold` seconds; save
+    trajectory and picture in `out`."""
     policy = bp2.load_policy(policy_or_run)
-    # A schedule says the command over time; the policy's card says on which robot it
-    # was trained.
+    # A schedule gives the command over time; the policy's card names the robot of its
+    # training.
     run = bp2.rollout(policy, bp2.Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold))
     out.mkdir(parents=True, exist_ok=True)
     # every millisecond: states, torques, targets, forces of the ground
@@ -33,7 +33,7 @@ def watch(
 
 
 def main() -> None:
-    """Watch the policy that is named, or the one that ships."""
+    """Watch the policy that the argument names, or the shipped policy `built`."""
     metrics = watch(
         sys.argv[1] if len(sys.argv) > 1 else "built", speed=2.0, hold=5.0, out=OUT
     )

@@ -144,9 +144,11 @@ def walk(
     records = [kind for kind, _ in kinds if dataclasses.is_dataclass(kind)]
     if len(records) > 1 and way != "check":
         return _walk_choice(records, value, path, way)
-    fitting = [each for each in kinds if _is_of(value, each[0], way)]
+    fitting = [member for member in kinds if _is_of(value, member[0], way)]
     if not fitting:
-        names = [_in_words(each, way) for each, _ in kinds if each is not NoneType]
+        names = [
+            _in_words(member, way) for member, _ in kinds if member is not NoneType
+        ]
         raise UserError(
             f"{path or 'config'} takes {' or '.join(names)}, got {_shown(value)}"
         )
@@ -157,7 +159,9 @@ def walk(
         return _walk_number(kind, value, path, way, bounds)
     if get_origin(kind) in (tuple, Sequence):
         entries = _walk_entries(kind, value, path, way, bounds)
-        ranges = way == "check" and [each for each, _ in kinds if each is not NoneType]
+        ranges = way == "check" and [
+            member for member, _ in kinds if member is not NoneType
+        ]
         if ranges == [Range] and not value[0] <= value[1]:
             raise UserError(
                 f"{path} must be a range (low, high) with low <= high, got {value}"
@@ -171,8 +175,10 @@ def _kinds_of(annotation: object, bounds: Within = ANY) -> list[tuple[Any, Withi
     bounds of its numbers."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        found = [remark for remark in inner[1:] if isinstance(remark, Within)]
-        return _kinds_of(inner[0], found[0] if found and bounds is ANY else bounds)
+        declared = [remark for remark in inner[1:] if isinstance(remark, Within)]
+        return _kinds_of(
+            inner[0], declared[0] if declared and bounds is ANY else bounds
+        )
     if origin in (Union, UnionType):
         return [kind for member in inner for kind in _kinds_of(member, bounds)]
     return [(annotation, bounds)]

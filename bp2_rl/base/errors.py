@@ -9,7 +9,7 @@ OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 class UserError(ValueError):
-    """Wrong input: one line that says what is wrong and how to mend it; the command
+    """Wrong input: one line that says what is wrong and how to correct it; the command
     exits with status 2."""
 
 

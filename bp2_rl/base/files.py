@@ -228,7 +228,7 @@ def parse_json(content: bytes | str, source: str) -> Any:
         check_values(value)
     except RecursionError as error:
         raise BadFileError(
-            f"{source} is no JSON file of ours: it is nested too deeply"
+            f"{source} is not a JSON file of bp2_rl: it is nested too deeply"
         ) from error
     except ValueError as error:  # JSON, UTF-8 and endless integers alike
         raise BadFileError(f"{source} is damaged or not JSON: {error}") from error
@@ -303,10 +303,10 @@ def read_npz(
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = {
-                one.filename.removesuffix(".npy"): one.filename
-                for one in archive.infolist()
+                entry.filename.removesuffix(".npy"): entry.filename
+                for entry in archive.infolist()
                 # as NumPy does
-                if one.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+                if entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
             }
             sizes: dict[str, int] = {}
             total = 0

@@ -111,9 +111,9 @@ def rows_of(holder: object, *names: str) -> tuple[Row, ...]:
     `names` are the fields to show, in this order; by default all.
     """
     return tuple(
-        Row(one.label, one.show(value), one.explain(held))
-        for held, _, one, value in _walk(holder, names)
-        if one.is_shown(held)
+        Row(figure.label, figure.show(value), figure.explain(held))
+        for held, _, figure, value in _walk(holder, names)
+        if figure.is_shown(held)
     )
 
 
@@ -123,9 +123,9 @@ def card_of(holder: object, *names: str) -> dict[str, Any]:
     `names` are the fields to look at; by default all.
     """
     kept = (
-        (name if one.card is True else one.card, value)
-        for _, name, one, value in _walk(holder, names)
-        if one.card
+        (name if figure.card is True else figure.card, value)
+        for _, name, figure, value in _walk(holder, names)
+        if figure.card
     )
     return rounded({str(name): value for name, value in kept})
 
@@ -151,7 +151,7 @@ def table_of(
         [one.show(getattr(s, name), unit=False) for name, one in chosen.items()]
         for s in subjects
     ]
-    return Table(title, [one.head for one in chosen.values()], lines, words)
+    return Table(title, [figure.head for figure in chosen.values()], lines, words)
 
 
 def table_of_rows(title: str, rows: Sequence[Row]) -> Table:

@@ -78,7 +78,7 @@ def without_gl_library() -> Generator[None]:
 
 
 def cache_folder() -> Path:
-    """Return the project's folder for files that can be made or fetched anew:
+    """Return the project's folder for files that can be recreated:
     $BP2_CACHE, else the folder bp2_rl of $XDG_CACHE_HOME or ~/.cache.
 
     Raises:
@@ -231,7 +231,7 @@ def spawned(
     others = multiprocessing.active_children()
     # Python's tracker of semaphores, which begins here, is not to hear of a closed
     # terminal
-    with _deaf():
+    with _signals_blocked():
         pool = concurrent.futures.ProcessPoolExecutor(
             count,
             mp_context=_SpawnContext(),
@@ -262,14 +262,14 @@ class _SpawnProcess(SpawnProcess):
         main = sys.modules["__main__"]
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            with _deaf(), without_gl_library():
+            with _signals_blocked(), without_gl_library():
                 super().start()
         finally:
             sys.modules["__main__"] = main
 
 
 @contextlib.contextmanager
-def _deaf() -> Generator[None]:
+def _signals_blocked() -> Generator[None]:
     """Context manager that blocks `STOPPING` signals in this process and in processes
     started meanwhile."""
     mask = (

@@ -155,9 +155,9 @@ def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> C
         versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
     )
     if found != version:
-        mend = "update bp2_rl" if found > version else "use the bp2_rl that wrote it"
+        remedy = "update bp2_rl" if found > version else "use the bp2_rl that wrote it"
         raise ConfigError(
-            f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {mend}"
+            f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {remedy}"
         )
     rest = {key: value for key, value in data.items() if key != checksum}
     try:
@@ -211,6 +211,6 @@ def package_versions() -> dict[str, str]:
 
     bp2_rl itself need not be installed.
     """
-    others = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
-    found = {name: importlib.metadata.version(name) for name in others.split()}
-    return {"bp2_rl": __version__} | found
+    names = "jax jaxlib mujoco mujoco-mjx brax flax optax numpy"
+    versions = {name: importlib.metadata.version(name) for name in names.split()}
+    return {"bp2_rl": __version__} | versions

@@ -11,13 +11,13 @@ COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
     "play": "steer a policy's robot in real time, in a browser",
-    "robot": "make a robot file from a model, and look at what it says",
-    "trajopt": "find trajectories, verify them, build the library of reference motions",
-    "study": "compare recipes over seeds: the ablation, and the control steps to 10.74 m/s",
-    "identify": "find the numbers of a robot's motors from a recording of the robot",
-    "bench": "measure how fast training is on this machine",
-    "export": "copy a run's policy, with what was measured of it on its card",
-    "paper": "the paper's evidence: its figures, pendulums, studies of trajectories and deep benchmarks",
+    "robot": "make a robot file from an MJCF or URDF, and check it",
+    "trajopt": "optimise trajectories, verify them, build a library of reference motions",
+    "study": "compare variants of the training over seeds",
+    "identify": "estimate motor parameters from a recording of a real robot",
+    "bench": "measure the speed of training on this machine",
+    "export": "copy a policy, or write a bundle for a robot or a web page",
+    "paper": "reproduce the paper's figures, and study its claims",
 }
 
 

@@ -1,5 +1,4 @@
-"""The frame of every command: how it is found, parses its flags, and ends with an exit
-status.
+"""Run a command: find it, parse its flags, and return its exit status.
 
 A command ends with status 0: done; 2: a user's mistake; 1: a failure, with what to do
 or the place of its log; 128 + n: stopped by signal n, with the work kept. All but 0 say
@@ -126,8 +125,10 @@ def _terminable(patient: bool) -> Generator[None]:
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)
             os._exit(128 + number)
 
-    ours = (signal.SIG_DFL, signal.default_int_handler)
-    numbers = [number for number in STOPPING if signal.getsignal(number) in ours]
+    default_handlers = (signal.SIG_DFL, signal.default_int_handler)
+    numbers = [
+        number for number in STOPPING if signal.getsignal(number) in default_handlers
+    ]
     with handling(numbers, stop, insist):
         try:
             yield
@@ -146,7 +147,7 @@ def _stopped(number: int) -> RunStopped:
 
 
 def _print_error(line: str) -> None:
-    """Say a line on standard error, unless its terminal is closed."""
+    """Print a line on standard error, unless its terminal is closed."""
     try:
         print(line, file=sys.stderr, flush=True)
     except OSError:
@@ -230,7 +231,7 @@ class Command(Generic[Config]):
     Args:
         prog: the command as the user types it.
         arguments: the dataclass of its flags.
-        run: what it does with an instance of that.
+        run: the command's function of an instance of that dataclass.
         default: makes the instance that holds where no flag says otherwise, from the
             words of the command line; by default the dataclass's own.
         screen: as of `parse`.
@@ -256,8 +257,8 @@ class Command(Generic[Config]):
     @property
     def description(self) -> str:
         """Description of the command: the first paragraph of its flags' docstring."""
-        said = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
-        return said[:1].lower() + said[1:].rstrip(".")
+        text = " ".join((self.arguments.__doc__ or "").split("\n\n")[0].split())
+        return text[:1].lower() + text[1:].rstrip(".")
 
 
 def show_screen(
@@ -274,7 +275,9 @@ def show_screen(
     """
     if screen and HELP_ALL not in words and not set(HELP).isdisjoint(words):
         paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
-        what = "\n\n".join(textwrap.fill(each, COLUMNS) for each in paragraphs)
+        what = "\n\n".join(
+            textwrap.fill(paragraph, COLUMNS) for paragraph in paragraphs
+        )
         print(screen.replace("{what}", what).replace("{prog}", prog))
         raise SystemExit(OK)
 
@@ -319,23 +322,23 @@ def parse_known(config: type[Config], words: Sequence[str], prog: str) -> Config
     import tyro
 
     with _mistakes_raised():
-        known, _ = tyro.cli(
+        config_flags, _ = tyro.cli(
             config,
             prog=prog,
             args=words,
             return_unknown_args=True,
             add_help=False,
         )
-    return known
+    return config_flags
 
 
 @contextlib.contextmanager
 def _mistakes_raised() -> Generator[None]:
     """Raise an error for a wrong command line where tyro would print and exit: the
     config's `UserError`, else a `FlagError`."""
-    said = io.StringIO()
+    errors = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(errors):
             yield
     except SystemExit as end:
         if end.code == OK:
@@ -343,7 +346,7 @@ def _mistakes_raised() -> Generator[None]:
         cause: BaseException | None = end
         while cause is not None and not isinstance(cause, UserError):
             cause = cause.__context__
-        raise cause or FlagError(said.getvalue()) from None
+        raise cause or FlagError(errors.getvalue()) from None
 
 
 def entries(commands: Mapping[str, Command[Any]]) -> dict[str, Entry]:
@@ -363,7 +366,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
 
 def run_module(name: str, argv: Sequence[str] | None = None) -> int:
     """Run the `main` of a command's module and return the exit status; a package that
-    the module needs and Python lacks is told in one line."""
+    the module needs and Python lacks is reported in one line."""
     try:
         module = importlib.import_module(name)
     except UserError as missing:

@@ -34,46 +34,43 @@ SCREEN = """usage: {prog} [FLAGS]
 
 flags:
   --preset {gpu,cpu,first,smoke,auto}
-                        auto: gpu where JAX sees an accelerator, else cpu [auto]
-  --robot NAME|FILE     which is simulated: built, ideal, go1, ... or a file [built]
+                        auto: gpu if JAX finds an accelerator, else cpu [auto]
+  --robot NAME|FILE     built, ideal, go1, ... or a robot file [built]
   --impl {kernel,jax,warp}
                         the physics, as for train.py
-  --robots INT ...      numbers of robots, all devices together [the preset's]
-  --devices INT ...     numbers of devices [all there are]
+  --robots INT ...      numbers of robots, summed over devices [the preset's]
+  --devices INT ...     numbers of devices [all]
   --parts NAME ...      physics, environment, resets, policy, sgd, training [all]
-  --seconds FLOAT       of timed calls, for each part [2]
+  --seconds FLOAT       duration of the timing of each part, s [2]
   --out DIR             the report's folder [reports/bench-DATE-TIME]
 
 all flags, with --env.* and --ppo.*: {prog} --help-all
 
 examples:
-  bp2 bench                               # this machine, its preset
+  bp2 bench                               # the preset for this machine
   bp2 bench --preset cpu"""
 """What `--help` prints."""
 
 
 @dataclasses.dataclass(frozen=True)
 class BenchArguments(Bounded, path="--"):
-    """Measure how fast training is on this machine, part by part: steps a second,
-    memory, compilation.
-
-    The presets set the sizes, as for train.py.
-    """
+    """Measure the speed of training on this machine, part by part: steps per second,
+    memory, compilation time."""
 
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees an accelerator, else cpu"""
+    """auto: gpu if JAX finds an accelerator, else cpu"""
     robot: RobotFlag = None
-    """which is simulated: built, ideal, go1 or another that ships, or a file [built]"""
+    """built, ideal, go1, ... or a robot file [built]"""
     impl: Impl = "jax"
     """the physics, as for train.py"""
     robots: tuple[Size, ...] = ()
-    """numbers of robots, all devices together; by default the preset's"""
+    """numbers of robots, summed over devices [the preset's]"""
     devices: tuple[Size, ...] = ()
-    """numbers of devices; by default all there are"""
+    """numbers of devices [all]"""
     parts: tuple[Part, ...] = get_args(Part)
     """what to measure"""
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
-    """of timed calls, for each part"""
+    """duration of the timing of each part, s"""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """the report's folder [reports/bench-DATE-TIME]"""
     env: EnvConfig = EnvConfig()
@@ -93,8 +90,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _bench(words: list[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
-    known = app.HELP_ALL in words or flags.known_without_jax
-    arguments = read_arguments(words, flags) if known else None
+    defaults_known = app.HELP_ALL in words or flags.known_without_jax
+    arguments = read_arguments(words, flags) if defaults_known else None
     with unused_left_out(flags):
         from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     use_processors(flags)
@@ -133,12 +130,12 @@ def choose_sizes(arguments: BenchArguments) -> tuple[tuple[int, int], ...]:
     """
     import jax
 
-    there = jax.device_count()
-    if max(arguments.devices, default=1) > there:
-        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
+    available = jax.device_count()
+    if max(arguments.devices, default=1) > available:
+        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {available}")
     sizes = {
         (robots, devices): None
         for robots in arguments.robots or (arguments.ppo.num_envs,)
-        for devices in arguments.devices or (there,)
+        for devices in arguments.devices or (available,)
     }
     return tuple(sizes)

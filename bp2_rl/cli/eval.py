@@ -25,52 +25,52 @@ from bp2_rl.settings.training import TaskFlag
 BENCHMARKS = {
     "topspeed": "ramp to the top speed and hold it",
     "sprint": "100 m from a standing start",
-    "robustness": "many randomised robots at 10.74 m/s",
+    "robustness": "200 randomised robots at 10.74 m/s",
     "manoeuvres": "braking, launches, turns, slow motion, standing, pushes, bad ground",
     "disturbances": "harder pushes, at all phases of a stride, and rougher ground",
-    "convergence": "topspeed under finer physics",
-    "losses": "what each loss costs, alone and together",
-    "sensitivity": "topspeed and sprint on robots other than the one assumed",
-    "posterior": "topspeed and sprint on robots that explain the paper's numbers",
-    "all": "one after the other, but for posterior",
+    "convergence": "topspeed with smaller physics steps and more solver iterations",
+    "losses": "the speed that each loss of the robot costs, alone and together",
+    "sensitivity": "topspeed and sprint with one assumed property changed at a time",
+    "posterior": "topspeed and sprint on robots that agree with the paper's results",
+    "all": "all of them, except posterior",
 }
 """The benchmarks of the registry, which is slow to import, in words for the help."""
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
 {what}
 
-what is run:
-  POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
-                        or of a run
-  --benchmark NAME      what is measured, of the list below [topspeed]
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
-                        one that BP2 may be [the policy's; built for ideal]
-  --task FILE[:NAME]    the task that the policy was trained with, where the task
-                        adds to what the policy sees
+policy and benchmark:
+  POLICY_OR_RUN         name of a shipped policy (built, gentle, fastest, ideal,
+                        rough), or folder of a policy or a training run [built]
+  --benchmark NAME      a benchmark of the list below [topspeed]
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+                        both; real: the most plausible BP2; go1, ...; or a robot
+                        file [the policy's own robot; built for the policy ideal]
+  --task FILE[:NAME]    the policy's task, if the task adds observations
   --backend {mujoco,drake}
-                        mujoco: C MuJoCo; drake: a second opinion [mujoco]
+                        simulator: C MuJoCo, or Drake for comparison [mujoco]
 
-how:
+conditions:
   --terrain KIND:SIZE   rough:0.05, waves:0.05 or stairs:0.1 (m), slope:0.1 (rad)
                         [flat]
-  --speed M/S           speed to command [as the card's result was measured]
-  --acceleration M/S2   how fast the command rises
-  --hold S              how long to hold the speed
-  --robots N            how many are drawn; of robustness [200], posterior [32]
-  --seed N              what robots, rough ground and noise are drawn from [0]
-  --sensor-noise        let the sensors be as noisy as in training
+  --speed M/S           commanded speed [as in the result on the policy's card]
+  --acceleration M/S2   rate at which the commanded speed rises
+  --hold S              time at the commanded speed
+  --robots N            random robots; robustness [200], posterior [32]
+  --seed N              random seed of robots, rough ground and noise [0]
+  --sensor-noise        add the sensor noise of training
 
-what is left:
+output:
   --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
-  --no-video            do not film the best seconds
+  --no-video            no film of the best seconds
 
 benchmarks:
 {benchmarks}
 
-all flags, with the operator's: {prog} --help-all
+all flags, with --operator.* (steering): {prog} --help-all
 
 examples:
-  python eval.py --no-video                 # the policy that ships
+  python eval.py --no-video                 # the shipped policy built
   python eval.py runs/RUN --benchmark sprint""".replace(
     "{benchmarks}", app.listed(BENCHMARKS)
 )
@@ -86,33 +86,29 @@ class Target:
     run: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")
     ] = None
-    """A policy that ships, by its name, or the folder of a policy or of a run."""
+    """Name of a shipped policy (built, gentle, fastest, ideal, rough), or folder of a
+    policy or a training run [built]."""
     benchmark: Annotated[
         str,
         tyro.conf.arg(
             metavar="NAME",
             help=" ".join(f"{name}: {what}." for name, what in BENCHMARKS.items())
-            + " `bp2 paper eval` has the deep ones.",
+            + " `bp2 paper eval` has more.",
         ),
     ] = "topspeed"
     task: TaskFlag = None
-    """The task that the policy was trained with, where the task adds to what the policy
-    sees; its code is run."""
+    """The policy's task, if the task adds observations; its code is run."""
 
 
 @dataclasses.dataclass(frozen=True)
 class EvalConfig(BenchmarkOptions, Target):
-    """Run a policy from a standing start, measure it, and leave a report with table,
-    plots and film.
-
-    Without a policy: built, which ships with bp2_rl, as gentle, fastest, ideal and rough
-    do.
-    """
+    """Run a policy from a standing start, measure it, and write a report with a table,
+    plots and a film."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True
-    """Film the best seconds, where a GL library exists."""
+    """Film the best seconds, if a GL library is installed."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -217,6 +213,6 @@ def evaluate(
             if config.benchmark == ALL:
                 folder.write_overview(evaluations, out)
     if config.benchmark == ALL:
-        for one in evaluations:
-            console.print(f"{one.benchmark}:", terminal.verdict_of(one))
+        for evaluation in evaluations:
+            console.print(f"{evaluation.benchmark}:", terminal.verdict_of(evaluation))
     console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class ExportConfig:
-    """Copy a run's policy to a folder of its own, to keep it or to pass it on, or write
-    what a robot's computer needs.
+    """Copy a policy to a folder, or write a bundle that runs it on a robot's computer
+    or on a web page.
 
-    With reports, the copy's card says what was measured: run eval.py on the policy
-    first.
+    With --report, the copy's card has the results of an evaluation: run eval.py on the
+    policy first.
 
     For example: bp2 export built --to my_robot --format onnx
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")]
-    """A training run's folder or a policy folder."""
+    """Name of a shipped policy, or folder of a policy or a training run."""
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """The copy's folder; a policy or a bundle that is there is replaced."""
+    """Folder to write; a policy or a bundle in this folder is replaced."""
     format: Literal["policy", "onnx", "page"] = "policy"
     """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network,
     the reference motion, a controller in Python and in C++, and a rehearsal in C MuJoCo
@@ -42,25 +42,26 @@ class ExportConfig:
     report: Annotated[
         tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")
     ] = ()
-    """A folder that eval.py wrote of this policy; may be given several times. Not with
-    onnx or page, which have no card."""
+    """Folder of a report that eval.py wrote for this policy; can be given several
+    times. Not with onnx or page, which have no card."""
     task: TaskFlag = None
-    """The task that the policy was trained with, where the task adds to what the policy
-    sees: a bundle holds its observations' code"""
+    """The policy's task, if the task adds observations; a bundle holds their code"""
     terrain: TerrainFlag = "flat"
     mujoco_package: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """The .tgz of npm's @mujoco/mujoco for --format page, where there is no network
-    from which to fetch it"""
+    """The .tgz of npm's @mujoco/mujoco for --format page, on a machine without a
+    network"""
     braking: float | None = None
-    """m/s2, at which the forward command that the policy is told falls at most: the
-    copy's `control.braking`"""
+    """greatest deceleration of the forward command, m/s2 (`control.braking` of the
+    copy)"""
     stopping_time: float | None = None
-    """s, in which it falls by itself and 0.5 m/s, at most: the copy's
-    `control.stopping_time`"""
+    """least time in which the forward command c falls by c + 0.5 m/s, s
+    (`control.stopping_time` of the copy)"""
     launching: float | None = None
-    """m/s2, at which it rises at most from a stand: the copy's `control.launching`"""
+    """greatest acceleration of the forward command at a stand, m/s2
+    (`control.launching` of the copy)"""
     launching_speed: float | None = None
-    """m/s, at which it would rise no more: the copy's `control.launching_speed`"""
+    """forward command at which that limit on the acceleration has fallen to 0, m/s
+    (`control.launching_speed` of the copy)"""
 
 
 def export(config: ExportConfig) -> None:
@@ -73,10 +74,10 @@ def export(config: ExportConfig) -> None:
         )
     if config.format == "policy" and config.terrain != "flat":
         raise UserError(
-            "--terrain is of a bundle's rehearsal or a page: give --format onnx or page, too"
+            "--terrain belongs to a bundle's rehearsal or a page: give --format onnx or page, too"
         )
     if config.format != "page" and config.mujoco_package:
-        raise UserError("--mujoco-package is of a page: give --format page, too")
+        raise UserError("--mujoco-package belongs to a page: give --format page, too")
     eased = {
         name: value
         for name in COMMAND_LIMITS
@@ -96,7 +97,7 @@ def export(config: ExportConfig) -> None:
 
     policy = load_policy(config.run, task=config.task)
     env = policy.card.env
-    # refuses what cannot be
+    # checks the new limits
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
     if config.format != "policy":
@@ -113,8 +114,8 @@ def export(config: ExportConfig) -> None:
             lines = _advice(config, policy)
         print(f"exported {config.run} to {config.to}", *lines, sep="\n")
         return
-    # under other limits another controller was measured; what the judge saw is kept as
-    # a guess
+    # Results under the old limits do not hold for the copy; the judge's result is kept
+    # as an estimate.
     results = {
         name: found
         for name, found in policy.card.results.items()
@@ -122,12 +123,12 @@ def export(config: ExportConfig) -> None:
     }
     for folder in config.report:
         report = read_report(folder)
-        ours = policy.card.weights_sha256
-        theirs = report.conditions.get("weights_sha256", "")
-        if theirs != ours:
+        weights = policy.card.weights_sha256
+        measured = report.conditions.get("weights_sha256", "")
+        if measured != weights:
             raise UserError(
-                f"report {folder} is of another policy: weights {theirs[:12] or 'unknown'}, those of "
-                f"{config.run} are {ours[:12]}; make one: python eval.py {config.run} --out DIR"
+                f"report {folder} is of another policy: its weights are {measured[:12] or 'unknown'}, those of "
+                f"{config.run} are {weights[:12]}; make a new report: python eval.py {config.run} --out DIR"
             )
         results = results | report.results
     policy = dataclasses.replace(

@@ -12,22 +12,22 @@ from bp2_rl.cli.app import Command
 
 @dataclasses.dataclass(frozen=True)
 class IdentifyConfig:
-    """Find torque scale, no-load speed, friction and delay of a robot's motors from a log
-    of the real robot, with intervals and errors on rows that the fit has not seen.
+    """Estimate torque scale, no-load speed, friction and delay of a robot's motors from
+    a log of the real robot, with 90 % intervals and errors on held-out rows.
 
-    A log is an .npz or .csv file with the columns time, q.JOINT and q_target.JOINT; of a
-    robot that moves also up.x ..., omega.x ... and contact.LEG (docs/howto/identify.md).
-    Without a log, write the targets that a hanging robot should follow.
+    A log is an .npz or .csv file with the columns time, q.JOINT and q_target.JOINT, and
+    for a moving robot up.x ..., omega.x ... and contact.LEG (docs/howto/identify.md).
+    Without a log, the command writes the joint targets of the recording's experiment.
 
     For example: bp2 identify log.csv --robot my_robot.toml
     """
 
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
-    """the robot file whose numbers are tried, with the loop's [gains]"""
+    """robot file with the numbers to start from and the position loop's [gains]"""
     log: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[LOG]")
     ] = None
-    """the recording; without one, targets.csv is written to DIR"""
+    """the recording; without a recording, targets.csv is written to DIR"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("identified")
     """folder of the robot file, the numbers and the picture"""
 

@@ -24,9 +24,10 @@ WEB = ("viser", "trimesh")  # packages that a page needs
 
 @dataclasses.dataclass(frozen=True)
 class PlayConfig(Bounded, path="--"):
-    """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
+    """Run a policy in C MuJoCo in real time, and steer the robot in a browser: speed,
+    turn, pushes, friction.
 
-    The page opens in a browser. Ctrl-C ends it.
+    Ctrl-C ends the command.
 
     For example: bp2 play runs/RUN --robot ideal
     """
@@ -34,26 +35,25 @@ class PlayConfig(Bounded, path="--"):
     run: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")
     ] = None
-    """A training run's folder or a policy folder; by default the policy that ships with
-    bp2_rl."""
+    """Name of a shipped policy, or folder of a policy or a training run; by default the
+    policy built."""
     robot: RobotFlag = None
-    """built: BP2 with losses and solid legs; ideal: without; by default built, or the
-    policy's own robot where that is neither"""
+    """built: BP2 with losses and solid legs; ideal: without both; by default the
+    policy's own robot, but built for the policy ideal"""
     task: TaskFlag = None
-    """the task that the policy was trained with, where the task adds to what the policy
-    sees; its code is run"""
+    """the policy's task, if the task adds observations; its code is run"""
     terrain: TerrainFlag = "flat"
     host: str = "127.0.0.1"
-    """Address at which the page is served; 0.0.0.0: to all machines that can reach this
-    one, under any name."""
+    """Network address at which the page is served; 0.0.0.0 serves every machine that
+    can reach this one."""
     port: Annotated[int, Within(1, 65535)] = 8080
-    """Port of the page; the next free one where another program has it."""
+    """Port of the page; if it is in use, the next free one."""
     speed: Annotated[float, Within(-100.0, 100.0)] = 0.0
-    """m/s that are commanded at first."""
+    """Commanded speed at the start, m/s."""
     seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float(
         "inf"
     )
-    """Ends by itself after so long."""
+    """Ends after this time, s."""
 
 
 def play(config: PlayConfig) -> None:

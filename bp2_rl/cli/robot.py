@@ -18,8 +18,8 @@ class NewConfig(Bounded, path="--"):
     """Write a robot file, filled in from an MJCF or URDF, with CONFIRM beside each
     number that you must confirm.
 
-    Structure tells which joint is which: a trunk with four legs of abduction, hip and
-    knee. Meshes may be missing.
+    The model must have a trunk and four legs with abduction, hip and knee joints, which
+    are found by their axes and positions. Meshes may be missing.
 
     For example: bp2 robot new my_robot.xml
     """
@@ -27,33 +27,32 @@ class NewConfig(Bounded, path="--"):
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
     """An MJCF or URDF file; it stays where it is, and the robot file points at it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="ROBOT.toml")] = None
-    """The robot file; by default beside the model, under its name. One that is there is
-    not replaced."""
+    """The robot file; by default beside the model, with the model's name. An existing
+    file is not replaced."""
     numbers: bool = False
-    """Write the numbers themselves, the left legs', so that the model is not needed any
-    more."""
+    """Write the numbers of the left legs instead of a link to the model."""
     joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
-    """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell;
-    all others are welded."""
+    """The twelve leg joints, FR FL RR RL x abad hip knee, if they are not found
+    automatically; all other joints are welded."""
     feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """A geom, site or body in each foot, FR FL RR RL; by default the farthest sphere or
-    end of a capsule."""
+    capsule end of the leg."""
     foot_radius: Annotated[float | None, Within(0.0, 1.0, open_below=True)] = None
-    """m, of the feet, where they are no spheres."""
+    """Radius of the feet, m, if they are not spheres."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CheckConfig:
-    """Print a robot on one sheet, with what to mend behind "!", and draw it, after 5 s
-    of standing in C MuJoCo.
+    """Print a robot's data sheet, with problems marked by "!", and draw the robot after
+    5 s of standing in C MuJoCo.
 
     For example: bp2 robot check my_robot.toml
     """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
-    """A robot that ships, by its name, or a robot file."""
+    """Name of a shipped robot, or a robot file."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="PICTURE.png")] = None
-    """The picture; by default the robot's name in this folder."""
+    """The picture; by default ROBOT.png in the current folder."""
 
 
 def new(config: NewConfig) -> None:
@@ -64,11 +63,11 @@ def new(config: NewConfig) -> None:
     require_name(out)
     if out.exists():
         raise UserError(
-            f"{out} is there already: remove it, or choose another name with --out"
+            f"{out} exists already: remove it, or choose another name with --out"
         )
     if out.suffix != ".toml" or not out.parent.is_dir():
         raise UserError(
-            f"--out {out} must be a name that ends in .toml, in a folder that is there"
+            f"--out {out} must be a name that ends in .toml, in a folder that exists"
         )
     from bp2_rl.robot.reading import read_mjcf
     from bp2_rl.robot.robot_file import robot_text
@@ -105,7 +104,7 @@ def check(config: CheckConfig) -> None:
         or out.is_dir()
     ):
         raise UserError(
-            f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there"
+            f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that exists"
         )
     from bp2_rl.robot.named import find_robot_file
 

@@ -19,7 +19,7 @@ def find_backend() -> str:
     """Return the kind of device on which JAX computes: `cpu`, or an accelerator's.
 
     Raises:
-        UserError: the environment asks for a kind that is not there.
+        UserError: the environment requests a kind that does not exist.
     """
     try:
         return jax.default_backend()

@@ -21,17 +21,18 @@ SCREEN = """usage: {prog} [FLAGS]
 {what}
 
 flags:
-  --variants NAME ...   some of those below, or tasks: FILE.py [all]
-  --seeds INT ...       [0 1 2]
+  --variants NAME ...   variants of the list below, or task files FILE.py [all]
+  --seeds INT ...       random seeds, one training each [0 1 2]
   --preset {gpu,cpu,first,smoke}
                         size of the trainings [gpu]
-  --robot NAME|FILE     which is trained and judged, as for train.py [built]
+  --robot NAME|FILE     the robot, as for train.py [built]
   --steps INT INT       control steps of the imitation and of the relaxed stage
   --out DIR             the study's folder [runs/study]
-  --judges INT          processes that judge policies while others train
+  --judges INT          processes that judge policies during the trainings
   --jobs.executor {here,slurm,local}
-                        slurm: each training is a job; local: the same jobs here
-  --no-train            only summarise what is there
+                        here: this machine; slurm: a Slurm job for each
+                        training; local: jobs on this machine, to test them [here]
+  --no-train            only summarise the finished trainings
 
 variants:
 {variants}
@@ -40,7 +41,7 @@ all flags, with --jobs.*: {prog} --help-all
 
 examples:
   bp2 study --variants ours kinematic --seeds 0 1 2
-  bp2 study --variants ours my_task.py   # a task beside the recipe""".replace(
+  bp2 study --variants ours my_task.py   # compare a task with the recipe""".replace(
     "{variants}",
     listed({name: variant.meaning for name, variant in VARIANTS.items()}),
 )
@@ -50,29 +51,29 @@ examples:
 @dataclasses.dataclass(frozen=True)
 class StudyArguments(Bounded, path="--"):
     """Train variants of the recipe with several seeds, judge every saved policy in C
-    MuJoCo, and compare.
+    MuJoCo, and compare the variants.
 
-    One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on
-    where it stands when called again. The table grows as trainings end.
+    Each GPU runs one training at a time; a cluster runs each training as a job. The
+    same command continues an interrupted study. The table grows as trainings end.
     """
 
     variants: tuple[str, ...] = tuple(VARIANTS)
-    """which are trained, or the files of tasks; what each is: --help"""
+    """variants of the recipe (listed by --help), or task files FILE.py"""
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
     robot: RobotChoice = "built"
-    """which is trained and judged, as for train.py"""
+    """the robot, as for train.py"""
     steps: tuple[Steps, Steps] | None = None
     """control steps of the imitation and of the relaxed stage; by default the
     preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
     judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
-    """processes that judge policies while others train"""
+    """processes that judge policies during the trainings"""
     jobs: JobsConfig = JobsConfig()
     train: bool = True
-    """--no-train: only summarise what is there"""
+    """--no-train: only summarise the finished trainings"""
 
 
 def _study(arguments: StudyArguments) -> None:
@@ -94,12 +95,12 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.running import Resources, run_study, visible_gpus
 
     def tabulate() -> list[Outcome]:
-        found = [
+        found_outcomes = [
             outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
         ]
-        outcomes = [one for one in found if one is not None]
-        for one in outcomes:
-            save_config(arguments.out / f"{label(one.variant)}.json", one)
+        outcomes = [outcome for outcome in found_outcomes if outcome is not None]
+        for outcome in outcomes:
+            save_config(arguments.out / f"{label(outcome.variant)}.json", outcome)
         if outcomes:
             write_text(arguments.out / "table.md", outcome_table(outcomes))
         return outcomes
@@ -126,7 +127,9 @@ def _study(arguments: StudyArguments) -> None:
             arguments.out / "learning_curves.png",
         )
         print(outcome_table(outcomes))
-        if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
+        if fallen := [
+            outcome.variant for outcome in outcomes if not any(outcome.top_speeds)
+        ]:
             print(
                 f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison"
             )

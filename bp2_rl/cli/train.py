@@ -1,4 +1,4 @@
-"""`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run.
+"""`bp2 train`, also `python train.py`: train a stage, or continue a stopped run.
 
 The command line is read in two steps: first the flags on which the defaults of all
 others and the start of JAX depend (`EarlyFlags`), then all (`TrainArguments`), with the
@@ -52,42 +52,45 @@ SCREEN = """usage: {prog} [FLAGS]
 
 {what}
 
-what is trained:
-  --stage {imitation,relaxed}  imitation first, then relaxed [imitation]
+task and robot:
+  --stage {imitation,relaxed}  imitation: learn the reference motion; then
+                               relaxed: run faster for less effort [imitation]
   --preset {gpu,cpu,first,smoke,auto}
-                               auto: gpu where JAX sees an accelerator, else cpu;
-                               first: learn to trot, in minutes; smoke: tests
-  --robot NAME|FILE            built, ideal, real, go1, ... or a file;
-                               by default that of --from, else built
-  --weights {ours,paper}       rewards: ours, or the paper's Table S4
+                               size of the training [auto: gpu if JAX finds an
+                               accelerator, else cpu]; first: a slow trot, in
+                               minutes; smoke: a test, in a minute
+  --robot NAME|FILE            built, ideal, real, go1, ... or a robot file
+                               [the robot of --from, else built]
+  --weights {ours,paper}       reward weights: ours, or the paper's Table S4
   --reference {collocation,kinematic,none}
-                               the motion that is learnt; none: standing
+                               motion to imitate: trots from trajectory
+                               optimisation, a trot in closed form, or standing
   --task FILE[:NAME]           your own rewards, terminations, observations
-                               and settings; --task.reward.NAME: a term's coefficient
-                               [that of --from]
+                               and settings; --task.reward.NAME: a term's weight
+                               [the task of --from]
 
 runs:
   --out PATH                   the run's folder [runs/STAGE-DATE-TIME]
-  --from PATH                  take networks and settings from this run
+  --from PATH                  start with networks and settings of this run
                                [relaxed: the newest imitation run]
-  --resume PATH                go on with this stopped run where it stands
-  --replay PATH                repeat this run's train step that was not finite,
-                               and say what was not finite first
+  --resume PATH                continue this run from its last checkpoint
+  --replay PATH                repeat this run's train step that gave NaN or
+                               infinity, and name the value that became so first
 
-how long:
-  --run.steps INT              control steps, all robots together
-  --until M/S                  end when a policy reaches this speed, m/s, from a
-                               stand in C MuJoCo and holds it
-  --run.seed INT               of all that is drawn [0]
+length:
+  --run.steps INT              control steps, summed over all robots
+  --until M/S                  stop when a policy reaches this speed from a stand
+                               in C MuJoCo and holds it for 5 s
+  --run.seed INT               random seed [0]
 
-by what:
-  --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock MJX;
-                               warp: MJX-Warp
-  --ppo.num-envs INT           robots that are simulated at once
-  --deterministic              a GPU, too, repeats the same bits; slower
-  --track wandb                send the metrics to this tracker, too
-  --cluster.coordinator STR    HOST:PORT of process 0, told to all processes;
-                               auto: ask Slurm or Open MPI
+compute:
+  --impl {kernel,jax,warp}     physics: kernel: fused, the fastest; jax: stock
+                               MJX; warp: MJX-Warp
+  --ppo.num-envs INT           number of parallel environments
+  --deterministic              bit-for-bit reproducible on GPUs; slower
+  --track wandb                also log metrics to this tracker
+  --cluster.coordinator STR    several machines: HOST:PORT of process 0;
+                               auto: from Slurm or Open MPI
 
 all settings, with the preset's values: {prog} --preset cpu --help-all
   --env.hardware.*  --env.control.*  --env.commands.*  --env.reward.*  --env.reset.*
@@ -96,7 +99,7 @@ all settings, with the preset's values: {prog} --preset cpu --help-all
 
 examples:
   python train.py --stage imitation
-  python train.py --stage relaxed        # on from the newest imitation run
+  python train.py --stage relaxed        # continues the newest imitation run
   python train.py --resume runs/RUN"""
 """What `--help` prints."""
 
@@ -107,29 +110,31 @@ class EarlyFlags:
     on them."""
 
     stage: Stage = "imitation"
-    """imitation first, then relaxed"""
+    """imitation: learn the reference motion; then relaxed: run faster for less
+    effort"""
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu or cpu; first: learn to trot, in minutes; smoke: tests"""
+    """size of the training: auto: gpu or cpu; first: a slow trot, in minutes; smoke: a
+    test, in a minute"""
     weights: Weights | None = None
-    """rewards: ours, or the paper's Table S4"""
+    """reward weights: ours, or the paper's Table S4"""
     robot: RobotFlag = None
-    """built, ideal, real, go1, ... or a file; by default that of --from,
-    else built"""
+    """built, ideal, real, go1, ... or a robot file [the robot of --from, else built]"""
     task: TaskFlag = None
     """your own rewards, terminations, observations and settings: FILE.py,
-    FILE.py:NAME or package.module:NAME; by default that of --from"""
+    FILE.py:NAME or package.module:NAME [the task of --from]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """take networks and settings from this run [relaxed: the newest imitation run]"""
+    """start with networks and settings of this run [relaxed: the newest imitation
+    run]"""
     resume: Path | None = None
-    """go on with this stopped run where it stands"""
+    """continue this run from its last checkpoint"""
     replay: Path | None = None
-    """repeat this run's train step that was not finite, and say what was not finite
-    first"""
+    """repeat this run's train step that gave NaN or infinity, and name the value that
+    became so first"""
     impl: Impl | None = None
     deterministic: bool = False
-    """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
+    """bit-for-bit reproducible on GPUs; slower, and not with --impl warp"""
     track: Tracker | None = None
-    """send the metrics to this tracker, too"""
+    """also log metrics to this tracker"""
     cluster: ClusterConfig = ClusterConfig()
 
     @property
@@ -150,7 +155,7 @@ class EarlyFlags:
             return presets.preset(self.stage, preset).impl
         if run is None:
             return next((config.impl for _, config in _imitation_runs()), None)
-        with contextlib.suppress(UserError):  # it is told of later
+        with contextlib.suppress(UserError):  # reported later
             return load_run_config(run).impl
         return None
 
@@ -158,9 +163,8 @@ class EarlyFlags:
     def known_without_jax(self) -> bool:
         """Return whether these flags determine all defaults without importing JAX.
 
-        A parent's settings and the machine's accelerator are looked at with JAX, which
-        a task may use. In a cluster all processes must hear of a mistake, once they
-        have met.
+        A parent's settings, a task and the machine's accelerator need JAX. In a cluster
+        every process must learn of a mistake, so the processes connect first.
         """
         return self.cluster.coordinator is None and (
             self.existing_run is not None
@@ -278,7 +282,7 @@ def _start_jax(flags: EarlyFlags) -> None:
         runtime.repeat_bit_for_bit()
     keep_compiled()
     cluster.join(flags.cluster)
-    # where there is none, every further word to the others would fail
+    # if the process has no connection, every further call to the others would fail
     runtime.find_backend()
     runtime.wake_device()
 
@@ -356,8 +360,7 @@ def read_arguments(
 
 
 def _require_own_settings(words: list[str], flags: EarlyFlags) -> None:
-    """Raise UserError for a flag that would change the settings of a run that goes
-    on."""
+    """Raise UserError for a flag that would change the settings of a continued run."""
     name = "--replay" if flags.resume is None else "--resume"
     allowed = (name, "--cluster.", "--deterministic", "--track")
     for word in words:
@@ -398,14 +401,14 @@ def _continue(flags: EarlyFlags, preset: Preset, parent: Path) -> TrainConfig:
 
     old = run.load_own(parent)
     task = flags.task or old.env.task.code
-    theirs = (
+    robot = (
         (robot_name(old.env.hardware) or "built")
         if old.env.hardware.is_bp2
         else old.env.hardware
     )
     before, now = (
-        presets.preset(each, preset, flags.weights, theirs, task)
-        for each in (old.stage, flags.stage)
+        presets.preset(stage, preset, flags.weights, robot, task)
+        for stage in (old.stage, flags.stage)
     )
     env = merge(before.env, old.env, now.env)
     if flags.robot and env.hardware != (other := find_robot(flags.robot)):

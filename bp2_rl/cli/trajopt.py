@@ -62,7 +62,7 @@ Workers = Annotated[int, Within(1, 256)]
 Robot = Annotated[
     RobotChoice,
     tyro.conf.arg(
-        help="whose hardware holds where no --hardware flag says otherwise; the model in the plane has no solid legs, "
+        help="the robot, which --hardware flags change; the planar model has no solid legs, "
         "no soft ground, no lag and no latency"
     ),
 ]
@@ -74,26 +74,27 @@ flags:
 {flags}
 
 the stride:
-  --robot NAME|FILE     whose hardware holds [ideal]
+  --robot NAME|FILE     built, ideal, go1, ... or a robot file [ideal]
   --gait {{trot,two-leg,pronk,half-bound,gallop}}
-                        in which order the feet stand [trot]
-  --intervals INT       of the mesh, in each segment
+                        footfall sequence [trot]
+  --intervals INT       mesh intervals in each segment (stance, flight)
   --scheme {{hermite-simpson,trapezoid,paper}}
-                        how the equations of motion hold between mesh points
-  --clearance FLOAT     m, of a swinging foot in mid-swing
-  --pitch-limit FLOAT   rad, of the trunk
-  --speed-margin FLOAT  largest joint speed, as a share of the no-load speed
-  --torque-rate FLOAT   Nm/s, greatest change of a torque
-  --force-rate FLOAT    N/s, greatest change of a foot's force
+                        transcription of the equations of motion
+  --clearance FLOAT     height of a foot in mid-swing, m
+  --pitch-limit FLOAT   greatest pitch of the trunk, rad
+  --speed-margin FLOAT  greatest joint speed over the no-load speed
+  --torque-rate FLOAT   greatest rate of change of a torque, Nm/s
+  --force-rate FLOAT    greatest rate of change of a foot's force, N/s
 
 all flags, with --hardware.*, --form.* and --weights.*: {{prog}} --help-all"""
 """Template of the `--help` text of commands that solve a problem, with places for
 description and flags."""
 SOLVE_SCREEN = PROBLEM_SCREEN.format(
     what="{what}",
-    flags="""  --speed FLOAT         m/s [10]
-  --starts INT          guesses to start from; the cheapest solution is kept [3]
-  --refine INT          intervals a segment on which that is solved again; 0: not [32]
+    flags="""  --speed FLOAT         speed of the trunk, m/s [10]
+  --starts INT          initial guesses; the cheapest solution is kept [3]
+  --refine INT          intervals in each segment of a finer mesh, on which the
+                        cheapest solution is solved again; 0: no second mesh [32]
   --out DIR             the solution's folder [reports/trajopt/solve]""",
 )
 SOLVE_SCREEN += """
@@ -106,13 +107,13 @@ LIBRARY_SCREEN = """usage: {prog} build [FLAGS]
 {what}
 
 flags:
-  --robot NAME|FILE     whose hardware holds [ideal]
-  --slowest FLOAT       m/s
-  --fastest FLOAT       m/s; by default, for other robots than BP2, their limit
-  --step FLOAT          m/s, between neighbours
-  --starts INT          guesses to start from at the first speed
-  --coarse INT          intervals a segment, of the mesh of the first solves
-  --proximity FLOAT     weight of the distance to the neighbour in the cost
+  --robot NAME|FILE     built, ideal, go1, ... or a robot file [ideal]
+  --slowest FLOAT       lowest speed, m/s
+  --fastest FLOAT       highest speed, m/s [the limit of robots other than BP2]
+  --step FLOAT          difference between neighbouring speeds, m/s
+  --starts INT          initial guesses at the first speed
+  --coarse INT          mesh intervals in each segment at the first solve
+  --proximity FLOAT     cost weight of the distance to the neighbouring solution
   --workers INT         processes; more than two do not help [2]
   --out DIR             folder of the solutions [reports/trajopt/library]
   --to FILE             the library [reports/trajopt/bp2_trot.npz]
@@ -130,17 +131,18 @@ class ProblemArguments(Bounded):
 
 @dataclasses.dataclass(frozen=True)
 class SolveArguments(ProblemArguments):
-    """Find the stride that costs least at one speed, by trajectory optimisation; verify
-    it and draw it.
+    """Find the stride of least cost at one speed by trajectory optimisation, verify it
+    and draw it.
 
-    It takes about three minutes of a processor. The solution, a .npz and a .json file,
-    and its picture are named after the speed.
+    This takes about three minutes on one processor. The solution, a .npz and a .json
+    file, and its picture are named after the speed.
     """
 
     starts: Starts = 3
-    """guesses to start from; the cheapest solution is kept"""
+    """initial guesses; the cheapest solution is kept"""
     refine: Annotated[int, Within(0, 500)] = 32
-    """intervals a segment on which that one is solved again; 0 for not"""
+    """intervals in each segment of a finer mesh, on which the cheapest solution is
+    solved again; 0: no second mesh"""
     out: Folder = OUT / "solve"
 
     def __post_init__(self) -> None:
@@ -162,8 +164,8 @@ class SolveArguments(ProblemArguments):
 
 @dataclasses.dataclass(frozen=True)
 class VerifyArguments:
-    """Judge solutions by a model that shares no code with the one they were found
-    with."""
+    """Check solutions with an independent model, which shares no code with the
+    optimiser's."""
 
     path: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTION_OR_LIBRARY")
@@ -174,13 +176,13 @@ class VerifyArguments:
 
 @dataclasses.dataclass(frozen=True)
 class LibraryArguments:
-    """Build the library of a robot's reference motions: solve the family, verify it,
-    write the file.
+    """Build a library of a robot's reference motions: solve a trot at each speed,
+    verify the trots, and write the file.
 
-    A library of BP2 has the speeds asked for. Another robot's goes up to the robot's
-    limit, found by walking on until no faster trot solves.
+    BP2's library ends at --fastest. The library of another robot ends at the robot's
+    limit, the last speed at which a trot is found.
 
-    Interrupted, it goes on where it stopped when run again.
+    The same command continues an interrupted build.
     """
 
     action: Annotated[Literal["build"], tyro.conf.Positional]
@@ -194,8 +196,8 @@ class LibraryArguments:
     """the library"""
 
     def __post_init__(self) -> None:
-        """Raise UserError for values out of bounds, and for a library file that is no
-        .npz."""
+        """Raise UserError for values out of bounds, and for a library file without the
+        suffix .npz."""
         check_bounds(self)
         if self.to.suffix != ".npz":
             raise UserError(f"--to {self.to}: a library is an .npz file")
@@ -303,14 +305,14 @@ def _build(arguments: LibraryArguments) -> None:
     print_solutions(family)
     if arguments.family.to_limit:
         print(
-            f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s"
+            f"the robot's limit, with a reserve for feedback: {family[-1].problem.speed:g} m/s"
         )
         kept = {speed_name(solution.problem.speed) for solution in family}
         if refused := sorted(
             {path.stem for path in arguments.out.glob("speed-*.json")} - kept
         ):
             print(
-                f"left out, as the verifier refuses them ({arguments.out}): {', '.join(refused)}"
+                f"left out, because the verifier rejects them ({arguments.out}): {', '.join(refused)}"
             )
     steps = steps_of(family)
     print(

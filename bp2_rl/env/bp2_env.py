@@ -114,7 +114,7 @@ class BP2Env(envs.Env):
 
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         after = before.replace(physics=physics, controller=controller)
-        now = self._unsensed(after, foot_contact)
+        now = self._privileged_inputs(after, foot_contact)
         fall = fall._replace(
             own=termination.own_falls(self.config.task.task.terminations, now)
         )
@@ -225,7 +225,10 @@ class BP2Env(envs.Env):
                 false,
                 false,
                 false if self.config.hardware.solid_legs else None,
-                {one.name: false for one in self.config.task.task.terminations},
+                {
+                    termination.name: false
+                    for termination in self.config.task.task.terminations
+                },
             ),
         )
         return envs.State(
@@ -348,7 +351,7 @@ class BP2Env(envs.Env):
             state.controller, command, measurement
         )
         privileged = observations.observe(
-            self._privileged, self._unsensed(state, foot_contact)
+            self._privileged, self._privileged_inputs(state, foot_contact)
         )
         obs = {
             "state": noisy,
@@ -356,7 +359,7 @@ class BP2Env(envs.Env):
         }
         return state.replace(controller=controller), obs
 
-    def _unsensed(
+    def _privileged_inputs(
         self, state: PipelineState, foot_contact: Float[Array, "4"]
     ) -> observations.PrivilegedInputs:
         """Return what the critic, and the reward terms and terminations of a task, look at."""
@@ -426,5 +429,5 @@ def make(
     return BP2Env(settings.env, impl=impl, num_robots=num_robots)
 
 
-for each in CONFIGS:
-    envs.register_environment(each, functools.partial(make, each))  # pyright: ignore[reportArgumentType]  # it is only called
+for name in CONFIGS:
+    envs.register_environment(name, functools.partial(make, name))  # pyright: ignore[reportArgumentType]  # it is only called

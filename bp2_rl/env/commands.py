@@ -1,5 +1,5 @@
-"""Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed
-curriculum."""
+"""Velocity commands during training: random targets, ramps toward them, and each
+robot's speed curriculum."""
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,8 @@ from bp2_rl.settings.env import CommandConfig, EnvConfig
 
 
 class CommandState(struct.PyTreeNode):
-    """The present command on its way to a target, and how well commands near the
-    robot's limit were tracked."""
+    """The command, its target, and how well the robot tracked commands near its
+    limit."""
 
     current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
     target: Float[Array, "... 3"]
@@ -51,8 +51,8 @@ def draw_target(
 ) -> Float[Array, "3"]:
     """Draw a target command (v_x, v_y, omega_z), m/s and rad/s.
 
-    It is forward up to `top`, often near it or slow; lateral and yaw commands are
-    smaller at speed.
+    The forward speed is at most `top`, often near `top` or slow; lateral and yaw
+    commands are smaller at speed.
     """
     keys = jax.random.split(key, 6)
     anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
@@ -110,10 +110,10 @@ def with_command_error(
     top: Float[Array, ""],
     config: EnvConfig,
 ) -> CommandState:
-    """Let a running robot start at another speed than its command, as happens in steep
-    launches and when braking.
+    """Return a command that differs from the speed at which a running robot starts, as
+    in fast launches and in braking.
 
-    The error is the cube of a uniform number, so that most errors are small.
+    The difference is the cube of a uniform number, so that most differences are small.
     """
     error = (
         config.reset.command_error
@@ -149,12 +149,13 @@ def advance(
     """Return the command state and the curriculum level one control step later.
 
     Before a new target is drawn, the level rises if the robot was commanded near its
-    limit for long enough and followed within tolerance. What it follows far from the
-    limit says nothing about the limit. Where the limit does not rise, the level is that
-    of the ground alone, and all commands count.
+    limit for long enough and followed within tolerance. Commands far from the limit do
+    not count, because they do not show whether the robot can go faster. Without a start
+    speed the limit does not rise, the level concerns only the ground, and all commands
+    count.
 
-    The hold begins at the target's forward speed; lateral and yaw commands may still be
-    on their way, for half a second or one from a stand.
+    The hold begins when the command reaches the target's forward speed; lateral and yaw
+    commands may need another half second, or a second from a stand.
     """
     dt, curriculum = conventions.CONTROL_STEP, config.curriculum
     top = max_forward_at(level, config)
@@ -166,7 +167,7 @@ def advance(
     reached = state.current[0] == state.target[0]
     asked = approach(state.current, state.target, rate * dt)
     current = config.control.tell(state.current, asked)
-    # The target's yaw rate may be too much on the way to its speed.
+    # The target's yaw rate may exceed the limit at the present speed.
     _, turn = sideways_limits(current[0], config.commands)
     moved = state.replace(
         current=current.at[2].set(jnp.clip(current[2], -turn, turn)),

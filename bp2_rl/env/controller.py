@@ -34,7 +34,7 @@ class ControllerState(struct.PyTreeNode):
     last_action: Float[Array, "... 12"]
     # In the last control steps, newest first, as far back as `history` asks.
     past_frames: Float[Array, "... longest frame"]
-    steps: Float[Array, "..."]  # so many of them there were since the start
+    steps: Float[Array, "..."]  # number of valid rows since the start
 
 
 class Targets(struct.PyTreeNode):
@@ -76,11 +76,11 @@ class Controller:
         command: Float[Array, "3"],
         measurement: Measurement,
     ) -> tuple[ControllerState, Float[Array, " observation"]]:
-        """Return the state that remembers this moment, and the policy's observation
-        (see `observations.layout_of`).
+        """Return the state with this observation in its history, and the policy's
+        observation (see `observations.layout_of`).
 
-        The command is the present one, m/s and rad/s. A policy without a history needs
-        nothing remembered.
+        The command is in m/s and rad/s. A policy without a history leaves the state
+        unchanged.
         """
         frame = self.frame(state, command, measurement)
         if not self._control.history:
@@ -101,7 +101,7 @@ class Controller:
         command: Float[Array, "... 3"],
         measurement: Measurement,
     ) -> Float[Array, "... frame"]:
-        """Return the observation of this moment alone, without a history."""
+        """Return the observation at this control step, without a history."""
         amplitude = (
             1.0 if self._control.clock_at_rest else self.reference.stepping(command)
         )
@@ -156,8 +156,8 @@ def motion_of(config: EnvConfig) -> ReferenceMotion:
     """Return the reference motion that the config names, on its robot.
 
     Raises:
-        UserError: the motion library cannot be read, is of another robot, or trots
-            lower than where a robot has fallen.
+        UserError: the motion library cannot be read, belongs to another robot, or trots
+            below the height of a fall.
     """
     match config.reference:
         case "kinematic":

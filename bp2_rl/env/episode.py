@@ -1,5 +1,5 @@
-"""Where episodes begin: on the running reference with its velocities, or standing
-still."""
+"""Initial states of episodes: on the running reference with its velocities, or at
+rest."""
 
 from collections.abc import Sequence
 
@@ -30,15 +30,15 @@ NUM_KEYS = 5
 
 
 class PipelineState(struct.PyTreeNode):
-    """Everything that begins anew with an episode: physics, controller, command,
-    randomisation and averages."""
+    """The state of an episode: physics, controller, command, randomisation and
+    averages."""
 
     physics: Physics
     controller: ControllerState
     command: CommandState
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
-    # m/s and rad/s: velocity less command, averaged where the reward asks for it
+    # m/s and rad/s: velocity minus command, averaged if the reward uses averages
     tracking_error: Float[Array, "... 3"]
     mean_action: Float[Array, "... 12"]  # averaged over `rewards.ACTION_AVERAGING`
 
@@ -54,8 +54,8 @@ class PipelineState(struct.PyTreeNode):
 
 
 class EpisodeStarts:
-    """Draws the starts of episodes that a config describes, for a robot with this
-    model."""
+    """Draws initial states of episodes, as a config describes them, for a robot with
+    this model."""
 
     def __init__(
         self, config: EnvConfig, controller: Controller, model: mujoco.MjModel
@@ -76,21 +76,22 @@ class EpisodeStarts:
         command = command.replace(current=jnp.where(standing, 0.0, command.current))
         phase = jax.random.uniform(key_phase)
         reference = self._controller.reference(command.current, phase)
-        told = command
+        initial_command = command
         if config.reset.command_error:
-            told = commands.with_command_error(
+            initial_command = commands.with_command_error(
                 jax.random.fold_in(key_command, 1), command, standing, top, config
             )
         if config.reset.standing_time[1]:
-            told = commands.with_standing_time(
-                jax.random.fold_in(key_command, 2), told, standing, config
+            initial_command = commands.with_standing_time(
+                jax.random.fold_in(key_command, 2), initial_command, standing, config
             )
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
         robot = randomization.draw(
             key_robot, config.randomization, self._model.nbody, config.hardware
         )
-        # by a key of its own: flat training draws the robots that it drew before
+        # by a separate key, so that training on flat ground draws the same robots as
+        # without this line
         robot = randomization.with_terrain(
             jax.random.fold_in(key_robot, 0), robot, config.terrain, level
         )
@@ -98,7 +99,7 @@ class EpisodeStarts:
         episode = PipelineState(
             physics=_physics_at_rest(qpos, qvel, targets),
             controller=self._controller.init(phase),
-            command=told,
+            command=initial_command,
             randomization=robot,
             mean_torque=jnp.zeros(conventions.NUM_MOTORS),
             tracking_error=jnp.zeros(3),
@@ -107,7 +108,7 @@ class EpisodeStarts:
         return episode, reference
 
     def at_rest(self) -> Physics:
-        """Return a standing robot, to take the place of an exploded one."""
+        """Return a standing robot, which replaces a robot whose physics exploded."""
         stand = Targets(
             jnp.asarray(joint_positions(self._stand)), jnp.zeros(conventions.NUM_MOTORS)
         )
@@ -185,8 +186,8 @@ class EpisodeStarts:
 def _physics_at_rest(
     qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], targets: Targets
 ) -> Physics:
-    """Return a physics state without torque, with these joint targets as all that are
-    remembered."""
+    """Return a physics state without torque, whose target history holds only these
+    joint targets."""
     # One array, taken apart again: XLA would fuse separate ones with the reference, and
     # round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])

@@ -1,4 +1,4 @@
-"""The log's numbers of a control step, averaged by the learner over robots and steps."""
+"""Metrics of a control step, which the learner averages over robots and steps."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -20,7 +20,7 @@ m/s."""
 class StepOutcome(NamedTuple):
     """The outcome of a robot's control step, for its rewards and metrics."""
 
-    command: Float[Array, "3"]  # that the robot was under
+    command: Float[Array, "3"]  # of this control step
     reference: Reference  # at the end of the step
     effort: Effort
     motion: TrunkMotion  # afterwards

@@ -1,4 +1,4 @@
-"""The environments that have a name: those that `train.py` trains in."""
+"""The named environments of `make`, and their settings."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The robot's sensors, the policy's observation, and the critic's, which has more."""
+"""The robot's sensors, and the observations of policy and critic."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -48,8 +48,7 @@ Layout = tuple[tuple[str, int], ...]
 
 
 class PrivilegedInputs(NamedTuple):
-    """Source of the critic's terms beyond the policy's observation, which no sensor
-    measures."""
+    """Inputs of the critic's further observation terms, which no sensor measures."""
 
     episode: "PipelineState"
     velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
@@ -77,21 +76,22 @@ PRIVILEGED: tuple[ObservationTerm[PrivilegedInputs], ...] = (
     ),
     ObservationTerm("strength", MOTORS, lambda now: now.episode.randomization.strength),
     ObservationTerm("latency", SCALAR, lambda now: now.episode.randomization.latency),
-    # averaged where the reward asks for it
+    # averaged if the reward uses averages
     ObservationTerm("tracking_error", COMMAND, lambda now: now.episode.tracking_error),
 )
-"""What the critic sees beyond the policy's observation, in order: what no sensor tells,
-where the command goes, the draw of the robot, and the errors that the reward looks
-at."""
+"""The critic's observation terms beyond the policy's, in order: quantities without a
+sensor, the command's target, the robot's random parameters, and the errors in the
+reward."""
 
 
 AHEAD, BESIDE = (-0.4, 0.0, 0.4, 0.8, 1.2), (-0.2, 0.0, 0.2)
-"""Places of the heights that the critic sees, from below the trunk, m: along the robot's
-heading, and to its left."""
+"""Points at which the critic observes the ground's height, relative to the point below
+the trunk, m: along the robot's heading, and to its left."""
 
 
 def _scan(now: PrivilegedInputs) -> Float[Array, "5 3"]:
-    """Return how much higher the ground is at these places than below the trunk, m."""
+    """Return the ground's height at these points minus its height below the trunk,
+    m."""
     pose, ground = now.episode.q, now.episode.randomization.ground
     yaw, ahead, beside = yaw_of(pose[3:7]), np.array(AHEAD)[:, None], np.array(BESIDE)
     x = pose[0] + jnp.cos(yaw) * ahead - jnp.sin(yaw) * beside
@@ -115,13 +115,13 @@ SCAN = Mirror(
 
 
 def _ground_terms(config: TerrainConfig) -> list[ObservationTerm[PrivilegedInputs]]:
-    """Return what the critic sees of the ground."""
-    seen = []
+    """Return the critic's observation of the ground."""
+    terms = []
     if config.kind != "flat":
-        seen.append(ObservationTerm("ground", SCAN, _scan))
+        terms.append(ObservationTerm("ground", SCAN, _scan))
     if config.slope[1]:
-        seen.append(ObservationTerm("vertical", VECTOR, _vertical))
-    return seen
+        terms.append(ObservationTerm("vertical", VECTOR, _vertical))
+    return terms
 
 
 def observation_terms(
@@ -131,7 +131,7 @@ def observation_terms(
     the task's.
 
     Raises:
-        UserError: nobody has named the task's code.
+        UserError: the task's code was not given.
     """
     return (*OBSERVATION_TERMS, *config.task.task.observations)
 
@@ -139,8 +139,8 @@ def observation_terms(
 def privileged_terms(
     config: EnvConfig,
 ) -> tuple[ObservationTerm[PrivilegedInputs], ...]:
-    """Return the terms that the critic alone sees: `PRIVILEGED`, then the ground's,
-    then the task's."""
+    """Return the observation terms of the critic alone: `PRIVILEGED`, then the
+    ground's, then the task's."""
     ground = _ground_terms(config.terrain)
     return (*PRIVILEGED, *ground, *config.task.task.privileged)
 
@@ -257,7 +257,8 @@ class TrunkMotion(struct.PyTreeNode):
 
     @property
     def horizontal(self) -> Float[Array, "3"]:
-        """Return what a command prescribes: v_x, v_y (m/s) and the yaw rate (rad/s)."""
+        """Return the velocities that a command prescribes: v_x, v_y (m/s) and the yaw
+        rate (rad/s)."""
         return jnp.append(self.velocity[:2], self.yaw_rate)
 
 
@@ -275,8 +276,8 @@ def trunk_motion(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> TrunkM
 
 
 def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
-    """Return `v` turned by a unit quaternion. Brax has the like, but its import takes a
-    second of the judge's start."""
+    """Return `v` rotated by a unit quaternion. Brax has such a function, but importing
+    Brax would delay the judge by a second."""
     w, u = quaternion[0], quaternion[1:]
     return (
         2.0 * jnp.dot(u, v) * u
@@ -288,8 +289,8 @@ def _rotate(v: Float[Array, "3"], quaternion: Float[Array, "4"]) -> Float[Array,
 def set_down(
     qpos: Float[Array, " nq"], ground: Ground | None, hardware: HardwareSpec
 ) -> Float[Array, " nq"]:
-    """Return a robot raised or lowered onto its ground, until its lowest sole is as high
-    over the ground as it was over the flat floor."""
+    """Return a robot moved vertically until its lowest sole is as high over the ground
+    as it was over the flat floor."""
     if ground is None:
         return qpos
     soles, below = _on_legs(qpos, compressions(qpos), ground, hardware)
@@ -299,8 +300,8 @@ def set_down(
 def shank_in_ground(
     qpos: Float[Array, " nq"], ground: Ground, hardware: HardwareSpec
 ) -> Bool[Array, ""]:
-    """Return whether a knee is under the ground, or the middle between knee and sole, as
-    at the edge of a step: in training feet alone meet the ground."""
+    """Return whether a knee, or the middle of a shank, is below the ground, for
+    instance at the edge of a step. In training only feet have contacts."""
     lower = jnp.asarray(hardware.anatomy.geometry.lower, qpos.dtype)
     shortened = jnp.stack([lower, 0.5 * (lower + compressions(qpos))])
     shanks, below = _on_legs(qpos, shortened, ground, hardware)

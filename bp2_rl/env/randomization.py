@@ -1,5 +1,5 @@
-"""Domain randomisation: one draw of the world and the robot, how it enters model and
-motors, and pushes."""
+"""Domain randomisation: draw random parameters of the ground and the robot, apply them
+to model and motors, and push the robot."""
 
 import dataclasses
 from typing import TypeVar
@@ -23,26 +23,27 @@ from bp2_rl.settings.terrain import TerrainConfig
 T = TypeVar("T")
 LOSS_FACTORS = "air", "gear", "joints", "slides", "lag", "bus", "sag"
 DESIGN_FACTORS = "no_load_speed", "armature", "spring_stiffness", "spring_damping"
-"""Numbers of the design that are drawn, a factor for each robot, only if their ranges
-are set."""
+"""Design parameters with a random factor for each robot; drawn only if their ranges are
+set."""
 
 
 class Randomization(struct.PyTreeNode):
-    """Random parameters of a robot and its ground; `PRIVILEGED` says which of them the
-    critic sees."""
+    """Random parameters of a robot and its ground; the critic observes those in
+    `PRIVILEGED`."""
 
     friction: Float[Array, "..."]
     mass: Float[Array, "... nbody"]  # factor
     com_offset: Float[Array, "... 3"]  # m, trunk
     strength: Float[Array, "... 12"]  # factor
     braking: Float[Array, "..."] | None
-    """how weakly motors brake, the no-load speed over the speed at which they brake no
-    more; None: as the hardware's"""
+    """weakness of braking: the no-load speed over the speed at which the braking torque
+    reaches zero; None: the hardware's"""
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
     losses: Float[Array, "... 7"]  # factors, in the order of `LOSS_FACTORS`
-    # factors, in the order of `DESIGN_FACTORS`; None: as the hardware's, and nothing is computed
+    # factors, in the order of `DESIGN_FACTORS`; None: the hardware's, without
+    # computation
     no_load_speed: Float[Array, "..."] | None = None
     armature: Float[Array, "..."] | None = None
     spring_stiffness: Float[Array, "..."] | None = None
@@ -93,8 +94,8 @@ def draw(
         stiffness=uniform(keys[4], (12,), config.gains),
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
-        # By keys of their own: more splits would draw other robots than before there
-        # were losses and weak brakes.
+        # Separate keys, so that older settings still draw the same robots: more splits
+        # of the first key would change its draws.
         losses=uniform(jax.random.fold_in(key, 7), (len(LOSS_FACTORS),), config.losses),
         braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking)
         if config.weak_braking[1]
@@ -106,7 +107,7 @@ def draw(
 def with_terrain(
     key: Array, robot: Randomization, config: TerrainConfig, level: Float[Array, ""]
 ) -> Randomization:
-    """Return the robot on a ground that is drawn at a curriculum level; a slope rises
+    """Return the parameters with a random ground for a curriculum level; a slope rises
     in any direction."""
     key_size, key_cell, key_place, key_slope, key_way = jax.random.split(key, 5)
 
@@ -127,7 +128,7 @@ def with_terrain(
     cell = jax.random.uniform(key_cell, minval=low, maxval=high)
     place = jax.random.uniform(key_place, (2,))
     if config.kind == "stairs":
-        # near the middle of an upper or a lower landing, so that all feet are on it
+        # near the middle of an upper or a lower landing, so that all feet stand on it
         start = HALF * jnp.round(place[0]) + 2.0 * place[1] - 1.0
         return robot.replace(ground=Stairs(size, cell, start))
     grid = shared_grid(config.kind)
@@ -138,8 +139,8 @@ def with_terrain(
 def push(
     qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array
 ) -> Float[Array, " nv"]:
-    """Return the velocities after a control step's chance of a push: now and then the
-    trunk's horizontal one jumps."""
+    """Return the velocities after a control step, in which a random push may change the
+    trunk's horizontal velocity."""
     if not config.enabled or config.push_velocity == 0.0:
         return qvel
     key_when, key_what = jax.random.split(key)
@@ -153,7 +154,7 @@ def push(
 
 
 def as_drawn(numbers: T, factor: arrays.Array | None) -> T:
-    """Multiply numbers of the design, an array or a tree of arrays, by a drawn factor;
+    """Multiply design parameters, an array or a tree of arrays, by a random factor;
     without a factor, return them unchanged."""
     if factor is None:
         return numbers
@@ -161,8 +162,8 @@ def as_drawn(numbers: T, factor: arrays.Array | None) -> T:
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
-    """Return the motors with this robot's strength, speeds, brakes, gains, lag and
-    bus."""
+    """Return the motors with this robot's random strength, speeds, brakes, gains, lag
+    and bus."""
     changed = dataclasses.replace(
         actuator,
         strength=actuator.strength * randomization.strength,
@@ -208,7 +209,8 @@ def randomize_resistance(
     """Return the resistance with this robot's losses; each broadcasts against the
     robots' joints or legs.
 
-    Friction holds a lighter rotor less firmly, lest it throw the rotor back.
+    Friction acts less stiffly on a lighter rotor; otherwise friction would reverse the
+    rotor's motion.
     """
     names = "air", "gear", "joints", "slides"
     air, gear, joints, slides = (

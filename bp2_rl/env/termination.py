@@ -1,4 +1,4 @@
-"""The law of a fall: in training, in benchmarks, and for every robot that may be down."""
+"""The conditions of a fall, in training and in benchmarks."""
 
 import functools
 import operator
@@ -17,21 +17,21 @@ from bp2_rl.settings.task import TerminationTerm
 
 
 class Fall(NamedTuple):
-    """Why a robot is down, if it is; NumPy or JAX, with the batch axes of the
-    states."""
+    """The reasons why a robot has fallen, one flag each; NumPy or JAX, with the batch
+    axes of the states."""
 
     exploded: Bool[Array, "..."]  # its state is no longer that of a robot
     too_low: Bool[Array, "..."]
     tilted: Bool[Array, "..."]
-    # a leg is in another or in the trunk; None where nobody asks
+    # a leg overlaps another leg or the trunk; None if this is not checked
     self_collision: Bool[Array, "..."] | None = None
     # the terminations of the task, by name
     own: Mapping[str, Bool[Array, "..."]] | None = None
 
     @property
     def reasons(self) -> dict[str, Bool[Array, "..."]]:
-        """The reasons that are looked for, by name, the gravest first: where several
-        hold at once, the first is the fall's."""
+        """The checked reasons by name, the gravest first; if several hold at once, the
+        first one counts."""
         reasons = {
             "exploded": self.exploded,
             "too_low": self.too_low,
@@ -43,7 +43,7 @@ class Fall(NamedTuple):
 
     @property
     def happened(self) -> Bool[Array, "..."]:
-        """Return whether the robot is down for any reason."""
+        """Return whether the robot has fallen for any reason."""
         return functools.reduce(operator.or_, self.reasons.values())
 
 
@@ -52,8 +52,8 @@ def fall(
     qvel: Float[Array, "... nv"],
     config: TerminationConfig,
 ) -> Fall:
-    """Return whether and why a robot in this state, in MuJoCo's coordinates, is down;
-    NumPy and JAX alike."""
+    """Return the reasons of a fall for a state in MuJoCo's coordinates, of NumPy or
+    JAX."""
     xp = qpos.__array_namespace__()
     # Every comparison is one that NaN fails.
     sound = xp.all(xp.isfinite(qpos), axis=-1) & xp.all(
@@ -71,7 +71,7 @@ def fall_in_training(
     action: Float[Array, "... 12"],
     config: EnvConfig,
 ) -> Fall:
-    """Return whether and why an episode ends after this action: `fall`, a number that
+    """Return the reasons why an episode ends after this action: `fall`, a number that
     is not finite, self-collision."""
     xp = qpos.__array_namespace__()
     state = fall(qpos, qvel, config.termination)
@@ -83,25 +83,29 @@ def fall_in_training(
 def own_falls(
     terminations: Iterable[TerminationTerm], now: PrivilegedInputs
 ) -> dict[str, Bool[Array, ""]]:
-    """Return whether each termination of a task ends a robot's episode, by name.
+    """Return for each termination of a task, by name, whether it ends a robot's
+    episode.
 
     Raises:
         UserError: a termination fails, or returns more than one number.
     """
     return {
-        one.name: own_number(f"termination {one.name}", one.read, now) > 0
-        for one in terminations
+        termination.name: own_number(
+            f"termination {termination.name}", termination.read, now
+        )
+        > 0
+        for termination in terminations
     }
 
 
 def self_collision(
     qpos: Float[Array, "... nq"], config: TerminationConfig, hardware: HardwareSpec
 ) -> Bool[Array, "..."] | None:
-    """Return whether a leg is deeper in another, or in the trunk, than it may be; None
-    where legs are not solid.
+    """Return whether a leg overlaps another leg or the trunk by more than the limit;
+    None if legs are not solid.
 
-    Training has no contacts between legs and ends the episode instead; C MuJoCo has
-    them and goes on.
+    Training has no contacts between legs, and ends the episode instead; C MuJoCo
+    simulates these contacts.
     """
     if not hardware.solid_legs:
         return None

@@ -94,16 +94,16 @@ JUDGED_LAUNCHES = (
         latency=0.005,
     ),
 )
-"""Launches that the judge makes of every policy: the first gives its top speed, the
-others show whether that was luck.
+"""The judge's launches of every policy: the first gives the top speed, the others show
+whether a small change makes the robot fall.
 
-In the last launch the built robot has a friction of 0.6. No benchmark makes these
-launches: none reports the results by which a policy was chosen.
+In the last launch the built robot has a friction of 0.6. No benchmark repeats these
+launches, so that no benchmark reports a result by which a policy was chosen.
 """
 SLOWER_LAUNCHES = [
-    dataclasses.replace(one, share=0.7**k)
+    dataclasses.replace(launch, share=0.7**k)
     for k in range(1, 7)
-    for one in JUDGED_LAUNCHES
+    for launch in JUDGED_LAUNCHES
 ]
 """The judge's launches to slower commands, the fastest first: 0.7, 0.49 ... 0.12 of the
 fastest command."""
@@ -111,8 +111,7 @@ fastest command."""
 
 @dataclasses.dataclass(frozen=True)
 class LaunchResult:
-    """The result of a launch: whether and at which command the robot fell, and its best
-    speed."""
+    """The result of a launch: the command at a fall, or the best speed."""
 
     fell: bool
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
@@ -136,12 +135,12 @@ def measure_launches(
     world = World(env.terrain.hardest)
     requests = [
         RunRequest(
-            one.ramp(env),
-            one.robot(env.hardware),
+            launch.ramp(env),
+            launch.robot(env.hardware),
             world=world,
-            noise_seed=one.noise_seed,
+            noise_seed=launch.noise_seed,
         )
-        for one in launches
+        for launch in launches
     ]
     runs = simulate(policy, requests, env)
     return [
@@ -176,16 +175,21 @@ def judge_policy(
     share = min(HEADROOM * until / env.commands.max_forward, 1.0) if until else 1.0
 
     def launched(launches: Sequence[JudgedLaunch]) -> list[LaunchResult]:
-        told = [dataclasses.replace(one, share=share * one.share) for one in launches]
-        return measure_launches(policy, env, told)
+        scaled = [
+            dataclasses.replace(launch, share=share * launch.share)
+            for launch in launches
+        ]
+        return measure_launches(policy, env, scaled)
 
     launches = launched(JUDGED_LAUNCHES)
     if not (slower and launches[0].fell):
         return combine(launches)
-    others = launched(SLOWER_LAUNCHES)
+    slower_launches = launched(SLOWER_LAUNCHES)
     count = len(launches)
-    groups = [others[k : k + count] for k in range(0, len(others), count)]
-    upright = (one for one in groups if not any(launch.fell for launch in one))
+    groups = [
+        slower_launches[k : k + count] for k in range(0, len(slower_launches), count)
+    ]
+    upright = (group for group in groups if not any(launch.fell for launch in group))
     return combine(launches, next(upright, ()))
 
 
@@ -206,14 +210,14 @@ def combine(
     """
     fell = launches[0].fell
     counted = slower if fell else launches
-    mean = sum(one.followed for one in counted) / len(launches)
-    fallen = [one.fell_told for one in launches if one.fell]
+    mean = sum(launch.followed for launch in counted) / len(launches)
+    commands_at_falls = [launch.fell_told for launch in launches if launch.fell]
     return JudgeResult(
         launches[0].best_speed,
-        len(fallen),
+        len(commands_at_falls),
         len(launches),
         mean / len(launches) if fell else mean,
-        min(fallen, default=0.0),
+        min(commands_at_falls, default=0.0),
         min(counted[0].held, counted[0].command) if counted else 0.0,
         launches[0].command,
     )
@@ -282,8 +286,8 @@ def _warm_up(card: PolicyCard, *, slower: bool) -> None:
     """Compile the launches, and simulate the standing robots from which they begin."""
     for launches in (JUDGED_LAUNCHES, SLOWER_LAUNCHES)[: 1 + slower]:
         brief = [
-            dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3)
-            for one in launches
+            dataclasses.replace(launch, hold=conventions.CONTROL_STEP, share=1e-3)
+            for launch in launches
         ]
         measure_launches(blank_policy(card), card.env, brief)
 

@@ -1,5 +1,5 @@
-"""Robots that BP2 may be: the built robot with other values for what had to be assumed,
-on the paper's treadmill and on its road.
+"""Plausible robots: the built robot with other values of the assumed parameters, on the
+paper's treadmill and on its road.
 
 `assumptions.toml` has the ranges. `robots.csv` has robots drawn from the ranges, each
 with the weight that the paper's numbers give to the robot: the posterior of `bp2 paper
@@ -33,7 +33,7 @@ from bp2_rl.simulation.trajectory import Trajectory, window_means
 from bp2_rl.simulation.world import World
 
 ASSUMPTIONS, ROBOTS = "plausible/assumptions.toml", "plausible/robots.csv"
-RISE = 1.2  # m/s2, of the command: slow, so that a robot is told its own best speed
+RISE = 1.2  # m/s2, of the command: slow, so that each robot reaches its best speed
 HOLD = 1.0  # s, of the greatest command
 SECOND = 1000  # samples
 HIND = slice(6, 12)  # motors of the hind legs
@@ -43,7 +43,7 @@ Values = Mapping[str, float]
 
 @dataclasses.dataclass(frozen=True)
 class Assumption:
-    """The range of a number that had to be assumed, and what the range rests on."""
+    """The range of an assumed parameter, and the source of the range."""
 
     range: tuple[float, float]
     why: str
@@ -71,9 +71,10 @@ def read_assumptions() -> dict[str, Assumption]:
 
 
 def read_posterior(count: int) -> list[Values]:
-    """Return robots that explain the paper's numbers, from the file that ships.
+    """Return plausible robots, weighted by the paper's numbers, from the shipped file.
 
-    A robot comes as often as its weight says; the same `count` gives the same robots.
+    A robot is repeated in proportion to its weight; the same `count` gives the same
+    robots.
     """
     with asset_path(ROBOTS).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -83,7 +84,7 @@ def read_posterior(count: int) -> list[Values]:
 
 
 def resample(weights: Float[np.ndarray, " N"], count: int) -> Int[np.ndarray, " count"]:
-    """Return indices of weighted things, each as often as its weight says (systematic
+    """Return indices, each repeated in proportion to its weight (systematic
     resampling)."""
     upto = np.cumsum(weights)
     return np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
@@ -147,12 +148,12 @@ class PlausibleRun:
 
     belt: BestSecond = metric("Belt [m/s]", form=_show_best)
     road: BestSecond = metric("Road [m/s]", form=_show_best)
-    # told what gave the road's best second; None: it fell
+    # at the command of the road's best second; None: the robot fell
     time_100m: float | None = metric("100 m", "s")
 
     @property
     def fell(self) -> bool:
-        """Whether the robot fell under the slowly rising command, on belt or road."""
+        """True if the robot fell under the slowly rising command, on belt or road."""
         return bool(self.belt.fell_at or self.road.fell_at)
 
 
@@ -162,10 +163,10 @@ def run_plausible(
     """Run robots on the treadmill, on the road and over 100 m.
 
     On treadmill and road the command rises slowly to the greatest one of the policy's
-    training. A weak robot that is told too much at once runs slower than it can.
+    training. Under a command that rises fast, a weak robot runs slower than it can.
 
     Args:
-        policy: under which they run.
+        policy: the policy that drives the robots.
         robots: their values.
         launch: m/s2, rise of the command in the race.
     """
@@ -174,16 +175,17 @@ def run_plausible(
         policy.card.env.commands.max_forward, acceleration=RISE, hold=HOLD
     ).under(control)
     outdoors = [
-        RunRequest(rise, plausible_robot(one), world=road(one)) for one in robots
+        RunRequest(rise, plausible_robot(values), world=road(values))
+        for values in robots
     ]
-    belts = [RunRequest(rise, on_the_belt(one)) for one in robots]
+    belts = [RunRequest(rise, on_the_belt(values)) for values in robots]
     ran = simulate_all(best_second, policy, belts + outdoors)
     on_belt, on_road = ran[: len(robots)], ran[len(robots) :]
     races = [
         dataclasses.replace(
-            one, schedule=_race(best.told, launch).under(control), finish=TRACK
+            request, schedule=_race(best.told, launch).under(control), finish=TRACK
         )
-        for one, best in zip(outdoors, on_road, strict=True)
+        for request, best in zip(outdoors, on_road, strict=True)
     ]
     times = simulate_all(_race_time, policy, races)
     return list(map(PlausibleRun, on_belt, on_road, times))
@@ -207,8 +209,10 @@ def best_second(_: RunRequest, run: Trajectory) -> BestSecond:
     during = slice(pace, pace + SECOND)
     power = (run.torque * run.joint_velocity)[during, HIND].max(axis=0)
     hip, knee = power.reshape(2, 3).max(axis=0)[1:]
-    told = float(run.command[best + SECOND // 2, 0])
-    return BestSecond(float(speeds[best]), told, (float(hip), float(knee)), run.fell_at)
+    command = float(run.command[best + SECOND // 2, 0])
+    return BestSecond(
+        float(speeds[best]), command, (float(hip), float(knee)), run.fell_at
+    )
 
 
 def _race_time(_: RunRequest, run: Trajectory) -> float | None:

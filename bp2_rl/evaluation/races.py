@@ -1,4 +1,4 @@
-"""How fast people and the paper's robot run 100 m."""
+"""Times of people and of the paper's robot over 100 m."""
 
 from bp2_rl.robot import bp2
 

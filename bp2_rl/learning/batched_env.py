@@ -1,5 +1,4 @@
-"""Many robots at once: any Brax environment, batched, with time limits and resets that
-cost nothing in the step.
+"""Batches of any Brax environment, with time limits, and with resets outside the step.
 
 A reset inside the step would be computed for every robot at every step and thrown away
 for almost all. So the learner prepares one fresh episode a robot before each unroll,
@@ -24,12 +23,12 @@ PERSISTENT = ("curriculum",)
 """Entries of `state.info` that outlive an episode."""
 
 FAULTS = ("fault/physics", "fault/observation", "fault/reward", "fault/reset")
-"""Metrics of steps that are not finite, by what was not finite first; and of a fresh
+"""Metrics of steps that are not finite, by the first value that was not; and of a fresh
 episode that could not be used."""
 
 
 class BatchedEnv:
-    """A batch of robots, each in an episode of its own.
+    """A batch of robots, each in its own episode.
 
     Args:
         env: any `brax.envs.Env`. If it has `restart(state, rng)`, new episodes come

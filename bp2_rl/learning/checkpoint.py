@@ -70,7 +70,7 @@ class Metadata:
     created: str  # UTC, ISO 8601
     versions: dict[str, str]
     config: dict[str, Any]  # the run's settings, as JSON
-    log: dict[str, Any]  # what the run's log had not yet written, as JSON
+    log: dict[str, Any]  # metrics that the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
     files: dict[str, str]  # the SHA-256 of every other file
     devices: str  # that trained the state
@@ -100,8 +100,7 @@ class Saver:
     that waits for the last.
 
     Args:
-        run_dir: the run's folder, which is never made anew: one that was deleted stays
-            so.
+        run_dir: the run's folder; a deleted folder is not created again.
         config: the run's settings, as JSON, to be stored with every checkpoint.
         folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
     """
@@ -124,8 +123,8 @@ class Saver:
             step: names the checkpoint; one of the same step is replaced, and KEPT up to
                 this one remain.
             state: any pytree of JAX or NumPy arrays.
-            log: what the run's log has not yet written, as JSON; `read_metadata` gives
-                it back.
+            log: metrics that the run's log has not yet written, as JSON;
+                `read_metadata` returns them.
 
         Raises:
             CheckpointError: the save before this one could not be written; the
@@ -212,10 +211,10 @@ def restore_checkpoint(
             )
     metadata = read_metadata(run_dir, step, folder)
     directory = find_folder(Path(run_dir) / folder / str(step))
-    wanted = leaves_by_path(template)
+    leaves_wanted = leaves_by_path(template)
     specs = {
         path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape))
-        for path, leaf in wanted.items()
+        for path, leaf in leaves_wanted.items()
     }
     with _refusing_damage(directory):
         content = read_bytes(directory / STATE)
@@ -223,14 +222,14 @@ def restore_checkpoint(
             raise BadFileError(f"{directory / STATE} is damaged: its checksum differs")
         require_same(
             metadata.tree,
-            {path: _describe(leaf) for path, leaf in wanted.items()},
+            {path: _describe(leaf) for path, leaf in leaves_wanted.items()},
             directory,
             part=part,
         )
         arrays = read_npz(
             directory / STATE, specs, content=content, largest=len(content)
         )
-    leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
+    leaves = [place(arrays[path], leaf) for path, leaf in leaves_wanted.items()]
     return step, jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
@@ -244,9 +243,9 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
-        there = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
+        steps = ", ".join(map(str, sorted(saved_steps(run_dir, folder)))) or "none"
         raise CheckpointError(
-            f"no checkpoint of step {step} in {directory.parent}; it has: {there}"
+            f"no checkpoint of step {step} in {directory.parent}; it has: {steps}"
         )
     if not path.exists():
         raise CheckpointError(
@@ -285,13 +284,13 @@ def require_same(
     part: bool = False,
     where: str = "here",
 ) -> None:
-    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with
-    `part`; name what differs."""
+    """Raise `CheckpointError` unless a checkpoint holds the wanted entries, or more
+    with `part`; name the first difference."""
     for name in wanted if part else [*wanted, *saved]:
-        there, here = saved.get(name, "absent"), wanted.get(name, "absent")
-        if there != here:
+        in_file, expected = saved.get(name, "absent"), wanted.get(name, "absent")
+        if in_file != expected:
             raise CheckpointError(
-                f"{directory} is of another training: {name} is {there} there and {here} {where}"
+                f"{directory} is of another training: {name} is {in_file} there and {expected} {where}"
             )
 
 
@@ -354,10 +353,10 @@ def _refusing_damage(directory: Path) -> Generator[None]:
         yield
     except BadFileError as error:
         steps = saved_steps(directory.parents[1], directory.parent.name)
-        others = [step for step in steps if str(step) != directory.name]
+        other_steps = [step for step in steps if str(step) != directory.name]
         advice = (
-            f"remove that folder to go on from step {max(others)}"
-            if others
+            f"remove that folder to go on from step {max(other_steps)}"
+            if other_steps
             else "there is no other to go on from"
         )
         raise CheckpointError(f"{error}; {advice}") from error

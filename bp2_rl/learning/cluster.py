@@ -1,5 +1,5 @@
-"""Many processes, one training: how they meet, and what they agree on, such as when to
-stop.
+"""Connect the processes of a training on several machines, and let them agree on
+decisions such as when to stop.
 
 Every process runs the same program on its own devices, and JAX makes one mesh of them
 all. So all must take the same decisions at the same step: what a process has from its
@@ -25,14 +25,14 @@ from bp2_rl.settings.training import ClusterConfig
 
 EXIT_DELAY = 10.0
 """Seconds that a failed process waits for the others to fail too, before it ends
-without telling them."""
+without notice to them."""
 
 
 def join(config: ClusterConfig) -> None:
-    """Meet the other processes of the training; call before JAX starts a backend.
+    """Connect to the other processes of the training; call before JAX starts a backend.
 
-    Where the others don't come in time, the process ends here, with one line and status
-    2: JAX would abort.
+    If the others do not connect in time, the process ends here, with one line and
+    status 2: JAX would abort.
 
     Raises:
         UserError: no cluster manager has started this process, or the coordinator's
@@ -57,7 +57,7 @@ def join(config: ClusterConfig) -> None:
         )
     except (RuntimeError, ValueError) as error:
         why = (
-            f"nothing here is of Slurm or Open MPI ({error})"
+            f"this process was not started by Slurm or Open MPI ({error})"
             if where is None
             else f"{where}: {error}"
         )
@@ -72,16 +72,16 @@ def devices() -> str:
 
 
 def is_first() -> bool:
-    """Return whether this is process 0, which alone writes and speaks."""
+    """Return whether this is process 0, the only one that writes files and prints."""
     return jax.process_index() == 0
 
 
 def require_same(text: str, what: str) -> None:
     """Raise `UserError`, on all processes, unless the text is the same on all; `what`
     names it in the plural."""
-    ours = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
-    first = multihost_utils.broadcast_one_to_all(ours)
-    if largest(not np.array_equal(ours, first)):
+    digest = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+    first = multihost_utils.broadcast_one_to_all(digest)
+    if largest(not np.array_equal(digest, first)):
         raise UserError(
             f"the processes of the cluster differ in their {what}: give all the same flags and files"
         )
@@ -158,7 +158,9 @@ class StopSignals:
     def _hear(self, number: signal.Signals) -> None:
         if self.caught is None:
             self.caught = number
-            with contextlib.suppress(OSError):  # a full disk must not deafen us
+            with contextlib.suppress(
+                OSError
+            ):  # a full disk must not keep the signal from being handled
                 self._say(
                     f"{number.name}: stopping after this train step; Ctrl-C now quits at once"
                 )

@@ -1,7 +1,6 @@
-"""The policies that a run exports on its way, and has judged beside the training.
+"""Export a run's policies, and submit them to the judge during the training.
 
-What a policy is, and how one is written and read, is in `policy`; which one is the
-run's own, in `judged`."""
+`policy` describes, writes and reads a policy; `judged` chooses the run's own."""
 
 import dataclasses
 import time
@@ -27,7 +26,7 @@ from bp2_rl.learning.monitor import Monitor, count
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.settings.training import CONFIG
 
-PAUSE = 0.05  # s between two looks at what is being judged
+PAUSE = 0.05  # s, interval of polling the judge
 
 
 @runtime_checkable
@@ -40,8 +39,8 @@ class Judge(Protocol):
         """Queue the policy in this folder behind those submitted before; return at
         once.
 
-        Where the robot falls under the fastest command, `slower` asks for the speed
-        that it holds.
+        If the robot falls under the fastest command, `slower` requests the speed that
+        it holds.
         """
         ...
 
@@ -50,7 +49,7 @@ class ExportedPolicies:
     """Exports a run's policies, submits them to the judge, and keeps its results in
     judged.json.
 
-    Training depends on nothing in here but `reached`.
+    Training depends only on `reached`.
 
     Args:
         run_dir: the run's folder.
@@ -75,9 +74,9 @@ class ExportedPolicies:
         before = read_judged(run_dir)
         self._began = before.began or (run_dir / CONFIG).stat().st_mtime
         self._judged = {
-            one.control_steps: one
-            for one in before.policies
-            if one.control_steps <= kept
+            policy.control_steps: policy
+            for policy in before.policies
+            if policy.control_steps <= kept
         }
         if judge is None:
             return
@@ -96,7 +95,9 @@ class ExportedPolicies:
     @property
     def reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run."""
-        return any(one.result.reaches(self._until) for one in self._judged.values())
+        return any(
+            policy.result.reaches(self._until) for policy in self._judged.values()
+        )
 
     def export(self, policy: Policy, steps: int) -> None:
         """Write the policy of control step `steps`, and submit it to the judge.
@@ -113,7 +114,7 @@ class ExportedPolicies:
             try:
                 result = pending.result() if pending.done() else None
             except Exception as error:
-                self._go_on_without_judge(error)
+                self._continue_without_judge(error)
                 return
             if result is not None:
                 del self._pending[steps]
@@ -128,7 +129,8 @@ class ExportedPolicies:
         """
         self._wait(enough)
         fell = all(
-            one.result.falls and not one.result.speed for one in self._judged.values()
+            policy.result.falls and not policy.result.speed
+            for policy in self._judged.values()
         )
         late = self._until is not None and fell and not enough()
         if self._judge is not None and late:
@@ -154,7 +156,7 @@ class ExportedPolicies:
                 folder = policy_folder(self._run_dir, steps)
                 self._pending[steps] = self._judge.submit(folder, slower=slower)
             except Exception as error:
-                self._go_on_without_judge(error)
+                self._continue_without_judge(error)
 
     def _add_result(self, steps: int, result: JudgeResult) -> None:
         seconds = time.time() - self._began
@@ -190,9 +192,8 @@ class ExportedPolicies:
             words += f"; best {self._judged[best].result} at {count(best)}"
         self._monitor.show(words)
 
-    def _go_on_without_judge(self, error: Exception) -> None:
-        """Go on without the judge, as if there had been none: the newest policy becomes
-        the run's own."""
+    def _continue_without_judge(self, error: Exception) -> None:
+        """Continue without the judge: the newest policy becomes the run's own."""
         self._judge = None
         self._pending = {}
         self._write(None)

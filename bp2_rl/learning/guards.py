@@ -1,4 +1,4 @@
-"""Signs of a training that goes wrong, found in its numbers and said in words."""
+"""Warnings about a training that goes wrong, from its metrics."""
 
 from collections.abc import Iterator, Mapping
 
@@ -11,12 +11,12 @@ from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.ppo import PPOConfig
 
 COLLAPSED_STD = 0.05
-"""Share of the initial standard deviation below which actions no longer tell the
-learner what else it could do."""
+"""Share of the initial standard deviation below which the policy explores too
+little."""
 EXPLODED_KL = 10.0
 """Multiple of the desired KL divergence that is warned about at the least learning
 rate. From twice on the rate is lowered, which takes a few train steps: a training's
-first ones may be far off, and that mends itself."""
+first ones may be far off, and this ends by itself."""
 LEAST_RATE = 1e-5
 """Least learning rate to which Brax's `adaptive_kl_learning_rate` goes."""
 BLOWN_VALUE = 10.0
@@ -27,10 +27,10 @@ FALLING = 0.05
 which teach nothing but how to start."""
 EXPLODING = 1e-3
 """Falls by exploding physics per robot and control step above which a warning is given:
-each robot every 5 s. A sound simulation knows none."""
+each robot every 5 s. A correct simulation has none."""
 
 LOSS_TERMS = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
-"""The terms that the gradient is made of, and the divergence that sets its step."""
+"""The terms of the loss, and the divergence that sets the learning rate."""
 
 
 def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Which of a run's policies is its own, by the judge's measurements.
+"""The choice of a run's own policy, by the judge's measurements.
 
     RUN/policies/<control steps>/    every policy that the run exported
     RUN/judged.json                  the judge's results, and the best policy's control steps
@@ -36,8 +36,8 @@ class JudgeResult:
 
     def __str__(self) -> str:
         """Return the result in words."""
-        said = (self.ran, self.fallen if self.falls else "")
-        return ", ".join(part for part in said if part)
+        parts = (self.ran, self.fallen if self.falls else "")
+        return ", ".join(part for part in parts if part)
 
     @property
     def ran(self) -> str:
@@ -51,8 +51,10 @@ class JudgeResult:
     def fallen(self) -> str:
         """Return how many launches to the fastest command fell, and at which command,
         in words."""
-        told = f", the first at {self.fell_told:.1f} m/s" if self.fell_told else ""
-        return f"{self.falls} of {self.launches} launches fell{told}"
+        at_command = (
+            f", the first at {self.fell_told:.1f} m/s" if self.fell_told else ""
+        )
+        return f"{self.falls} of {self.launches} launches fell{at_command}"
 
     def reaches(self, speed: float | None) -> bool:
         """Return whether the policy holds this speed, m/s, in the first launch."""
@@ -61,7 +63,7 @@ class JudgeResult:
 
 @dataclasses.dataclass(frozen=True)
 class JudgedPolicy:
-    """A policy that was judged, and when its result was known."""
+    """A judged policy, and the time at which its result was known."""
 
     control_steps: int
     seconds: float  # after the run began
@@ -90,7 +92,7 @@ def read_judged(run_dir: Path) -> Judged:
         return load_config(Judged, path)
     except ConfigError as error:
         raise ConfigError(
-            f"{error}; remove it, and a resumed run has its policies judged anew"
+            f"{error}; remove it, and a resumed run judges its policies again"
         ) from error
 
 
@@ -129,8 +131,8 @@ def results_of_judge(policy: Path) -> dict[str, object]:
     where the policy is no run's, or was not judged."""
     if policy.parent.name != POLICIES:
         return {}
-    for one in read_judged(policy.parent.parent).policies:
-        if str(one.control_steps) == policy.name:
-            steps = {"control_steps": one.control_steps}
-            return {"judged": steps | dataclasses.asdict(one.result)}
+    for judged in read_judged(policy.parent.parent).policies:
+        if str(judged.control_steps) == policy.name:
+            steps = {"control_steps": judged.control_steps}
+            return {"judged": steps | dataclasses.asdict(judged.result)}
     return {}

@@ -48,7 +48,7 @@ class TrainingRun:
     """A run that this process trains: settings, folder, learner, judge and writers."""
 
     config: TrainConfig
-    run_dir: Path  # holds the config already
+    run_dir: Path  # already holds the config
     learner: PPO
     # of the exported policies; of a cluster's processes only the first has one
     judge: Judge | None = None
@@ -161,7 +161,7 @@ def _stopping_in_one_line(
             )
             kept = f"kept step {latest_step(run_dir)} of {total}"
             raise RunStopped(
-                f"{what}; {kept}, mend that and go on: {_resume(run_dir)}", status=1
+                f"{what}; {kept}, fix that and continue: {_resume(run_dir)}", status=1
             ) from error
     except RunStopped as stop:
         with contextlib.suppress(OSError):
@@ -233,12 +233,12 @@ class _Loop:
     def _save(self, state: TrainState, log: Log, saver: Saver) -> None:
         """Begin to write a checkpoint; raise where the last one could not be written,
         or the run's folder is gone."""
-        # or the others would train on when process 0 cannot write
+        # otherwise the others would continue if process 0 cannot write
         with cluster.together():
             saver.wait()
             if not (self.run.run_dir / CONFIG).is_file():
                 raise FileNotFoundError(
-                    errno.ENOENT, "no such run any more", str(self.run.run_dir)
+                    errno.ENOENT, "the run's folder is gone", str(self.run.run_dir)
                 )
         step = int(state.step)
         saver.save(step, state, to_json(log.unwritten()))
@@ -269,7 +269,7 @@ class _Loop:
 
     def _export(self, state: TrainState) -> None:
         """Export the policy of a state; skip it, with a warning, where its weights
-        overflow: training may mend that."""
+        overflow: further training may correct that."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
         # by NumPy nothing compiles; of a cluster a process has a part alone
         levels = state.fleet.info["curriculum"]
@@ -328,13 +328,13 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
 
 
 def train_steps(config: TrainConfig) -> int:
-    """Return how many train steps a run makes from its beginning to its end."""
+    """Return the number of train steps of a run."""
     return -(-config.run.steps // config.ppo.steps_per_train_step)
 
 
 def is_finished(run_dir: Path) -> bool:
-    """Return whether the policy of a run's last train step is there, or one as fast as
-    ends the run."""
+    """Return whether a run is finished: it has the policy of its last train step, or a
+    policy that reaches the run's speed."""
     if not (run_dir / CONFIG).is_file():
         return False
     config = load_run_config(run_dir)
@@ -343,9 +343,9 @@ def is_finished(run_dir: Path) -> bool:
         return True
     kept = (latest_step(run_dir) or 0) * config.ppo.steps_per_train_step
     return any(
-        one.result.reaches(config.run.until)
-        for one in read_judged(run_dir).policies
-        if one.control_steps <= kept
+        policy.result.reaches(config.run.until)
+        for policy in read_judged(run_dir).policies
+        if policy.control_steps <= kept
     )
 
 

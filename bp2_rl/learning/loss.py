@@ -62,7 +62,8 @@ def ppo_loss(
     advantages -= mean(advantages)
     advantages /= jnp.sqrt(mean(jnp.square(advantages))) + 1e-8
     now, then = (
-        distribution.create_dist(one) for one in (output, acted["distribution_params"])
+        distribution.create_dist(parameters)
+        for parameters in (output, acted["distribution_params"])
     )
     terms = {
         "policy_loss": -jnp.mean(jnp.minimum(ratio * advantages, clipped * advantages)),
@@ -85,13 +86,14 @@ def _values(
     normalizer: RunningStatisticsState,
     data: Transition,
 ) -> Float[Array, "robots values"]:
-    """Return the critic's values of all observations, the one after the last included."""
+    """Return the critic's values of all observations, including the observation after
+    the last step."""
     apply = network.value_network.apply
-    known, last = (
+    present, last = (
         apply(normalizer, params.value, seen)
         for seen in (data.observation, data.next_observation)
     )
-    return jnp.concatenate([known, last], axis=1)
+    return jnp.concatenate([present, last], axis=1)
 
 
 def targets_and_advantages(
@@ -109,14 +111,14 @@ def targets_and_advantages(
     counts = 1.0 - truncation
     rewards = config.reward_scaling * data.reward
     discount = config.discounting * goes_on
-    known, after = values[:, :-1], values[:, 1:]
-    delta = counts * (rewards + discount * after - known)
+    present, following = values[:, :-1], values[:, 1:]
+    delta = counts * (rewards + discount * following - present)
     keep = counts * config.gae_lambda * discount
     beyond = jnp.zeros_like(delta[:, 0])
     backwards = []
     for time in reversed(range(delta.shape[1])):
         beyond = delta[:, time] + keep[:, time] * beyond
         backwards.append(beyond)
-    targets = known + jnp.stack(backwards[::-1], axis=1)
+    targets = present + jnp.stack(backwards[::-1], axis=1)
     later = jnp.concatenate([targets[:, 1:], values[:, -1:]], axis=1)
-    return targets, counts * (rewards + discount * later - known)
+    return targets, counts * (rewards + discount * later - present)

@@ -1,4 +1,4 @@
-"""Actor and critic: Brax's networks, or ones that are left-right symmetric by
+"""Actor and critic networks: Brax's MLPs, or MLPs that are left-right symmetric by
 construction.
 
 A policy pi is equivariant where the mirror image of an observation leads to the mirror
@@ -38,7 +38,7 @@ ACTIVATIONS = {
     "relu": linen.relu,
 }
 POLICY, CRITIC = "state", "privileged_state"
-"""Keys of the observation dictionary for what the policy and what the critic sees."""
+"""Keys of the policy's and the critic's observation in the observation dictionary."""
 FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
 """Initialiser of the policy's last layer: small, so that training begins on the
 reference motion, not on noise."""
@@ -53,7 +53,7 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
     """Return actor and critic; the actor is a Gaussian policy with a state-independent
     standard deviation.
 
-    They are symmetric where the config asks for it and the environment has `mirrors`,
+    They are symmetric if `config.symmetric` is set and the environment has `mirrors`,
     the `Mirror` of each entry of its observation and of its `action`.
     """
     sizes = env.observation_size
@@ -96,7 +96,8 @@ def reflect(
 def dense_layers(
     params: Mapping[str, Any], mirrors: Mapping[str, Mirror]
 ) -> list[Layer]:
-    """Return the layers (weight, bias) of an ordinary MLP that acts as the policy does.
+    """Return the layers (weight, bias) of an ordinary MLP with the same outputs as the
+    policy.
 
     It computes the mean action of these policy parameters. The arrays are NumPy's: some
     fifty small operations would be compiled for a GPU one by one.
@@ -117,8 +118,8 @@ class SymmetricMLP(linen.Module):
     """An equivariant MLP from vectors that `inputs` reflects to vectors that `outputs`
     reflects.
 
-    Its layers are as wide as said, half the units the mirror images of the others; the
-    last one is linear.
+    In each hidden layer half of the units are mirror images of the others; the last
+    layer is linear.
     """
 
     inputs: Mirror
@@ -162,8 +163,8 @@ def _assemble(
 
     The arrays are of the blocks' library, NumPy or JAX.
 
-    W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of
-    what comes out.
+    W = E W_even E'^T + O W_odd O'^T with the bases E, O of the inputs and E', O' of the
+    outputs.
     """
     hidden = sum(name.startswith("even_") for name in blocks) - 1
     layers = []
@@ -223,16 +224,18 @@ class SymmetricPolicy(linen.Module):
 def _symmetric_networks(
     mirrors: Mapping[str, Mirror], config: PPOConfig
 ) -> networks.PPONetworks:
-    seen = CRITIC if CRITIC in mirrors else POLICY
-    how = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
+    critic_input = CRITIC if CRITIC in mirrors else POLICY
+    options = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
     actor = SymmetricPolicy(
         mirrors[POLICY],
         mirrors["action"],
         config.policy_layers,
-        *how,
+        *options,
         config.initial_std,
     )
-    critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
+    critic = SymmetricMLP(
+        mirrors[critic_input], Mirror((0,), (1,)), config.value_layers, *options
+    )
 
     def network(
         module: linen.Module,
@@ -257,7 +260,7 @@ def _symmetric_networks(
     )  # a dataclass, though pyright does not follow Brax's way to `flax.struct`
     return make(
         policy_network=network(actor, POLICY, lambda out: out),
-        value_network=network(critic, seen, lambda out: out[..., 0]),
+        value_network=network(critic, critic_input, lambda out: out[..., 0]),
         parametric_action_distribution=distribution.NormalDistribution(
             event_size=len(mirrors["action"].order)
         ),

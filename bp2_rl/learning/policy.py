@@ -43,7 +43,7 @@ from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
 SHIPPED = ("built", "gentle", "fastest", "ideal", "rough")
-"""Names of the policies that ship."""
+"""Names of the shipped policies."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"
 CHECKSUM = "card_sha256"
@@ -53,7 +53,7 @@ LARGEST_WEIGHTS = 256 << 20
 MOST_LAYERS = 100
 LARGEST_OBSERVATION = 1e3
 """Largest number in an observation (SI units); up to it no action may overflow."""
-# The entry of Brax's observation dictionary that the policy sees.
+# The policy's entry in Brax's observation dictionary.
 POLICY_OBSERVATION = "state"
 
 
@@ -63,7 +63,8 @@ class PolicyError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCard:
-    """The card of a policy: all that its reader needs to run it and to judge it."""
+    """The card of a policy: everything that is needed to run the policy and to compare
+    it."""
 
     stage: Stage
     # (name, size) in the order of the observation vector
@@ -75,11 +76,11 @@ class PolicyCard:
     env: EnvConfig
     # the reference motion it was trained on: collocation, kinematic or none
     reference: str
-    physics_steps: int  # 1 ms steps of one robot, all robots together
+    physics_steps: int  # physics steps of 1 ms, summed over all robots
     seed: int
     versions: dict[str, str]  # of bp2_rl, jax, mujoco and brax
     config_hash: str  # of the whole training config
-    results: dict[str, Any]  # what was measured of it, by name
+    results: dict[str, Any]  # measured results, by name
     created: str  # UTC, ISO 8601
     library_sha256: str = ""  # of the motion library it was trained on, if it was
     weights_sha256: str = ""  # of weights.npz; filled in by save_policy
@@ -187,7 +188,7 @@ def blank_policy(card: PolicyCard) -> Policy:
     """Return a policy of this card all of whose actions are zero."""
     arrays = {
         name: np.zeros(shape, np.float32)
-        for name, shape in _promised_shapes(card).items()
+        for name, shape in _expected_shapes(card).items()
     }
     return _from_arrays(card, {**arrays, "std": arrays["std"] + np.float32(1.0)})
 
@@ -241,8 +242,8 @@ def load_policy(
 
     Args:
         path: a policy directory (it holds card.json), a run directory (`own_policy`
-            says which of its policies is meant), or the name of a policy that ships,
-            such as `built`.
+            says which of its policies is meant), or the name of a shipped policy, such
+            as `built`.
         layout_of: the observation's (name, size) pairs that the caller will feed in an
             environment; None takes any.
         task: the task that the policy was trained with, as `preset` takes it, whose
@@ -251,7 +252,7 @@ def load_policy(
 
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we
-            know, how to mend it.
+            know, how to correct it.
     """
     directory = find_policy(path)
     card = _read_card(directory)
@@ -327,13 +328,13 @@ def _read_card(directory: Path) -> PolicyCard:
         raise PolicyError(str(error)) from error
     if len(card.hidden_layer_sizes) > MOST_LAYERS:
         raise PolicyError(
-            f"{directory / CARD} has over {MOST_LAYERS} layers: no training of ours makes that many"
+            f"{directory / CARD} has over {MOST_LAYERS} layers, more than any policy of bp2_rl"
         )
     return card
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
-    """Read the arrays that a policy's card promises, and no others."""
+    """Read only the arrays that a policy's card describes."""
     if not path.exists():
         raise PolicyError(
             f"{path} is missing: the policy was copied without its weights"
@@ -346,7 +347,7 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
             )
         specs = {
             name: ArraySpec(np.dtype(np.float32), shape)
-            for name, shape in _promised_shapes(card).items()
+            for name, shape in _expected_shapes(card).items()
         }
         return read_npz(path, specs, content=content, largest=LARGEST_WEIGHTS)
     except BadFileError as error:
@@ -366,7 +367,7 @@ def _check_layout(
             )
 
 
-def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
+def _expected_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
     """Return the shape of every array of a policy with this card."""
     sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
     shapes: dict[str, tuple[int, ...]] = {"mean": sizes[:1], "std": sizes[:1]}
@@ -383,7 +384,7 @@ def _check_shapes(policy: Policy) -> None:
             f"the network has {len(policy.layers)} layers, its card says {count}"
         )
     arrays = _to_arrays(policy)
-    for name, shape in _promised_shapes(policy.card).items():
+    for name, shape in _expected_shapes(policy.card).items():
         if arrays[name].shape != shape:
             raise PolicyError(
                 f"{name} has shape {arrays[name].shape}, its card says {shape}"

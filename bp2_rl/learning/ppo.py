@@ -42,16 +42,16 @@ make_transition: Any = Transition  # Brax annotates its trees as if they were ar
 Learned = tuple[losses.PPONetworkParams, optax.OptState]
 """What a gradient step changes: parameters and the optimiser's state."""
 NOT_FINITE = "not_finite"
-"""Name of the metric that is 1 where a train step was not finite and left the state as
-it was."""
+"""Name of the metric that is 1 if a train step was not finite and left the state
+unchanged."""
 
 
 class TrainState(struct.PyTreeNode):
-    """Everything that training depends on: networks, normaliser, optimiser, robots,
-    random key and step."""
+    """The complete state of a training: networks, normaliser, optimiser, robots, random
+    key and step."""
 
     params: losses.PPONetworkParams
-    # of the policy's parameters, over the last train steps: what is exported
+    # of the policy's parameters over the last train steps; this average is exported
     average: Any
     normalizer: running_statistics.RunningStatisticsState
     optimizer: optax.OptState
@@ -71,7 +71,7 @@ class PPO:
     """The learner for one environment.
 
     A train step lets every robot act for T steps (`unroll`), and then descends the loss
-    on minibatches of what came of it (`improve`).
+    on minibatches of these steps (`improve`).
 
     Args:
         env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees
@@ -99,9 +99,10 @@ class PPO:
                 f"{self.mesh.size} devices: use 1, 2, 4 ... up to {MAX_BLOCKS}, and make ppo.num_envs / "
                 "ppo.num_minibatches a multiple of that"
             )
-        # of arrays that have a row a robot
+        # of arrays with a row for each robot
         self.robots = NamedSharding(self.mesh, PartitionSpec("robots"))
-        self.everywhere = NamedSharding(self.mesh, PartitionSpec())  # of all others
+        # of all other arrays
+        self.everywhere = NamedSharding(self.mesh, PartitionSpec())
         self.network = make_networks(env, config)
         self.mirrors = mirrors_of(env, config)
         # (normaliser, policy) -> (observation, key) -> (action, extras): it explores.
@@ -216,7 +217,7 @@ class PPO:
             step=jnp.zeros((), jnp.int32),
         )
         # Some of Brax's scalars are weakly typed; after a step or a restore they are
-        # not, which would compile anew.
+        # not, which would cause a second compilation.
         return jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), state)
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
@@ -234,9 +235,9 @@ class PPO:
         after = TrainState(
             params, average, normalizer, optimizer, fleet, key, state.step + 1
         )
-        # Faults of a robot end in the fleet. What is not finite here is the learner's:
-        # it stays where it is, so that the state from which it came about can be saved
-        # and studied, however late the host learns of it.
+        # The fleet ends a faulty robot's episode. Values that are not finite here come
+        # from the learner; the state before them is kept, so that it can be saved and
+        # studied even if the host learns of the fault late.
         sound = _all_finite((params, normalizer, optimizer, sgd_metrics))
         after = jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, state)
         return after, {**metrics, **sgd_metrics, NOT_FINITE: 1.0 - sound}

@@ -1,4 +1,4 @@
-"""Traced programs kept on disk, with which a training begins without tracing them anew.
+"""A disk cache of traced programs, with which a training starts without tracing.
 
 JAX's own cache on disk spares the compiler. Its key is the traced program, and tracing
 takes longer than all the rest of a start. Here the key is what a program is made from:
@@ -48,7 +48,7 @@ def use_kept(
 
     Only in one process, and of accelerators only on a single one: more of them were not
     tried. Not with MJX-Warp, whose programs call into their own process. A damaged file
-    is traced anew. The folder is trusted, like that of JAX's own
+    is traced again. The folder is trusted, like that of JAX's own
     cache: its programs are run.
 
     `config` has the run's settings, `robot` is its model, for which the settings may
@@ -64,7 +64,7 @@ def use_kept(
     kept = _read(path)
     if kept is None:
         kept = _trace(learner)
-        # else a source may have been edited since it was imported
+        # otherwise a source file may have been edited after its import
         if newest < IMPORTED_AT:
             _write(path, kept)
     learner.programs = _load(learner, kept)

@@ -68,7 +68,7 @@ def start(
     (`programs.use_kept`).
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum
-    levels; optimiser, clock and random numbers start anew.
+    levels; optimiser, clock and random numbers are new.
 
     Raises:
         UserError: the folder is not empty, not writable or another process's, or the
@@ -125,8 +125,8 @@ def resume(
     tracker: Tracker | None = None,
     programs: Path | None = None,
 ) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands; the rest as
-    `start`.
+    """Continue a stopped run from its newest checkpoint; the other arguments are those
+    of `start`.
 
     Raises:
         UserError: there is no run or no checkpoint, it does not fit this program,
@@ -142,7 +142,7 @@ def resume(
             step = latest_step(run_dir)
             if step is None:
                 raise UserError(
-                    f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew"
+                    f"run {run_dir} was stopped before its first checkpoint: remove that folder and start again"
                 )
             metadata = _read_own(run_dir, step, config)
             unlogged = _read_log(metadata, run_dir)
@@ -166,7 +166,7 @@ def replay(run_dir: Path) -> str:
     what was not finite first, in words.
 
     Raises:
-        UserError: there is no run, or it did not stop so.
+        UserError: there is no run, or it stopped for another reason.
     """
     config = load_own(run_dir)
     step = latest_step(run_dir, FAILED)
@@ -181,11 +181,11 @@ def replay(run_dir: Path) -> str:
 
 
 def load_own(run_dir: Path | str) -> TrainConfig:
-    """Return the settings of a run that goes on, with the code of its task, which the
-    run's folder holds.
+    """Return the settings of a run that is continued, with the code of its task, which
+    the run's folder holds.
 
     Raises:
-        UserError: there is no run, or the code is missing or is not as it was.
+        UserError: there is no run, or the task's code is missing or has changed.
     """
     config = load_run_config(run_dir)
     task = config.env.task
@@ -270,7 +270,7 @@ def _inherit(
 
 def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
     """Return `state` with the parent's networks and normaliser, and with its curriculum
-    levels dealt out to the robots in turn."""
+    levels assigned to the robots in turn."""
     here = state.fleet.info["curriculum"]
     levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
     fleet = dataclasses.replace(

@@ -45,7 +45,8 @@ class Record(NamedTuple):
 
 
 class TrackerError(Exception):
-    """Raised when a writer fails that a run can do without; the line says how."""
+    """Raised when a writer fails without which the run can continue; the message gives
+    the reason."""
 
 
 class Writer:
@@ -53,7 +54,7 @@ class Writer:
     subclass does not override do nothing.
 
     An `OSError` of a method, where the disk is full or gone, stops the run. After a
-    `TrackerError` the run goes on without the writer. Process 0 alone has writers.
+    `TrackerError` the run continues without the writer. Only process 0 has writers.
     """
 
     def write(self, record: Record) -> None:
@@ -181,19 +182,19 @@ class WandbRun(Writer):
         self._run.define_metric("*", step_metric=STEP)
         self.tracked = Tracked("wandb", self._run.id, project)
         lines = read_metrics(run_dir) if had else []
-        self._told = {(line["step"], name) for line in lines for name in line}
+        self._sent = {(line["step"], name) for line in lines for name in line}
 
     def write(self, record: Record) -> None:
         """See `Writer`."""
         news = {
             name: value
             for name, value in record.metrics.items()
-            if (record.step, name) not in self._told
+            if (record.step, name) not in self._sent
         }
         try:
             if news:
                 self._run.log({STEP: record.step, "wall_time": record.wall_time} | news)
-        # whatever it is, a server that is gone must not stop a training
+        # no failure of a server may stop a training
         except Exception as error:
             raise TrackerError(
                 f"wandb has failed, and is told no more of this run: {_line(error)}"

@@ -67,14 +67,14 @@ def optimise(
     transcription = transcribe(
         problem, cold_guess(problem) if start is None else start, options
     )
-    with contextlib.redirect_stderr(io.StringIO()) as said:
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
         optimum = transcription.program.solve(
             options.time_limit, options.perhaps_infeasible
         )
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:  # of which CasADi warns
         raise KeyboardInterrupt
-    sys.stderr.write(said.getvalue())
+    sys.stderr.write(errors.getvalue())
     if not stats["success"]:
         how = stats["return_status"].replace("_", " ").lower()
         raise NotSolved(

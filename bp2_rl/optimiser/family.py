@@ -354,11 +354,11 @@ def _kept(
         # MuJoCo only where something is verified
         from bp2_rl.optimiser.verify import verify
 
-        found = find()
-        found = dataclasses.replace(found, checks=verify(found))
-        if sound and not _sound(found):
+        solution = find()
+        solution = dataclasses.replace(solution, checks=verify(solution))
+        if sound and not _sound(solution):
             raise NotSolved(f"the trot of {speed} m/s is not sound")
-        save_solution(path, found)
+        save_solution(path, solution)
     return load_solution(path, settings.at(speed))
 
 

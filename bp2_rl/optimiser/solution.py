@@ -19,7 +19,7 @@ from bp2_rl.base.files import ArraySpec, read_bytes, read_json, read_npz, write_
 from bp2_rl.optimiser.problem import Problem
 
 FORMAT = 1
-MEND = "solve it again"
+REMEDY = "solve it again"
 
 
 class NotSolved(UserError):
@@ -234,7 +234,9 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
             if not np.isfinite(array).all():
                 raise UserError(f"it holds numbers in {name} that are not finite")
     except UserError as error:
-        raise UserError(f"solution {path} cannot be read ({error}): {MEND}") from error
+        raise UserError(
+            f"solution {path} cannot be read ({error}): {REMEDY}"
+        ) from error
     if problem is not None and card.problem != problem:
         raise UserError(
             f"{path} holds the solution of another problem, at {card.problem.speed:.9g} m/s: "
@@ -272,10 +274,10 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
 
 def versions() -> dict[str, str]:
     """Return the versions of the packages that a solution depends on."""
-    found = {"bp2_rl": config.package_versions()["bp2_rl"], "numpy": np.__version__}
+    packages = {"bp2_rl": config.package_versions()["bp2_rl"], "numpy": np.__version__}
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-        found["casadi"] = importlib.metadata.version("casadi")
-    return found
+        packages["casadi"] = importlib.metadata.version("casadi")
+    return packages
 
 
 def _beside(path: Path, suffix: str) -> Path:

@@ -1,5 +1,5 @@
-"""BP2 as an environment of Gymnasium. Nothing here is imported unless Gymnasium asks
-for it."""
+"""BP2 as an environment of Gymnasium. Gymnasium imports the modules of this package
+when an environment is made."""
 
 import sys
 
@@ -13,7 +13,8 @@ EPISODE = 1000  # control steps, 5 s
 
 
 def register_gymnasium() -> None:
-    """Register `bp2_rl/BP2-v0` and the others with Gymnasium; twice does no harm."""
+    """Register `bp2_rl/BP2-v0` and the other environments with Gymnasium; a second call
+    changes nothing."""
     import gymnasium
 
     for name, ours in GYMNASIUM.items():

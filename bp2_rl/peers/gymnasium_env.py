@@ -1,8 +1,8 @@
 """BP2 as a Gymnasium environment: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
 
 The MDP is `BP2Env`'s: observation, reward, randomisation and falls. Actions are those
-of `BP2Env` over their limit, `control.action_limit`, so that each is in [-1, 1]. What
-the critic sees is in `info["privileged_state"]`.
+of `BP2Env` over their limit, `control.action_limit`, so that each is in [-1, 1].
+`info["privileged_state"]` is the critic's observation.
 """
 
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig, Impl
 
-# SI units: a state that is faster than `termination.max_speed` has ended its episode
+# SI units: beyond `termination.max_speed` the episode has ended
 LARGEST_OBSERVATION = 1e3
 POLICY, CRITIC = "state", "privileged_state"
 Info = dict[str, Any]
@@ -48,7 +48,7 @@ def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
 
 
 def draw_key(draws: np.random.Generator) -> int:
-    """Draw the seed of JAX's random numbers in an episode."""
+    """Draw the JAX random key of an episode."""
     return int(draws.integers(2**31))
 
 
@@ -72,17 +72,17 @@ def open_camera(hardware: HardwareSpec, render_mode: str | None) -> Camera | Non
 
 
 class BP2Peer:
-    """Hold `BP2Env`, its last state and a camera, for one robot or many."""
+    """Base class with `BP2Env`, its last state and a camera, for one robot or many."""
 
     def _open(
         self, env: BP2Env, render_mode: RenderMode | None, *, many: bool = False
     ) -> None:
-        each = jax.vmap if many else lambda of_one: of_one
+        batched = jax.vmap if many else lambda of_one: of_one
         self.env = env
         self.render_mode = render_mode
         self._camera = open_camera(env.config.hardware, render_mode)
-        self._reset = jax.jit(each(env.reset))
-        self._step = jax.jit(each(env.step))
+        self._reset = jax.jit(batched(env.reset))
+        self._step = jax.jit(batched(env.step))
         self._state: Any = None
 
     def _act(self, action: np.ndarray) -> None:
@@ -90,11 +90,12 @@ class BP2Peer:
         limit = self.env.config.control.action_limit
         self._state = self._step(self._state, limit * jnp.asarray(action, jnp.float32))
 
-    def _seen(self) -> np.ndarray:
+    def _observation(self) -> np.ndarray:
         return np.array(self._state.obs[POLICY])
 
     def _info(self) -> Info:
-        """Return the critic's observation and the metrics; many robots have an axis."""
+        """Return the critic's observation and the metrics; for many robots, along the
+        first axis."""
         metrics = self._state.metrics
         return {
             CRITIC: np.array(self._state.obs[CRITIC]),
@@ -120,7 +121,7 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
 
     Args:
         name: one of `env.named.CONFIGS`.
-        config: settings in place of those.
+        config: settings in place of the named ones.
         impl: the physics engine, BP2's own kernel by default.
         render_mode: rgb_array lets `render` return pictures.
     """
@@ -140,18 +141,18 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start an episode with a new robot, whose curriculum is at its beginning;
-        return the observation and `info`."""
+        """Start an episode with a new robot at curriculum level 0; return the
+        observation and `info`."""
         super().reset(seed=seed)
         del options
         self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
-        return self._seen(), self._info()
+        return self._observation(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, Info]:
         """Take one control step, 5 ms; time limits are left to Gymnasium's wrapper."""
         self._act(action)
         return (
-            self._seen(),
+            self._observation(),
             float(self._state.reward),
             bool(self._state.done),
             False,
@@ -167,6 +168,6 @@ class BP2GymEnv(BP2Peer, Env[np.ndarray, np.ndarray]):
         self.close_extras()
 
     def _info(self) -> Info:
-        """Return the metrics as numbers, what the critic sees as an array."""
+        """Return the metrics as numbers, and the critic's observation as an array."""
         info = super()._info()
         return {name: x if x.ndim else float(x) for name, x in info.items()}

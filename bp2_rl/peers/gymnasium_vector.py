@@ -37,10 +37,10 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many robots side by side as a Gymnasium vector environment, in one compiled
     program.
 
-    A robot whose episode has ended begins a new one at the next step, whose action it
-    does not heed and whose reward is 0 (`AutoresetMode.NEXT_STEP`). `info` holds an
-    array for each entry of the single environment's, and what is in it is there for
-    every robot.
+    A robot whose episode has ended starts a new episode at the next step; that step
+    ignores the action and returns the reward 0 (`AutoresetMode.NEXT_STEP`). `info`
+    holds an array for each entry of the single environment's, and what is in it is
+    there for every robot.
 
     Args:
         num_envs: robots.
@@ -106,7 +106,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if seed[robot] is not None:
                 self._draws[robot] = seeding.np_random(seed[robot])[0]
         self._begin(which)
-        return self._seen(), self._info()
+        return self._observation(), self._info()
 
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
         """Take one control step, 5 ms, with each robot."""
@@ -121,7 +121,7 @@ class BP2VectorEnv(BP2Peer, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             terminated[begins] = False
         truncated = (self._age >= self._limit) & ~begins
         self._over = terminated | truncated
-        return self._seen(), rewards, terminated, truncated, self._info()
+        return self._observation(), rewards, terminated, truncated, self._info()
 
     def render(self) -> tuple[Picture, ...] | None:
         """Return a picture for each robot, with `render_mode="rgb_array"`."""

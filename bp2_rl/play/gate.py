@@ -32,7 +32,7 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
         packed = message.encode() if isinstance(message, str) else message
         fields = msgspec.msgpack.decode(packed)
         kind = KINDS[fields.pop("type")]
-        said = msgspec.convert(fields, kind)
+        content = msgspec.convert(fields, kind)
     except (
         ValueError,
         TypeError,
@@ -43,12 +43,12 @@ def is_understood(message: bytes | str, widgets: Mapping[str, object]) -> bool:
         return False
     if fields.keys() != {field.name for field in dataclasses.fields(kind)}:
         return False
-    if not isinstance(said, GuiUpdateMessage):
+    if not isinstance(content, GuiUpdateMessage):
         return True
     return (
-        said.uuid in widgets
-        and said.updates.keys() == {"value"}
-        and takes(widgets[said.uuid], **said.updates)
+        content.uuid in widgets
+        and content.updates.keys() == {"value"}
+        and takes(widgets[content.uuid], **content.updates)
     )
 
 
@@ -72,10 +72,10 @@ def guarding(
     """Make viser servers started in the block ignore invalid messages and, with
     `own_names`, other machines.
 
-    With `own_names` they answer 403 where a browser asks for another machine or comes
-    from one. A site may let its own name lead to this machine, or open a connection to
-    it from its page; a browser's request tells both, in `Host` and `Origin`. viser has
-    no setting for either, so its way to websockets' server is led past them.
+    With `own_names` they answer 403 to requests for or from another machine. A site may
+    let its own name lead to this machine, or open a connection to it from its page; a
+    browser's request tells both, in `Host` and `Origin`. viser has no setting for
+    either, so its way to websockets' server is led past them.
 
     Args:
         widgets: of the page by their uuid; they may come later.

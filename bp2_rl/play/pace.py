@@ -64,7 +64,11 @@ class Pace:
 
     def __str__(self) -> str:
         """Return the real-time factor in words."""
-        return f"real-time factor {self.factor:.2f}" if self._shown else "nobody looked"
+        return (
+            f"real-time factor {self.factor:.2f}"
+            if self._shown
+            else "no browser was open"
+        )
 
 
 def play_on(
@@ -77,12 +81,11 @@ def play_on(
 ) -> None:
     """Run a session in real time, and pause it while no browser shows it.
 
-    On a machine that is too slow for it pictures get fewer, so that the robot gets the
-    time.
+    On a slow machine fewer frames are shown, which leaves time for the simulation.
 
     Args:
-        tick: goes on by a control step.
-        watched: whether anybody looks; where nobody does, it waits a moment.
+        tick: advances the simulation by a control step.
+        watched: returns whether a browser shows the page; if none does, waits a moment.
         show: shows the robot as it is now.
         pace: keeps the time.
         seconds: at most.

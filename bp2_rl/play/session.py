@@ -1,5 +1,5 @@
-"""A robot in C MuJoCo that a person steers, one control step of 5 ms at a time, without
-clock or display."""
+"""A robot in C MuJoCo under a person's commands, one control step of 5 ms at a time,
+without clock or display."""
 
 import collections
 import dataclasses
@@ -39,8 +39,8 @@ Friction = Annotated[float, Within(0.05, 2.0)]
 
 
 class Wish(NamedTuple):
-    """The velocity that a person asks for; the command approaches it at limited
-    rates."""
+    """The velocity wanted by the person who steers; the command approaches it at
+    limited rates."""
 
     speed: float = 0.0  # m/s, forward
     left: float = 0.0  # m/s, to the left
@@ -119,12 +119,12 @@ class Session:
             maxlen=round(RIPPLE / conventions.CONTROL_STEP)
         )
 
-    # --- What hands can do ------------------------------------------------------------
+    # --- Inputs -----------------------------------------------------------------------
 
     @property
     def wish(self) -> Wish:
-        """The velocity that a person asks for, to two digits, clipped to the policy's
-        training commands."""
+        """The wanted velocity, to two digits, clipped to the policy's training
+        commands."""
         return self._wish
 
     @wish.setter
@@ -174,7 +174,7 @@ class Session:
         self._lead()
         if self._began is None and self._asked.any():
             self._began = self.time
-        simulator.read(0)  # hands may have changed it
+        simulator.read(0)  # the user may have changed it
         targets = self._runner.tick(
             sensed_pose(self.qpos, self.world, 0.0, self.time)[None],
             simulator.qvel,
@@ -205,11 +205,12 @@ class Session:
             if self.finished:
                 self.best = min(self.best, self.sprint)
 
-    # --- What eyes can see ------------------------------------------------------------
+    # --- Outputs ----------------------------------------------------------------------
 
     @property
     def command(self) -> Float[np.ndarray, "3"]:
-        """The command that the policy is told: m/s forward, m/s to the left, rad/s yaw.
+        """The command that the policy observes: m/s forward, m/s to the left, rad/s
+        yaw.
 
         The operator's steering is included.
         """
@@ -298,7 +299,7 @@ def readings(session: Session, pace: Pace) -> dict[str, str]:
     """Return the texts of the display by name: velocities, commands, sprint, run and
     real-time factor."""
     forward, left, turn = session.velocity
-    told = session.command
+    command = session.command
     best = f"{session.best:.2f} s" if math.isfinite(session.best) else "none yet"
     paper = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
     fallen = "" if session.down_since is None else "fell; "
@@ -306,9 +307,9 @@ def readings(session: Session, pace: Pace) -> dict[str, str]:
     if session.finished:
         sprint = f"{session.sprint:.2f} s; reset for another"
     return {
-        "speed": f"{forward:z.2f} m/s, told {told[0]:z.2f}",
-        "sideways": f"{left:z.2f} m/s, told {told[1]:z.2f}",
-        "turn": f"{turn:z.2f} rad/s, told {told[2]:z.2f}",
+        "speed": f"{forward:z.2f} m/s, told {command[0]:z.2f}",
+        "sideways": f"{left:z.2f} m/s, told {command[1]:z.2f}",
+        "turn": f"{turn:z.2f} rad/s, told {command[2]:z.2f}",
         f"{TRACK:g} m": sprint if session.sprint else "ready",
         "best": best + (paper if session.hardware.is_bp2 else ""),
         "run": f"{fallen}{session.distance:.0f} m in {session.time:.1f} s; falls: {session.falls}",

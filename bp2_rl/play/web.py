@@ -65,7 +65,7 @@ SLIDERS = {
     "left": ("Sideways, m/s", "To the left"),
     "turn": (
         "Turn, rad/s",
-        "To the left. The faster the robot, the less of it is commanded: what friction holds",
+        "To the left. At high speed the command is limited to the turn that friction allows",
     ),
 }
 STICK = re.compile("(speed|left|turn) (-?[0-9]{1,3})")  # per cent of the limit
@@ -133,10 +133,10 @@ class Page:
     def watched(self) -> bool:
         """Return whether a browser shows the page; if none does, wait `POLLING` seconds
         first."""
-        there = bool(self.server.get_clients())
-        if not there:
+        is_watched = bool(self.server.get_clients())
+        if not is_watched:
             time.sleep(POLLING)
-        return there
+        return is_watched
 
     def show(self, pace: Pace) -> None:
         """Apply the page's requests to the session, and update the page."""
@@ -144,7 +144,7 @@ class Page:
         # not what comes meanwhile, or a flood would never let the robot run
         for _ in range(self._wanted.qsize()):
             self._wanted.get()(session)
-        self._agree_on_the_wish()
+        self._synchronise_wish()
         session.friction = self._friction.value
         pace.slow = SLOWER[self._slower.value]
         with self.server.atomic():
@@ -155,15 +155,15 @@ class Page:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _table(readings(session, pace))
 
-    def _hear(self, said: bytes | str) -> None:
+    def _hear(self, message: bytes | str) -> None:
         """Take what `pad.js` says: a key, or a part of the wish with its share."""
-        if said in KEYS:
-            self._wanted.put(KEYS[said][1])
-        elif isinstance(said, str) and (lean := STICK.fullmatch(said)):
+        if message in KEYS:
+            self._wanted.put(KEYS[message][1])
+        elif isinstance(message, str) and (lean := STICK.fullmatch(message)):
             part, percent = lean.groups()
             self._wanted.put(lambda session: session.lean(part, int(percent) / 100))
 
-    def _agree_on_the_wish(self) -> None:
+    def _synchronise_wish(self) -> None:
         """Set the wish from the sliders or, if the wish changed otherwise, the sliders
         from the wish."""
         session = self._session
@@ -353,11 +353,11 @@ async def _step_back(client: viser.ClientHandle) -> None:
         client.camera.position, client.camera.look_at = TALL_VIEW
 
 
-def _table(said: dict[str, str]) -> str:
+def _table(texts: dict[str, str]) -> str:
     """Return readings as HTML."""
     rows = (
         f'<tr><td style="padding-right:.8em;opacity:.6">{html.escape(name)}</td>'
         f'<td data-reading="{html.escape(name)}">{html.escape(value)}</td></tr>'
-        for name, value in said.items()
+        for name, value in texts.items()
     )
     return f'<table style="margin:.2em .8em;font-size:.85em;line-height:1.4">{"".join(rows)}</table>'

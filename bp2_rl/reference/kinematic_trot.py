@@ -126,8 +126,8 @@ class Standing:
         return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """Return 1 for every command, so that a policy that is to find steps of its own
-        sees the clock."""
+        """Return 1 for every command, so that a policy without a reference gait
+        observes the clock."""
         return jnp.ones(command.shape[:-1])
 
     def __call__(

@@ -2,8 +2,8 @@
 own computer alike.
 
 Functions take arrays of NumPy or JAX and import neither JAX nor jaxtyping; a command is
-("... 3"): m/s forward, m/s to the left, rad/s. Rates are derivatives by time; who asks
-says how they are taken, since NumPy has no way of its own.
+("... 3"): m/s forward, m/s to the left, rad/s. Rates are derivatives by time; the
+caller passes the function that differentiates, since NumPy has none.
 """
 
 import dataclasses

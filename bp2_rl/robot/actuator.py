@@ -224,7 +224,7 @@ def share_bus(
     p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
     whole = p0 + p1 + p2
 
-    # a shape would be made anew at every call
+    # a shape would be created at every call
     def share(limit: Number, sign: float) -> Number:
         root = xp.sqrt(xp.maximum(p1 * p1 - 4.0 * p2 * (p0 - limit), 0.0))
         return xp.clip(

@@ -41,8 +41,8 @@ def compile_file(
     notes: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        _free(spec, notes)
-        _mend_inertias(spec, notes)
+        _free_base(spec, notes)
+        _repair_inertias(spec, notes)
         _require_inertias(spec)
         _strip(spec)
         _weld_others(spec, joints)
@@ -61,7 +61,7 @@ def compile_file(
     return model, notes
 
 
-def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _free_base(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Give the body that carries the joints a free joint if no body has one, as in a
     URDF, whose base MuJoCo fixes."""
     tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
@@ -81,24 +81,24 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
     notes.append(f"body '{tops[0].name}' was fixed to the world: it got a free joint")
 
 
-def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _repair_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Replace physically impossible inertias, which URDFs have, by the nearest possible
     ones."""
-    mended: list[str] = []
+    repaired: list[str] = []
     full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
     for body in full if not spec.compiler.balanceinertia else ():
         moments, axes = np.linalg.eigh(
             Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix
         )
-        # MuJoCo finds the axes anew, to that
+        # MuJoCo recomputes the axes to that
         nearest = possible_moments(moments, margin=1e-9)
         if np.any(nearest != moments):
             body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
         if not np.allclose(nearest, moments, rtol=ROUNDING, atol=0.0):
-            mended.append(body.name)
-    if mended:
+            repaired.append(body.name)
+    if repaired:
         notes.append(
-            f"no body can have the inertia of {', '.join(mended)}: the nearest that one can have is taken"
+            f"no body can have the inertia of {', '.join(repaired)}: the nearest that one can have is taken"
         )
 
 
@@ -163,19 +163,19 @@ def _weld_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     actuators."""
     if not joints:
         return
-    known = {
+    names = {
         joint.name for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE
     }
     if (
         len(joints) != len(MOTOR_NAMES)
         or len(set(joints)) != len(MOTOR_NAMES)
-        or not known.issuperset(joints)
+        or not names.issuperset(joints)
     ):
         raise ReadingError(
-            f"`joints` must be 12 names of {', '.join(sorted(known))}: each leg's abad, hip and knee"
+            f"`joints` must be 12 names of {', '.join(sorted(names))}: each leg's abad, hip and knee"
         )
-    others = known - set(joints)
-    driven = [actuator for actuator in spec.actuators if actuator.target in others]
-    welded = [joint for joint in spec.joints if joint.name in others]
+    unnamed = names - set(joints)
+    driven = [actuator for actuator in spec.actuators if actuator.target in unnamed]
+    welded = [joint for joint in spec.joints if joint.name in unnamed]
     for element in (*driven, *welded, *spec.keys):  # which no longer fit
         spec.delete(element)

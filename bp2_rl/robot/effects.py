@@ -1,8 +1,8 @@
 """Measure armature, stiffness, damping and peak torque of a compiled model's joints,
 whichever attributes declare them.
 
-Armature and damping may stand at joints, actuators behind their gears, or tendons; a
-loop's gains at several actuators.
+Armature and damping may be declared at joints, at actuators with gears, or at tendons;
+gains at several actuators.
 """
 
 import copy
@@ -17,12 +17,12 @@ STEP, SLOW = 2.0**-10, 2.0**-40
 counts. Powers of two make quotients exact."""
 FAST = 10.0
 """Joint speed, rad/s, at which nonlinear damping shows."""
-TOLD = 1e9
+EXTREME_COMMAND = 1e9
 """An actuator's command beyond every limit."""
 ENDLESS = 1e6
 """Torque, Nm, above which an actuator counts as unlimited."""
 
-ONE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+ONE_COORDINATE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 """MuJoCo's types of joints with one coordinate."""
 Dofs = Float[np.ndarray, " nv"]
 
@@ -35,15 +35,15 @@ class Effects:
     armature: Float[np.ndarray, "nv nv"]  # kg m2, of the mass matrix without bodies
     spring: Dofs  # Nm/rad, passive
     damping: Dofs  # Nm s/rad, passive, near rest
-    beyond: Dofs  # Nm, how much more or less than that resists at `FAST`
-    stiffness: Dofs  # Nm/rad, of actuators told nothing
-    actuator_damping: Dofs  # Nm s/rad, of actuators told nothing
-    # Nm s/rad, by how much more or less actuators damp that are told 1
-    told_damping: Dofs
+    nonlinear_damping: Dofs  # Nm at `FAST`, total damping minus its linear part
+    stiffness: Dofs  # Nm/rad, of actuators at the command 0
+    actuator_damping: Dofs  # Nm s/rad, of actuators at the command 0
+    # Nm s/rad, further damping of actuators at the command 1
+    commanded_damping: Dofs
     peak_torque: Dofs  # Nm, of the weakest actuator; inf: without a limit
-    # Nm, the largest passive force that is no spring's and no damper's: of fluids, and
-    # against gravity
-    others: float
+    # Nm, the largest passive force apart from springs and dampers: of fluids, and
+    # gravity compensation
+    other_forces: float
 
 
 def effects_of(model: mujoco.MjModel) -> Effects:
@@ -59,21 +59,23 @@ def effects_of(model: mujoco.MjModel) -> Effects:
         limited[:] = False
     rest, moved = _after(free), _after(free, position=STEP)
     fast = _after(free, FAST)
-    told = _after(free, command=1.0)
-    told_and_moving = _after(free, STEP, command=1.0)
+    commanded = _after(free, command=1.0)
+    commanded_and_moving = _after(free, STEP, command=1.0)
     damping = 0.0 - _after(free, SLOW).qfrc_damper / SLOW
     actuator_damping = (rest.qfrc_actuator - _after(free, STEP).qfrc_actuator) / STEP
-    told_damping = (told.qfrc_actuator - told_and_moving.qfrc_actuator) / STEP
+    damping_at_command = (
+        commanded.qfrc_actuator - commanded_and_moving.qfrc_actuator
+    ) / STEP
     return Effects(
         armature=mass_matrix(weightless, rest),
         spring=(rest.qfrc_spring - moved.qfrc_spring) / STEP,
         damping=damping,
-        beyond=-fast.qfrc_damper - FAST * damping,
+        nonlinear_damping=-fast.qfrc_damper - FAST * damping,
         stiffness=(rest.qfrc_actuator - moved.qfrc_actuator) / STEP,
         actuator_damping=actuator_damping,
-        told_damping=told_damping - actuator_damping,
+        commanded_damping=damping_at_command - actuator_damping,
         peak_torque=_peak_torque(model),
-        others=float(
+        other_forces=float(
             np.max(
                 np.abs(fast.qfrc_passive - fast.qfrc_spring - fast.qfrc_damper),
                 initial=0.0,
@@ -109,9 +111,9 @@ def _after(
 ) -> mujoco.MjData:
     """Return the state with all forces, with every hinge and slide moved from its drawn
     pose and every actuator commanded."""
-    data, one = mujoco.MjData(model), np.isin(model.jnt_type, ONE)
-    data.qpos[model.jnt_qposadr[one]] += position
-    data.qvel[model.jnt_dofadr[one]] = speed
+    data, moved = mujoco.MjData(model), np.isin(model.jnt_type, ONE_COORDINATE)
+    data.qpos[model.jnt_qposadr[moved]] += position
+    data.qvel[model.jnt_dofadr[moved]] = speed
     data.ctrl[:] = data.act[:] = command
     for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation):
         stage(model, data)
@@ -125,14 +127,14 @@ def _peak_torque(model: mujoco.MjModel) -> Dofs:
         model.actuator_gaintype == mujoco.mjtGain.mjGAIN_PID
     )
     strained = copy.copy(model)
-    # its commands are places and speeds, not torques
+    # its commands are positions and speeds, not torques
     for actuator in np.flatnonzero(servo):
         first = model.actuator_ctrladr[actuator]
         strained.actuator_ctrllimited[
             first : first + model.actuator_ctrlnum[actuator]
         ] = False
     peak = np.full(model.nv, np.inf)
-    for command in (-TOLD, TOLD):
+    for command in (-EXTREME_COMMAND, EXTREME_COMMAND):
         data = _after(strained, command=command)
         moments = np.zeros((len(data.moment_rownnz), model.nv))
         mujoco.mju_sparse2dense(
@@ -143,7 +145,7 @@ def _peak_torque(model: mujoco.MjModel) -> Dofs:
             data.moment_colind.ravel(),
         )
         torques = np.abs(moments * data.actuator_force[:, None])
-        # it does not act there, or without a limit
+        # the actuator does not act on this coordinate, or has no limit
         torques[(torques == 0.0) | (torques > ENDLESS)] = np.inf
         peak = np.minimum(peak, np.min(torques, axis=0, initial=np.inf))
     for j in np.flatnonzero(model.jnt_actfrclimited):

@@ -207,7 +207,7 @@ def _read_joint(
     in_loops = np.count_nonzero(effects.stiffness > 0.0) >= len(MOTOR_NAMES)
     if in_loops and damping == 0.0 < resisting:
         notes.append(
-            "joints' damping is taken for that of the position loop, which has none of its own"
+            "the joints' damping is taken as the position loop's, which has none"
         )
         damping, resisting = resisting, 0.0
     return JointReading(

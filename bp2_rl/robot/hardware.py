@@ -189,12 +189,12 @@ class HardwareSpec:
         Raises:
             UserError: there is no such parameter, or the robot cannot have its value.
         """
-        ours = {field.name for field in dataclasses.fields(self)}
+        names = {field.name for field in dataclasses.fields(self)}
         lost = {name: value for name, value in parameters.items() if name in LOSSES}
         own = {
             name: value
             for name, value in parameters.items()
-            if name not in LOSSES and name in ours
+            if name not in LOSSES and name in names
         }
         of_body = {
             name: value
@@ -338,9 +338,9 @@ REAL = BUILT.changed(
     bus_power_in=6890.0,
     bus_sag=0.0071,
 )
-"""One of many robots that may be BP2: of those of `evaluation.plausible`, the one on
-which a policy runs most nearly what the paper's BP2 ran. Its wind is that of the road;
-the road itself rises by 0.19 % and is rough by 2.8 mm."""
+"""One of the plausible robots of `evaluation.plausible`: the robot on which a policy's
+speeds are nearest to those of the paper's BP2. Its wind is that of the road; the road
+itself rises by 0.19 % and is rough by 2.8 mm."""
 
 
 RobotName = Literal["ideal", "built", "real"]
@@ -395,8 +395,8 @@ def with_parts(
 ) -> HardwareSpec:
     """Return a robot with the parameters of some `PARTS` of another robot."""
     names = [name for part in parts for name in PARTS[part]]
-    known = [name for name in names if robot.is_bp2 or name not in BP2_TRACKS]
-    return robot.changed(**{name: other.parameter(name) for name in known})
+    applicable = [name for name in names if robot.is_bp2 or name not in BP2_TRACKS]
+    return robot.changed(**{name: other.parameter(name) for name in applicable})
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:

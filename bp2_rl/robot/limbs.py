@@ -112,12 +112,12 @@ def _named(
     model: mujoco.MjModel, limbs: list[Limb], joints: Sequence[str]
 ) -> list[Limb]:
     names = [[model.joint(j).name for j in chain.joints[:3]] for chain in limbs]
-    wanted = [list(joints[i : i + 3]) for i in range(0, len(joints), 3)]
-    if sorted(names) != sorted(wanted):
+    requested = [list(joints[i : i + 3]) for i in range(0, len(joints), 3)]
+    if sorted(names) != sorted(requested):
         raise ReadingError(
             f"`joints` must be 12 names, legs FR, FL, RR, RL, each abad, hip, knee; there are {names}"
         )
-    return [limbs[names.index(leg)] for leg in wanted]
+    return [limbs[names.index(leg)] for leg in requested]
 
 
 def _limb(model: mujoco.MjModel, body: int) -> Limb:
@@ -282,9 +282,11 @@ def _farthest(
         for kind in (SPHERE, CAPSULE)
     ]
     link = f"the last link of the leg, body '{model.body(chain.bodies[-1]).name}', has"
-    mend = "name a geom, a site or a body in each foot as `feet`, with a `foot_radius`"
+    remedy = (
+        "name a geom, a site or a body in each foot as `feet`, with a `foot_radius`"
+    )
     if not any(kinds):
-        raise ReadingError(f"{link} no sphere that could be its foot: {mend}")
+        raise ReadingError(f"{link} no sphere that could be its foot: {remedy}")
     foot = _lowest(model, data, chain, next(of for of in kinds if of), radius)
     knee = data.xanchor[chain.joints[2]]
     length = float(np.linalg.norm(foot.center - knee))
@@ -300,7 +302,7 @@ def _farthest(
             and farthest > length + (1.0 + LEVEL) * foot.radius
         ):
             raise ReadingError(
-                f"{link} '{foot.name}', and beyond it '{model.geom(g).name or f'geom {g}'}': {mend}"
+                f"{link} '{foot.name}', and beyond it '{model.geom(g).name or f'geom {g}'}': {remedy}"
             )
     return foot
 

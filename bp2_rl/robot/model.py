@@ -163,10 +163,10 @@ def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
 def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3"]]]:
     """Return the geoms by which the robot is seen, each with its red, green and blue, 0
     to 1."""
-    seen = np.flatnonzero(
+    visible = np.flatnonzero(
         (model.geom_bodyid > 0) & (model.geom_group <= VISIBLE)
     ).tolist()
-    painted = {geom: int(model.geom_matid[geom]) for geom in seen}
+    painted = {geom: int(model.geom_matid[geom]) for geom in visible}
     return [
         (geom, (model.mat_rgba[m] if m >= 0 else model.geom_rgba[geom])[:3])
         for geom, m in painted.items()

@@ -92,7 +92,7 @@ class ObservationTerm(Generic[Source]):
 class ObservationInputs(NamedTuple):
     """Inputs of a policy's observation at one control step."""
 
-    command: Array  # (3) m/s, m/s, rad/s: what the policy is told
+    command: Array  # (3) m/s, m/s, rad/s: the command that the policy observes
     clock: Array  # (2) sine and cosine of the phase, 0 at rest
     joint_position: Array  # (12) rad
     joint_velocity: Array  # (12) rad/s

@@ -1,8 +1,8 @@
 """Limits and steering of a velocity command, from an operator to a policy.
 
-What is *asked* comes from a person, a schedule or a draw of training; what a policy is
-*told* it reads in its observation; what the robot does is *measured*. Training, the
-judge, play and the robot's own computer take the same three steps:
+The *asked* command comes from a person, a schedule or a random target of training; the
+*told* command is the one that the policy observes. Training, the judge, play and the
+robot's own computer take the same three steps:
 
     asked = approach(told, target, rise, fall)    # no faster than a person would ask
     asked = HEADING_HOLD.steer(asked, y, yaw)     # back to the line, on a straight run
@@ -45,10 +45,10 @@ class LaunchLaw:
     launching_speed)."""
 
     launching: Limit = math.inf
-    """m/s2, fastest rise from a stand of the forward command that the policy sees: a
-    robot far behind its command gathers speed more slowly"""
+    """m/s2, fastest rise from a stand of the forward command that the policy observes:
+    a robot far behind its command accelerates more slowly"""
     launching_speed: Limit = math.inf
-    """m/s, speed at which that command would rise no more: the rate falls linearly from
+    """m/s, command at which this limit reaches zero: the rate falls linearly from
     `launching`"""
 
     def launch_rate(self, speed: ArrayT) -> ArrayT:
@@ -88,22 +88,20 @@ class LaunchLaw:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommandLaw(LaunchLaw):
-    """Limits on how fast the forward command that a policy observes rises and falls,
-    whatever is asked for."""
+    """Limits on how fast the forward command that a policy observes rises and falls."""
 
     braking: Limit = math.inf
-    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked
-    for"""
+    """m/s2, fastest fall of the forward command that the policy observes"""
     stopping_time: Annotated[float, Within(0.0, 1000.0)] = 0.0
     """s, least time in which that command falls by its own size and 0.5 m/s: a robot
-    that stands while its trunk still moves falls over"""
+    that stops its legs while its trunk still moves falls over"""
 
     def tell(self, told: ArrayT, asked: ArrayT) -> ArrayT:
         """Return the command (3) that the policy observes a control step after the
         command `told`, within the limits.
 
-        It is `asked`, but that a robot on its way forward gathers and loses speed no
-        faster than the limits.
+        The result is `asked`, except that a forward command rises and falls no faster
+        than the limits.
         """
         xp, before, forward = told.__array_namespace__(), told[0], asked[0]
         if self.launching < math.inf:
@@ -125,15 +123,14 @@ COMMAND_LIMITS = tuple(field.name for field in dataclasses.fields(CommandLaw))
 def wish_rates(
     law: CommandLaw, turning: float, braking: float = 1.5
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return how fast what a person asks for rises and falls toward the wish: m/s2
-    forward and to the left, rad/s2.
+    """Return the rates at which the asked command rises and falls toward a person's
+    wish: m/s2 forward and to the left, rad/s2.
 
     Args:
-        law: of the controller; where it limits launches, a forward wish is asked for at
-            once.
-        turning: the last two rates.
-        braking: m/s2, at which less speed is asked for where the controller does not
-            ease stops itself.
+        law: of the controller; if it limits launches, the asked command takes a forward
+            wish at once.
+        turning: the lateral and the yaw rate.
+        braking: m/s2, rate of fall if the controller has no `stopping_time`.
     """
     return (
         np.array(
@@ -151,8 +148,8 @@ def wish_rates(
 
 @dataclasses.dataclass(frozen=True)
 class HeadingHold(Bounded, path="--operator."):
-    """Keeps a robot on the line through its start, because a policy knows neither its
-    place nor its heading.
+    """Steers a robot along the line through its start, because a policy observes
+    neither its position nor its heading.
 
     yaw-rate command = -heading_gain x yaw - lane_gain x y, clipped; y is the distance
     to the left of the line. Added only to commands that ask for straight running (no
@@ -165,7 +162,7 @@ class HeadingHold(Bounded, path="--operator."):
     """yaw rate commanded for each metre beside the line, 1/(m s); heading_gain^2 / (4
     v) is critical damping at a speed v"""
     limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
-    """largest yaw rate commanded, rad/s; 0: nobody steers"""
+    """largest yaw rate commanded, rad/s; 0: no steering"""
 
     def steer(self, command: ArrayT, y: Number, yaw: Number) -> ArrayT:
         """Add a correcting yaw rate to a straight command ("... 3"), from the distance

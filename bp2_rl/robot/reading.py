@@ -117,14 +117,14 @@ def read_mjcf(
     Args:
         path: of the file; its meshes need not be there.
         joints: the twelve joints' names in the order of `MOTOR_NAMES`; the robot's
-            other joints are then welded. Empty where the structure tells: a free trunk
+            other joints are then welded. Empty: the joints are found in a free trunk
             with four legs of abad, hip and knee.
         feet: a geom, a site or a body in each foot, in the order of the legs; empty:
             the farthest sphere of each leg, or end of a capsule.
         foot_radius: m, of the feet's spheres; None for that of the geoms.
 
     Raises:
-        ReadingError: one line that says what cannot be read and how to mend it.
+        ReadingError: one line that says what cannot be read and how to correct it.
     """
     try:
         model, notes = compile_file(path, joints)
@@ -159,40 +159,42 @@ def _read_model(
     speeds: Mapping[str, float],
     notes: list[str],
 ) -> RobotReading:
-    """Read the robot in a compiled model whose legs and feet are found.
+    """Read the robot from a compiled model, its legs and its feet.
 
     Args:
-        model: whose meshes are left out.
+        model: the model, without meshes.
         chains: the legs.
         feet: of the legs.
         speeds: rad/s, limits of joints by their names.
-        notes: what was mended; what is left out or assumed is added.
+        notes: corrections so far; omissions and assumptions are added.
     """
     data, effects = at_zero(model), effects_of(model)
-    found = [
+    readings = [
         read_leg(model, data, effects, chain, foot, notes)
         for chain, foot in zip(chains, feet, strict=True)
     ]
-    stand = _keyframe_stand(model, chains, found, notes)
+    stand = _keyframe_stand(model, chains, readings, notes)
     fr, fl, rr, rl = (
-        dataclasses.replace(one.leg, bend=_bend(leg, one, stand[3 * i + 2], notes))
-        for i, (leg, one) in enumerate(zip(LEGS, found, strict=True))
+        dataclasses.replace(
+            reading.leg, bend=_bend(name, reading, stand[3 * i + 2], notes)
+        )
+        for i, (name, reading) in enumerate(zip(LEGS, readings, strict=True))
     )
     legs = fr, fl, rr, rl
     angles = np.reshape(stand, (4, 3))
     if stand[1] == stand[2] == 0.0:
         notes.append(
-            f"no keyframe tells how it stands: ASSUMED with legs at {STRAIGHT:g} of their length"
+            f"the model has no keyframe of a stand: ASSUMED with legs at {STRAIGHT:g} of their length"
         )
         stand = _assumed_stand(legs)
     elif not np.allclose(angles[::2] * (-1, 1, 1), angles[1::2], atol=1e-3):
         notes.append(
-            "the keyframe's right legs do not mirror the left ones: [stand] has the left ones'"
+            "the keyframe's right legs do not mirror the left ones: [stand] has the left legs' angles"
         )
     joints = tuple(
         dataclasses.replace(joint, speed=speeds.get(joint.name, math.inf))
-        for one in found
-        for joint in one.joints
+        for reading in readings
+        for joint in reading.joints
     )
     trunk, slender = find_trunk(model), SLENDER * legs[0].thigh_length
     thighs = [chain.bodies[1] for chain in chains]
@@ -235,44 +237,51 @@ def _note_left_out(
     effects: Effects, names: Sequence[str], dofs: Sequence[int], notes: list[str]
 ) -> None:
     """Note forces on joints for which a robot file has no number."""
-    # a DC motor's, or a loop's of speed
-    unheld = np.where(effects.stiffness == 0.0, effects.actuator_damping, 0.0)
+    # of a DC motor or a velocity servo
+    without_stiffness = np.where(
+        effects.stiffness == 0.0, effects.actuator_damping, 0.0
+    )
     for values, unit, what in (
         (effects.spring, "Nm/rad", "springs parallel to joints"),
-        (effects.beyond, f"Nm at {FAST:g} rad/s", "damping that is not viscous"),
         (
-            unheld,
-            "Nm s/rad",
-            "damping by actuators that are told nothing and have no stiffness",
+            effects.nonlinear_damping,
+            f"Nm at {FAST:g} rad/s",
+            "damping that is not viscous",
         ),
         (
-            effects.told_damping,
+            without_stiffness,
             "Nm s/rad",
-            "damping by actuators that are told how much",
+            "damping by actuators without stiffness",
+        ),
+        (
+            effects.commanded_damping,
+            "Nm s/rad",
+            "damping in proportion to an actuator's command",
         ),
     ):
-        felt: dict[str, list[str]] = {}
+        joints_of: dict[str, list[str]] = {}
         for name, dof in zip(names, dofs, strict=True):
             if abs(values[dof]) > ROUNDING:
-                felt.setdefault(f"{values[dof]:.4g} {unit}", []).append(name)
-        if felt:
+                joints_of.setdefault(f"{values[dof]:.4g} {unit}", []).append(name)
+        if joints_of:
             at = "; ".join(
-                f"{amount} at {', '.join(joints)}" for amount, joints in felt.items()
+                f"{amount} at {', '.join(joints)}"
+                for amount, joints in joints_of.items()
             )
             notes.append(f"left out: {what}, {at}")
-    if effects.others > ROUNDING:
+    if effects.other_forces > ROUNDING:
         notes.append(
-            f"left out: forces of a fluid or against gravity, up to {effects.others:.3g} N or Nm"
+            f"left out: forces of a fluid or against gravity, up to {effects.other_forces:.3g} N or Nm"
         )
 
 
-# --- What is told by more than one leg ------------------------------------------------
+# --- Properties of all legs together --------------------------------------------------
 
 
 def _keyframe_stand(
     model: mujoco.MjModel,
     chains: Sequence[Limb],
-    found: list[LegReading],
+    legs: list[LegReading],
     notes: list[str],
 ) -> tuple[float, ...]:
     """Return the twelve joint angles, rad, of the keyframe in which the robot stands;
@@ -281,38 +290,43 @@ def _keyframe_stand(
     key = next((keys[name] for name in ("stand", "home", *keys) if name in keys), None)
     if key is None:
         return (0.0,) * len(MOTOR_NAMES)
-    joints = [joint for one in found for joint in one.joints]
-    theirs = [
+    joints = [joint for reading in legs for joint in reading.joints]
+    model_angles = [
         model.key_qpos[key, model.jnt_qposadr[j]]
         for chain in chains
         for j in chain.joints[:3]
     ]
-    drawn = [
+    keyframe = [
         joint.sign * float(angle) + joint.offset
-        for joint, angle in zip(joints, theirs, strict=True)
+        for joint, angle in zip(joints, model_angles, strict=True)
     ]
     angles = np.clip(
-        drawn, *np.transpose([ends for one in found for ends in one.leg.ranges])
+        keyframe,
+        *np.transpose([ends for reading in legs for ends in reading.leg.ranges]),
     )
-    beyond = np.abs(drawn - angles)
-    worst = int(np.argmax(beyond))
-    if beyond[worst] > ROUNDING:
+    excess = np.abs(keyframe - angles)
+    worst = int(np.argmax(excess))
+    if excess[worst] > ROUNDING:
         notes.append(
-            f"the keyframe '{model.key(key).name}' leaves the joints' ranges by up to {beyond[worst]:.3g} rad, at "
+            f"the keyframe '{model.key(key).name}' leaves the joints' ranges by up to {excess[worst]:.3g} rad, at "
             f"'{joints[worst].name}': the ranges' ends are taken"
         )
     return tuple(float(angle) for angle in angles)
 
 
-def _bend(leg: str, one: LegReading, stand: float, notes: list[str]) -> Literal[-1, 1]:
+def _bend(
+    leg: str, reading: LegReading, stand: float, notes: list[str]
+) -> Literal[-1, 1]:
     """Return the sign of the knee's angle: in the standing pose, else in most of its
-    range, else as it is drawn."""
-    low, high = one.leg.ranges[2]
+    range, else in the model's default pose."""
+    low, high = reading.leg.ranges[2]
     one_sided = 0.5 * (low + high) if abs(low + high) > 0.5 * (high - low) else 0.0
-    for angle in (stand, one_sided, one.drawn_knee):
+    for angle in (stand, one_sided, reading.drawn_knee):
         if abs(angle) > 0.05:
             return 1 if angle > 0.0 else -1
-    notes.append(f"nothing tells how the knee of {leg} bends: ASSUMED backwards")
+    notes.append(
+        f"the model does not show how the knee of {leg} bends: ASSUMED backwards"
+    )
     return -1
 
 
@@ -340,9 +354,9 @@ def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
         for i, kind in enumerate(JOINTS):
             values = [getattr(joint, name) for joint in joints[i::3]]
             if not np.allclose(values, values[0], rtol=1e-6):
-                shown = ", ".join(f"{value:g}" for value in values)
+                listed = ", ".join(f"{value:g}" for value in values)
                 notes.append(
-                    f"the legs' {what} at the {kind} differ ({shown}): their mean is taken"
+                    f"the legs' {what} at the {kind} differ ({listed}): their mean is taken"
                 )
 
 
@@ -355,35 +369,37 @@ def _note_mass_matrix(
 ) -> None:
     """Note a difference between the model's mass matrix, in a random pose, and the mass
     matrix of the robot as read."""
-    built, theirs = build_spec(anatomy).compile(), at_zero(model)
-    ours, motors = mujoco.MjData(built), motor_indices(built.nv)
+    built, data = build_spec(anatomy).compile(), at_zero(model)
+    built_data, motors = mujoco.MjData(built), motor_indices(built.nv)
     ranges = [ends for leg in anatomy.legs for ends in leg.ranges]
     angles = np.random.default_rng(0).uniform(*np.transpose(ranges))
-    ours.qpos[:7], ours.qpos[motors + 1] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), angles
+    built_data.qpos[:7], built_data.qpos[motors + 1] = (0, 0, 0, 1, 0, 0, 0), angles
     moved = model.jnt_qposadr[[j for chain in chains for j in chain.joints[:3]]]
-    theirs.qpos[moved] = [
+    data.qpos[moved] = [
         joint.sign * (angle - joint.offset)
         for joint, angle in zip(joints, angles, strict=True)
     ]
     built.dof_armature[:] = 0.0
     armature = np.reshape([joint.armature for joint in joints], (4, 3))
     built.dof_armature[motors] = np.tile(np.mean(armature, axis=0), 4)
-    found, wanted = mass_matrix(built, ours), mass_matrix(model, theirs)
+    found, wanted = mass_matrix(built, built_data), mass_matrix(model, data)
     free = np.arange(6) + model.body_dofadr[find_trunk(model)]
-    if np.any(held := [*model.dof_armature[free], *model.dof_damping[free]]):
+    if np.any(values := [*model.dof_armature[free], *model.dof_damping[free]]):
         notes.append(
-            f"left out: armature or damping of the trunk's free joint, up to {max(held):g}"
+            f"left out: armature or damping of the trunk's free joint, up to {max(values):g}"
         )
     order = [j for chain in chains for j in chain.joints]
     dofs = [*free, *model.jnt_dofadr[order]]
-    sign = np.sign([*[1.0] * 6, *np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1)])
+    sign = np.sign(
+        [*[1.0] * 6, *np.sum(built_data.xaxis[1:] * data.xaxis[order], axis=1)]
+    )
     wanted = wanted[np.ix_(dofs, dofs)] * np.outer(sign, sign)
     wanted[range(6), range(6)] -= model.dof_armature[free]
     scale = np.outer(np.diag(wanted), np.diag(wanted))
     off = np.max((found - wanted) ** 2 / scale) ** 0.5
     if off > ROUNDING:
         notes.append(
-            f"the robot's mass matrix is not the model's: it is off by up to {off:.2g} of its diagonal"
+            f"the robot's mass matrix differs from the model's by up to {off:.2g} of the diagonal"
         )
 
 

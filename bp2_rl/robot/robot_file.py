@@ -182,7 +182,7 @@ def load_robot(path: Path) -> RobotFile:
     """Read a robot file, and return the robot and what the file says beside it.
 
     Raises:
-        UserError: one line that names the file, the key at fault, and how to mend it.
+        UserError: one line that names the file, the key at fault, and how to correct it.
     """
     content = read_bytes(path, LARGEST)
     try:
@@ -431,9 +431,9 @@ def robot_text(
         reading: of the model.
         mjcf: the model's path from the file's folder; None: the numbers themselves are
             written, the left legs'.
-        joints: as `read_mjcf` was told.
-        feet: as `read_mjcf` was told.
-        foot_radius: as `read_mjcf` was told.
+        joints: as given to `read_mjcf`.
+        feet: as given to `read_mjcf`.
+        foot_radius: as given to `read_mjcf`.
     """
 
     sayable = {"no_load_speed": "speed", "peak_torque": None, "armature": None}

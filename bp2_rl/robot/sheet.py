@@ -147,7 +147,7 @@ def _body_lines(robot: RobotFile) -> list[str]:
         )
         if farthest < STRETCH * length or farthest - nearest < STROKE * length:
             doubts.append(
-                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: mend the knee's range"
+                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: correct the knee's range"
             )
     spring = f"spring: {robot.hardware.spring_stiffness:g} N/m"
     return [*sizes, spring if anatomy.sprung else "rigid shanks", *doubts]
@@ -157,13 +157,15 @@ def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
     """Return a table of the joints: name in the model, range and standing angle."""
     lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6}"]
     for i, name in enumerate(MOTOR_NAMES):
-        theirs = ""
+        in_model = ""
         if reading is not None:
             joint = reading.joints[i]
-            theirs = f"{'-' if joint.sign < 0 else '+'}{joint.name} {joint.offset:+.3f}"
+            in_model = (
+                f"{'-' if joint.sign < 0 else '+'}{joint.name} {joint.offset:+.3f}"
+            )
         low, high = robot.anatomy.legs[i // 3].ranges[i % 3]
         lines.append(
-            f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}"
+            f"{name:8} {in_model:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}"
         )
     return lines
 
@@ -213,18 +215,18 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
         ]
         if stood.feet_down < len(LEGS):
             lines.append(
-                "! not all feet are down: mend [stand], so that fore and hind legs are equally high"
+                "! not all feet are down: correct [stand], so that fore and hind legs are equally high"
             )
     else:
         lines = [
             f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
             "stronger motors"
         ]
-    ours, theirs = trained_gains(robot), (np.mean(stiffness), np.mean(damping))
-    if not np.allclose(ours, theirs, rtol=LIKE):
+    trained, from_file = trained_gains(robot), (np.mean(stiffness), np.mean(damping))
+    if not np.allclose(trained, from_file, rtol=LIKE):
         lines.append(
-            f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
-            f"size; to train with [gains]: --env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
+            f"note: training's loop is one of its own, {trained[0]:.3g} Nm/rad and {trained[1]:.3g} Nm s/rad by the robot's "
+            f"size; to train with [gains]: --env.control.stiffness {from_file[0]:.3g} --env.control.damping {from_file[1]:.3g}"
         )
     # models often put the damping of the position loop there
     drag = (
@@ -233,7 +235,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     )
     if (resistance := float(np.max(drag / peak))) > DRAG:
         lines.append(
-            f"! joints resist with up to {resistance:.0%} of the peak torque: mend joint_friction or joint_viscosity in [losses]"
+            f"! joints resist with up to {resistance:.0%} of the peak torque: correct joint_friction or joint_viscosity"
         )
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "
@@ -241,7 +243,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     )
     if stood.touching:
         lines.append(
-            f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs"
+            f"! it touches with {', '.join(stood.touching)}: correct [stand], or the radii of trunk and legs"
         )
     return lines
 

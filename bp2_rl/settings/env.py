@@ -1,4 +1,4 @@
-"""The MDP's settings: frozen dataclasses, written whole into every run and every
+"""The environment's settings: frozen dataclasses, saved with every run and every
 exported policy."""
 
 import dataclasses
@@ -30,14 +30,15 @@ Impl = Literal["jax", "kernel", "warp"]
 
 @dataclasses.dataclass(frozen=True)
 class ControlConfig(CommandLaw):
-    """The meaning of the policy's action, its joint loop, and limits on its command.
+    """Control settings: the meaning of actions, the joint PD loop, and limits on the
+    command.
 
     The gains of the loop are ASSUMED.
     """
 
-    # around the reference motion, or around the standing pose
+    # joint targets are the reference motion, or the standing pose, plus the action
     mode: Literal["residual", "absolute"] = "residual"
-    action_scale: Extent = 0.5  # rad a unit of action
+    action_scale: Extent = 0.5  # rad per unit of action
     action_limit: Extent = 3.0  # actions are clipped to +- this
     stiffness: Annotated[float, Within(0.1, 1e5)] = bp2.LOOP_STIFFNESS  # Nm/rad
     damping: Annotated[float, Within(0.0, 1e4)] = bp2.LOOP_DAMPING  # Nm s/rad
@@ -46,26 +47,25 @@ class ControlConfig(CommandLaw):
     # Nm/s
     torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")
     clock_at_rest: bool = True
-    """whether the policy sees the gait's phase also where the reference stands still;
-    if not, the phase vector that it sees is as long as the reference's steps, zero in a
-    stand"""
+    """whether the policy observes the full phase vector also in a stand; if not, the
+    vector's length is the size of the reference's steps, 0 in a stand"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
-    """control steps: the policy also sees how much its observation has changed since so
-    many steps ago (0 at first)"""
+    """numbers of control steps: for each number, the policy also observes the change of
+    its observation over so many steps (0 at first)"""
 
 
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
-    """How velocity commands are drawn: a target, approached at a limited rate, drawn
-    anew every few seconds."""
+    """Random velocity commands: the command approaches a target at a limited rate, and
+    every few seconds a new target is drawn."""
 
-    max_forward: Extent = 15.5  # m/s, v_x^max of Table S4, which gives none
+    max_forward: Extent = 15.5  # m/s, v_x^max of Table S4, which has no number for it
     max_lateral: Amount = 0.5  # m/s, v_y^max
     max_yaw_rate: Amount = 1.0  # rad/s, omega_z^max
     max_backward: Amount = 0.0  # m/s
-    # m/s2, largest forward speed x yaw rate: what friction holds with a margin
+    # m/s2, largest forward speed x yaw rate, below the limit of friction
     max_turn: Amount = 3.0
-    # share of targets in the fastest tenth of what the curriculum allows
+    # share of targets in the fastest tenth of the curriculum's range
     limit_fraction: Share = 0.4
     # share of targets with no lateral and no yaw command
     straight_fraction: Share = 0.5
@@ -79,7 +79,7 @@ class CommandConfig:
     # s, from reaching a target's forward speed to the next draw
     hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)
     stand_time: Annotated[Range | None, Within(0.0, 1000.0)] = None
-    """s, from the end of a stop to the next draw, of targets to stand; None:
+    """s, from the end of a stop to the next draw, if the target is to stand; None:
     hold_time"""
 
 
@@ -92,45 +92,46 @@ class CurriculumConfig:
     """m/s, fastest forward command at level 0 (level 1: commands.max_forward); None:
     all commands from the start on"""
     near: BelowOne = 0.9
-    """with a start speed, what counts is the time at commands above this share of the
-    limit"""
-    evidence: Amount = 0.5  # s of such time at least, between two draws
-    tolerance: Extent = 0.1  # of (1 m/s + limit), for the mean speed error in that time
+    """with a start speed, only commands above this share of the limit count"""
+    evidence: Amount = 0.5  # s, least time at counted commands between two draws
+    # largest mean speed error at counted commands, as a share of (1 m/s + limit)
+    tolerance: Extent = 0.1
     raise_by: BelowOne = 0.15
     lower_by: BelowOne = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
 class ResetConfig:
-    """Where episodes start: at rest or on the running reference, with noise."""
+    """Initial states of episodes: at rest or on the running reference, with noise."""
 
-    # start at rest with the command ramping up; the others on the running reference
+    # share of episodes that start at rest with a rising command; the others start on
+    # the running reference
     standing_fraction: Share = 0.3
     standing_time: Annotated[Range, Within(0.0, 1000.0)] = (0.0, 0.0)
-    """s, for which a robot that starts at rest has the command to stand: else it
-    expects the launch, and leans"""
+    """s, time for which a robot that starts at rest is commanded to stand; without this
+    time the robot leans forward in expectation of the launch"""
     joint_noise: Amount = 0.05  # rad, uniform +-
-    # m/s, by which the command of a running start differs from its speed, at most
+    # m/s, largest difference between command and speed at a running start
     command_error: Amount = 0.0
     velocity_noise: Amount = 0.1  # share of the reference's velocities, uniform +-
 
 
 @dataclasses.dataclass(frozen=True)
 class RandomizationConfig:
-    """Domain randomisation, drawn anew at each reset. Ranges are uniform, factors
-    multiply."""
+    """Domain randomisation: each reset draws new parameters, uniformly within these
+    ranges."""
 
     enabled: bool = True
     # factor: 0.5 to 1.1 on ground of 0.9
     friction: Annotated[Range, Within(0.001, 100.0)] = (0.55, 1.22)
-    # factor, every body by itself
+    # factor, for each body separately
     mass: Annotated[Range, Within(0.01, 100.0)] = (0.9, 1.1)
     com_offset: Amount = 0.02  # m, of the trunk, +- on each axis
     # factor on the peak torque
     strength: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.0)
     weak_braking: Annotated[Range, Within(0.0, 1.0)] = (0.0, 0.0)
-    """how weakly motors brake at speed: 0 as the hardware's, 1 no better than they
-    drive"""
+    """weakness of braking at speed: 0 the hardware's braking, 1 the braking torque
+    falls with speed as the driving torque does"""
     no_load_speed: Annotated[Range | None, Within(0.1, 10.0)] = None
     """factor on the motors' no-load and corner speeds, one for all motors of a robot;
     None: the hardware's"""
@@ -148,7 +149,7 @@ class RandomizationConfig:
     # s, from observation to new joint target
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
     losses: Annotated[Range, Within(0.0, 100.0)] = (1.0, 1.0)
-    """factor on each of the hardware's losses by itself: air, gear, joints, slides,
+    """factor on each of the hardware's losses separately: air, gear, joints, slides,
     current lag, bus power, sag"""
     joint_position_noise: Amount = 0.01  # rad, standard deviation
     joint_velocity_noise: Amount = 0.3  # rad/s
@@ -161,18 +162,18 @@ class RandomizationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class TerminationConfig:
-    """Limits beyond which a robot has fallen."""
+    """Limits of a robot's state; beyond any of these limits the robot has fallen."""
 
-    # Together they end an episode before the trunk can touch the ground, whose contact
-    # training leaves out.
+    # Height and tilt end an episode before the trunk touches the ground, a contact that
+    # training does not simulate.
     min_height: Amount = 0.3  # m, trunk centre
     min_up: BelowOne = 0.8  # vertical part of the body's z axis: 37 deg of tilt
     # rad/s or m/s in any coordinate: the physics has exploded
     max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0
     max_overlap: Annotated[float, Within(0.0, 1.0)] = 0.005
-    """m, largest depth of a leg in another or in the trunk, where legs are solid: what
-    C MuJoCo's soft contacts allow. Training has no contacts between legs, and ends the
-    episode instead"""
+    """m, largest overlap of a leg with another leg or the trunk, if legs are solid: the
+    depth that C MuJoCo's soft contacts allow. Training has no contacts between legs,
+    and ends the episode instead"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,11 +217,11 @@ class RewardConfig:
     smoothness: Coefficient = 0.1  # c_s
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
-    # of soles that come down fast, which Table S4 has no row for
+    # of soles that land fast; not in Table S4
     landing: Coefficient = 0.0
-    # of motors beyond their no-load speed; no row of Table S4
+    # of motors beyond their no-load speed; not in Table S4
     overspeed: Coefficient = 0.0
-    # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of
+    # of an action of 1, averaged over 0.2 s, while the command is to stand; not in
     # Table S4
     stand: Coefficient = 0.0
     schedule: Schedule = "text"  # see rewards.speed_schedule
@@ -235,7 +236,7 @@ class EnvConfig:
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = (
         "collocation"
     )
-    """the motion that actions, rewards and starts are about; none: standing"""
+    """reference motion of actions, rewards and starts; none: standing"""
     hardware: HardwareSpec = HardwareSpec()
     gait: KinematicConfig = KinematicConfig()
     library: CollocationConfig = CollocationConfig()

@@ -1,4 +1,4 @@
-"""Where the trainings of a study run: as processes beside it, or as jobs of a
+"""Settings of a study's trainings as processes on this machine or as jobs of a
 cluster."""
 
 import dataclasses
@@ -11,21 +11,20 @@ from bp2_rl.base.errors import not_installed
 
 @dataclasses.dataclass(frozen=True)
 class JobsConfig(Bounded, path="--jobs."):
-    """Where the trainings of a study run. By default here, one on each GPU at a
-    time."""
+    """Execution of a study's trainings; by default on this machine, one on each GPU at
+    a time."""
 
     executor: Literal["here", "slurm", "local"] = "here"
-    """slurm: each training is a job, which submitit hands to Slurm; local: the same
-    jobs on this machine, to try it"""
+    """here: on this machine; slurm: each training is a Slurm job, submitted by
+    submitit; local: the same jobs on this machine, to test them"""
     most: Annotated[int, Within(1, 10_000)] = 16
-    """jobs at a time; the scheduler may run fewer"""
+    """largest number of jobs at a time"""
     gpus: Annotated[int, Within(0, 64)] = 1
     """GPUs of each job"""
     cpus: Annotated[int, Within(1, 1024)] = 8
     """CPU cores of each job"""
     hours: Annotated[float, Within(0.02, 720.0)] = 4.0
-    """time limit of each job; a training that takes longer is saved, queued again and
-    goes on"""
+    """time limit of each job; a longer training is saved, requeued and continued"""
     partition: str | None = None
     """Slurm's partition"""
     account: str | None = None

@@ -31,19 +31,21 @@ class PPOConfig:
     learning_rate: Scale = 3e-4
     # adapts the learning rate to this mean KL divergence; None = fixed
     desired_kl: Scale | None = 0.01
-    # train steps after which the divergence aimed at has halved: d / (1 + step / this)
+    # train steps after which the desired divergence d has halved: d / (1 + step /
+    # kl_decay)
     kl_decay: Decay = float("inf")
     max_learning_rate: Scale = 1e-3
-    # first train steps, in which the critic alone learns
+    # number of first train steps in which only the critic learns
     critic_steps: Annotated[int, Within(0, 2**30)] = 0
     averaging: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
-    """of the policy's weights over train steps: what is exported is a x average + (1 -
-    a) x weights, step by step"""
+    """factor a of the exponential average of the policy's weights, which is exported:
+    average = a x average + (1 - a) x weights at each train step"""
     discounting: Share = 0.985
     gae_lambda: Share = 0.95
     clipping: Scale = 0.2
     entropy_cost: Weight = 5e-3
-    # train steps after which the entropy cost has halved: c / (1 + step / this)
+    # train steps after which the entropy cost c has halved: c / (1 + step /
+    # entropy_decay)
     entropy_decay: Decay = float("inf")
     value_coefficient: Weight = 1.0
     max_grad_norm: Scale = 1.0
@@ -51,16 +53,16 @@ class PPOConfig:
     policy_layers: Layers = (512, 256, 128)
     value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
-    # of the hidden layers' computation in symmetric networks; others are Brax's, of
-    # float32
+    # of the hidden layers in symmetric networks; other networks are Brax's, in float32
     dtype: Dtype = "float32"
     initial_std: Scale = 0.3
-    # networks that are left-right symmetric by construction; layers are of even width
-    # then
+    # networks that are left-right symmetric by construction; their layers need even
+    # widths
     symmetric: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse impossible values with a line that says how to mend them."""
+        """Raise `UserError` for impossible values, with a line that says how to correct
+        them."""
         check_bounds(self, "ppo.")
         for name in ("policy_layers", "value_layers"):
             if not getattr(self, name):
@@ -81,7 +83,7 @@ class PPOConfig:
 
     @property
     def steps_per_train_step(self) -> int:
-        """Control steps in a train step, all robots together."""
+        """Control steps in a train step, summed over all robots."""
         return self.num_envs * self.unroll_length
 
     @property

@@ -1,4 +1,4 @@
-"""The settings of the two gaits that can be the reference motion."""
+"""Settings of the two gaits that a reference motion can have."""
 
 import dataclasses
 import hashlib
@@ -13,9 +13,9 @@ from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import bp2, kinematics
 
 LIBRARIES = "bp2_trot", "bp2_trot_slow"
-"""Libraries that ship, in assets/reference_motions: as the optimiser found it, and with
-slow trots on the ground."""
-MEND = "make it anew with `bp2 trajopt library build`"
+"""Shipped libraries in assets/reference_motions: the optimiser's, and one whose slow
+trots have no flight."""
+REMEDY = "build it again with `bp2 trajopt library build`"
 Size = Annotated[float, Within(0.01, 10.0)]
 
 
@@ -30,7 +30,7 @@ class KinematicConfig:
     sweep: Size = 0.70  # m, path of a foot during stance at high speed
     swing_time: Size = 0.28  # s
     flexion: Annotated[float, Within(0.0, 1.5)] = 0.8
-    """rad, of the knee in mid-swing beyond its mean at lift-off and touchdown"""
+    """rad, knee flexion in mid-swing beyond the mean of lift-off and touchdown"""
     follow_through: Annotated[int, Within(2, 100)] = 7
     """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
     # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at
@@ -51,12 +51,12 @@ class KinematicConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CollocationConfig(Bounded, path="library."):
-    """Which motion library is played, and how it grows out of standing."""
+    """The motion library, and the speed below which its steps shrink."""
 
-    # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
+    # of the library, or the name of a shipped one: bp2_trot, bp2_trot_slow
     path: str = LIBRARIES[0]
     stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
-    """m/s, below which steps shrink, to nothing when standing"""
+    """m/s, speed below which steps shrink, to zero in a stand"""
 
     @property
     def file(self) -> Path:
@@ -78,4 +78,4 @@ class CollocationConfig(Bounded, path="library."):
         try:
             return hashlib.sha256(read_bytes(self.file, LARGEST_ARRAYS)).hexdigest()
         except BadFileError as error:
-            raise UserError(f"motion library {error}; {MEND}") from error
+            raise UserError(f"motion library {error}; {REMEDY}") from error

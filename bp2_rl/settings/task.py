@@ -48,7 +48,7 @@ FOLDER = "task"
 
 @dataclasses.dataclass(frozen=True)
 class RewardTerm:
-    """A term of the reward: coefficient x read(inputs, config, shared).
+    """A reward term: coefficient x read(inputs, config, shared).
 
     `read` takes `env.rewards.RewardInputs`, `RewardConfig` and `SharedValues`, and
     returns one number, without unit.
@@ -82,7 +82,7 @@ class Task:
             which a robot's computer can run.
         privileged: terms of the critic's observation alone, functions of
             `env.observations.PrivilegedInputs`.
-        settings: returns a stage's settings, changed: commands, randomisation, PPO.
+        settings: takes and returns a stage's settings: commands, randomisation, PPO.
             Flags change them afterwards.
 
     Raises:
@@ -96,11 +96,12 @@ class Task:
     settings: "Callable[[TrainConfig], TrainConfig] | None" = None
 
     def __post_init__(self) -> None:
-        """Make tuples of the parts, and refuse what cannot be."""
+        """Make tuples of the parts, and raise `UserError` for invalid names or
+        mirrors."""
         for field in ("rewards", "terminations", "observations", "privileged"):
             parts = tuple(getattr(self, field))
             object.__setattr__(self, field, parts)
-            names = [one.name for one in parts]
+            names = [part.name for part in parts]
             for name in names:
                 if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
                     raise UserError(f"{name!r} is no name in {field}: use a-z, 0-9, _")
@@ -108,7 +109,7 @@ class Task:
                     raise UserError(f"{field} has {name} twice: rename one")
         for term in (*self.observations, *self.privileged):
             _require_mirror(term.name, term.mirror)
-            if term.name in {one.name for one in OBSERVATION_TERMS}:
+            if term.name in {builtin.name for builtin in OBSERVATION_TERMS}:
                 raise UserError(f"the policy sees {term.name} already: rename yours")
 
 
@@ -129,7 +130,7 @@ def _require_mirror(name: str, mirror: object) -> None:
         )
     ):
         raise UserError(
-            f"the mirror image of observation {name}, taken twice, is not the observation: mend its order or signs"
+            f"the mirror image of observation {name}, taken twice, is not the observation: correct its order or signs"
         )
 
 
@@ -168,15 +169,15 @@ class TaskConfig(Bounded, path="task."):
     code: TaskSources | Task | None = dataclasses.field(
         default=None, repr=False, metadata=UNWRITTEN
     )
-    """the task's code, where somebody has named it; no file has it"""
+    """the task's code, if the user gave it; it is not saved in files"""
 
     @property
     def task(self) -> Task:
-        """The task itself; an empty one where there is none, or nobody has named it and
-        the policy does not see it.
+        """The task itself; an empty task if there is none, or if its code was not given
+        and the policy does not see it.
 
         Raises:
-            UserError: nobody has named the task that the policy sees.
+            UserError: the code of the task's observation terms was not given.
         """
         if self.code is None and self.observations:
             raise UserError(
@@ -194,7 +195,7 @@ class TaskConfig(Bounded, path="task."):
         if isinstance(code, TaskSources) and code.sha256 != self.sha256:
             raise UserError(
                 f"the task {code.main} is not as in training: the checksum of its sources is {code.sha256[:12]}, not "
-                f"{self.sha256[:12] or 'that of any task'}; use the run's own copy, RUN/{FOLDER}, or train anew"
+                f"{self.sha256[:12] or 'that of any task'}; use the run's own copy, RUN/{FOLDER}, or train again"
             )
         return dataclasses.replace(self, code=code)
 
@@ -369,12 +370,12 @@ def _check_observations(task: Task, code: TaskSources | Task) -> None:
             "make it the critic's (privileged)"
         ):
             value, image = (
-                np.reshape(term.read(one), term.size) for one in (now, mirrored)
+                np.reshape(term.read(inputs), term.size) for inputs in (now, mirrored)
             )
         expected = value[[*term.mirror.order]] * np.array(term.mirror.sign)
         if not np.allclose(image, expected, equal_nan=True):
             raise UserError(
-                f"task: observation {term.name} of a mirrored robot is {image}, its mirror image {expected}: mend its Mirror"
+                f"task: observation {term.name} of a mirrored robot is {image}, its mirror image {expected}: correct its Mirror"
             )
 
 

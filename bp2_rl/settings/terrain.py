@@ -29,7 +29,7 @@ LARGEST: dict[TerrainKind, float] = {
 }
 """The kinds of ground with their largest sizes, m."""
 TREAD = 0.3
-"""m, the run of a tread where none is named."""
+"""m, default run of a tread."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Terrain(Bounded, path="terrain."):
     """The ground of a run; by default a flat floor."""
 
     kind: TerrainKind = "flat"
-    # m: heights are within this of the start's, or steps as high
+    # m: greatest difference from the height at the start, or height of a step
     size: float = 0.0
     # m, between the points of the grid, or the run of a tread
     cell: Annotated[float, Within(0.05, 1.0)] = 0.2

@@ -1,4 +1,5 @@
-"""Choose the service, W&B, that follows a run beside its metrics and TensorBoard."""
+"""Choose the service, W&B, that logs a run in addition to its metrics and
+TensorBoard."""
 
 import dataclasses
 import importlib.util
@@ -16,7 +17,7 @@ own name."""
 
 @dataclasses.dataclass(frozen=True)
 class Tracked:
-    """A run's identity in its tracker, under which the run goes on when resumed."""
+    """A run's identity in its tracker, which a resumed run keeps."""
 
     tracker: Tracker
     run_id: str
@@ -40,7 +41,7 @@ def choose_tracker(
     package is not installed.
 
     Raises:
-        UserError: it is not, or the run's tracker.json is damaged.
+        UserError: the package is not installed, or the run's tracker.json is damaged.
     """
     had = tracked(run_dir) if run_dir is not None else None
     tracker = had.tracker if had is not None else named

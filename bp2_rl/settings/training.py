@@ -34,24 +34,24 @@ LARGEST_SEED = 2**32 - 1
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """The length of a run, its seed, and what is kept."""
+    """Length of a run, its random seed, and how often it saves, logs and judges."""
 
-    steps: Steps = 100_000_000  # control steps, all robots together
+    steps: Steps = 100_000_000  # control steps, summed over all robots
     seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
     # saves during the run, evenly spread, the last one at its end
     checkpoints: Annotated[int, Within(1, 10**6)] = 10
     # lines of metrics.jsonl during the run
     logs: Annotated[int, Within(1, 10**9)] = 200
     judged: Annotated[int, Within(0, 10**6)] = 0
-    """policies judged in C MuJoCo beside the run, evenly spread: those of all saves,
-    and as many between as spare processors can; 0: none"""
+    """number of policies that the judge runs in C MuJoCo during the training, evenly
+    spread: those of all saves, and more if processors are free; 0: no judge"""
     until: Annotated[
         float | None,
         Within(0.1, 100.0),
         tyro.conf.arg(prefix_name=False, metavar="M/S"),
     ] = None
-    """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and
-    holds it"""
+    """stop when a policy reaches this speed from a stand in C MuJoCo and holds it for
+    5 s"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
@@ -66,7 +66,7 @@ class Parent:
 
     run: str  # name of its folder
     config_hash: str
-    control_steps: int  # behind those networks, its own parents' included
+    control_steps: int  # of those networks, including the parent's own parents
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,10 +104,12 @@ def load_run_config(run_dir: Path | str) -> TrainConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ClusterConfig:
-    """The place where a training's processes meet; one process takes a machine alone."""
+    """How the processes of a training on several machines find each other; by default a
+    training is one process."""
 
     coordinator: str | None = None
-    """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""
+    """HOST:PORT of process 0, the same for all processes; auto: from Slurm or Open
+    MPI"""
     processes: Annotated[int, Within(1, 2**16)] | None = None
     """number of processes; not with auto"""
     process: Annotated[int, Within(0)] | None = None
@@ -116,7 +118,7 @@ class ClusterConfig:
     """seconds to wait for the other processes at the start"""
 
     def __post_init__(self) -> None:
-        """Raise `UserError` for settings with which processes cannot meet."""
+        """Raise `UserError` for settings with which processes cannot connect."""
         check_bounds(self, "--cluster.")
         numbers = (self.processes, self.process)
         if self.coordinator in (None, "auto"):

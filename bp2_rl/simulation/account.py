@@ -1,5 +1,5 @@
-"""Account for the energy and the ground contact of a run: every recorded sample is put
-through C MuJoCo again.
+"""Account for the energy and the ground contact of a run, by evaluating C MuJoCo's
+forward dynamics at every recorded sample.
 
 For a run in steps of 1 ms. Powers are means over a millisecond: a force
 times the mean of the velocities at its ends, which for MuJoCo's Euler integrator is the
@@ -56,7 +56,7 @@ class Ledger(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
-        """Bus power that losses and stored energy do not explain, W."""
+        """Bus power minus losses and the change of stored energy, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
 
@@ -83,11 +83,11 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     model = load_model(run.hardware, visual=False, scene=World(run.terrain).lay)
     CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    force, energy, soles = _look_again(model, run, applied)
+    force, energy, soles = _forces_at_samples(model, run, applied)
     return _balance(run, force, energy, against), soles
 
 
-def _look_again(
+def _forces_at_samples(
     model: mujoco.MjModel, run: Trajectory, applied: Float[np.ndarray, "_ nv"]
 ) -> tuple[dict[str, Float[np.ndarray, "N nv"]], Float[np.ndarray, " N"], SoleAccount]:
     """Return each sample's forces on the coordinates by their kind, its energy, and the

@@ -1,5 +1,5 @@
-"""The simulator with Drake's multibody dynamics and Drake's contact in the place of
-MuJoCo's: a second opinion.
+"""The simulator with Drake's multibody dynamics and contact instead of MuJoCo's, for
+comparison.
 
 Motors, losses, latencies and controller are those of `simulation.simulator`, and so is
 the law of springs and stops. Drake takes over what MuJoCo has computed: equations of
@@ -37,7 +37,7 @@ try:
 except ModuleNotFoundError as missing:
     raise not_installed("--backend drake", "drake", "drake") from missing
 
-# It says of any ground that no deformable body feels it; there are none.
+# Drake warns about ground in models without deformable bodies.
 logging.getLogger("drake").setLevel(logging.ERROR)
 
 SHARE = 0.075
@@ -55,7 +55,7 @@ class DrakeSimulator(Simulator):
     `Simulator`.
 
     Raises:
-        UserError: a robot stands on rough ground, which Drake has not.
+        UserError: a robot stands on rough ground, which this simulator lacks.
     """
 
     backend: ClassVar[Backend] = "drake"
@@ -137,7 +137,7 @@ class DrakeRobot:
         bodies = _add_bodies(plant, model)
         joints = _add_joints(plant, model, bodies)
         ids = _add_contacts(plant, model, bodies, stiffness)
-        _let_collide_what_does(scene, model, ids)
+        _exclude_collisions(scene, model, ids)
         plant.Finalize()
         self._diagram = builder.Build()
         self._root = self._diagram.CreateDefaultContext()
@@ -323,7 +323,7 @@ def _add_contacts(
     return ids
 
 
-def _let_collide_what_does(
+def _exclude_collisions(
     scene: geometry.SceneGraph,
     model: mujoco.MjModel,
     ids: dict[int, geometry.GeometryId],

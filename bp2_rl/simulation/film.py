@@ -31,7 +31,7 @@ from bp2_rl.simulation.world import World
 
 GL_LIBRARIES = ("egl", "osmesa")
 POSTER = ".jpg"  # beside the film, under its name
-# s: a frame that takes longer is drawn by the CPU, and the film is made simpler
+# s: if a frame takes longer, the CPU draws it, and the film is simplified
 SLOW_FRAME = 0.1
 TIME_LIMIT = 300.0  # s, for one library
 # m: where the film is made, in the midst of the scene's lane lines and metre marks
@@ -49,8 +49,8 @@ class Shot:
 
 
 class NoVideo(Exception):
-    """No film can be made on this machine; the message says why and how to mend it, in
-    one line."""
+    """Raised if no film can be made on this machine; the message gives the reason and a
+    remedy, in one line."""
 
 
 def make_video(
@@ -111,8 +111,8 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     """Render some seconds of a run from the tracking camera, in real time, and a
     poster.
 
-    A flat scene repeats itself every metre, so the robot is shown by whole metres nearer
-    to its middle than it ran.
+    A flat scene repeats itself every metre, so the robot is moved by whole metres
+    towards the scene's middle.
     """
     model = load_model(run.hardware, scene=World(run.terrain).lay)
     if uneven := ground_geoms(model):  # which would half cover the lanes' lines
@@ -149,11 +149,11 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     try:
         with contextlib.closing(Camera(model, shot.height, shot.width)) as camera:
             # the endless floor is laid out around the camera's last place
-            camera.picture(_near_the_middle(run, samples[0]))
+            camera.picture(_moved_to_middle(run, samples[0]))
             for i, k in enumerate(samples):
                 recent = forward[max(0, k - ripple) : k + 1]
                 text = f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
-                picture = camera.picture(_near_the_middle(run, k))
+                picture = camera.picture(_moved_to_middle(run, k))
                 image = _captioned(picture, text)
                 writer.send(image.tobytes())
                 if i == len(samples) // 2:
@@ -163,7 +163,7 @@ def _draw(run: Trajectory, model: mujoco.MjModel, output: Path, shot: Shot) -> b
     return poster.getvalue()
 
 
-def _near_the_middle(run: Trajectory, sample: int) -> np.ndarray:
+def _moved_to_middle(run: Trajectory, sample: int) -> np.ndarray:
     """Return the robot's positions, on a flat floor moved by whole metres to the midst of
     the scene."""
     moved = run.qpos[sample].copy()

@@ -1,8 +1,8 @@
 """The equations of motors and losses compiled for many different robots at once, in
 float64.
 
-Every robot is a row of numbers. One that lacks a part has it at no strength, so that
-one program serves all.
+Every robot is a row of numbers. A part that a robot lacks gets the strength 0, so that
+one program serves all robots.
 """
 
 import functools
@@ -138,9 +138,11 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
         zip(names, joints.reshape(len(names), conventions.NUM_MOTORS), strict=True)
     )
     resisting = {name: named.pop(name) for name in JOINT_LOSSES}
-    others = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
+    other_losses = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
     bus = len(vars(NO_BUS))
-    resistance = Resistance(**resisting, **dict(zip(others, rest[bus:-1], strict=True)))
+    resistance = Resistance(
+        **resisting, **dict(zip(other_losses, rest[bus:-1], strict=True))
+    )
     return Actuator(**named, bus=Bus(*rest[:bus])), resistance, rest[-1]
 
 

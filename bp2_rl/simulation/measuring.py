@@ -50,7 +50,7 @@ def run_metrics(run: Trajectory) -> RunMetrics:
     envelope = envelope_use(run)
     mechanical, electrical = mean_powers(steady)
     travelled = float(np.sum(speed) * run.dt)
-    # of a watt; None for a robot that goes nowhere
+    # cost of transport per watt of mean power; None for a robot that does not move
     cost = (
         len(steady) * run.dt / (run.mass * conventions.GRAVITY * travelled)
         if travelled > 0.1
@@ -156,10 +156,10 @@ class EnvelopeUse(NamedTuple):
 def envelope_use(
     run: Trajectory, motors: actuator.Actuator | None = None
 ) -> EnvelopeUse:
-    """Tell for every sample and motor whether the torque is near the torque-speed
-    envelope or outside.
+    """Return for every sample and motor whether the torque is near the torque-speed
+    envelope, or outside.
 
-    `motors` are those of each sample where they changed with time.
+    `motors` has an entry for each sample if the motors changed with time.
     """
     motors = motors or actuator.Actuator.from_hardware(run.hardware)
     qd = run.joint_velocity
@@ -205,8 +205,8 @@ def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics,
 def power_demand(
     mass: float, gravity: float, speed: float, peak_torque: float, no_load_speed: float
 ) -> float:
-    """Return m g v / (tau_max omega_max), the power asked of the motors over what one can
-    give (paper, Fig. 1, inset)."""
+    """Return m g v / (tau_max omega_max), the demanded power over the power of one
+    motor (paper, Fig. 1, inset)."""
     return mass * gravity * speed / (peak_torque * no_load_speed)
 
 
@@ -250,16 +250,18 @@ def track_position(
 
 
 def time_at(run: Trajectory, distance: float) -> float | None:
-    """Return when the trunk's centre first was `distance` (m) ahead, s.
+    """Return the time at which the trunk's centre first was `distance` (m) ahead, s.
 
     The time is interpolated between samples; None if the robot never arrived.
     """
     along = track_position(run)[0]
-    there = int(np.argmax(along >= distance))
-    if along[there] < distance:
+    arrival = int(np.argmax(along >= distance))
+    if along[arrival] < distance:
         return None
-    before = max(there - 1, 0)
-    return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
+    before = max(arrival - 1, 0)
+    return float(
+        np.interp(distance, along[[before, arrival]], run.time[[before, arrival]])
+    )
 
 
 def measure_lane(run: Trajectory) -> Lane:

@@ -1,7 +1,7 @@
 """The figures of merit of a run: each one's name, unit, format and meaning.
 
-The paper leaves most definitions open; those used here stand beside the figures, and
-reports repeat them. `simulation.measuring` and `simulation.account` compute them.
+The paper leaves most definitions open; reports print the definitions used here.
+`simulation.measuring` and `simulation.account` compute them.
 """
 
 import dataclasses

@@ -90,18 +90,19 @@ def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     # Torques of a few robots take as long as four of their physics steps.
     work = np.array(
         [
-            one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
-            for one in (requests[i] for i in alike)
+            request.schedule.duration
+            * (request.numerics.steps + 4 * request.numerics.updates)
+            for request in (requests[i] for i in alike)
         ]
     )
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(
         int
     )
-    # where that comes to all of them, by requests that take no time
+    # limits the index, which requests of no duration could exceed
     worker = np.minimum(worker, workers - 1)
     shares = [
-        [i for i, whose in zip(alike, worker, strict=True) if whose == each]
-        for each in range(workers)
+        [i for i, whose in zip(alike, worker, strict=True) if whose == number]
+        for number in range(workers)
     ]
     return [
         sorted(share, key=lambda i: -requests[i].schedule.duration)
@@ -117,8 +118,8 @@ def _pool(
     if _kept:
         return contextlib.nullcontext(_kept[-1])
     keep_compiled()
-    # When the block ends, nothing that is asked for is left to do; after an
-    # interruption nobody wants it.
+    # At the end of the block all requests are done, or after an interruption no longer
+    # needed.
     return spawned(
         max(count, 1),
         functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]),
@@ -133,16 +134,15 @@ def _measure_all(
     requests: Sequence[One],
 ) -> list[Result]:
     runs = simulate(policy, requests, backend=backend)
-    return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
+    return [measure(request, run) for request, run in zip(requests, runs, strict=True)]
 
 
 def compute_here() -> None:
     """Have JAX compute on the CPU in the calling thread; call it before JAX computes
     anything.
 
-    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to
-    another thread takes longer than to answer it, and many times longer where other
-    programs keep the processors busy.
+    C MuJoCo's robots need a few numbers every millisecond. Passing such a call to
+    another thread takes longer than the computation, and much longer on a busy machine.
     """
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -187,10 +187,11 @@ def run_fleet(
     motion.
 
     Args:
-        policy: what all run by; `ranges` take the place of what it was trained with.
+        policy: the policy of all robots; `ranges` replace the randomisation of its
+            training.
         request: the run of the robot around which they are drawn; its own pushes and
             noise are not used.
-        ranges: from what they are drawn.
+        ranges: of the random parameters.
         robots: how many.
         seed: of everything that is drawn.
         backend: the simulator.
@@ -236,10 +237,10 @@ def run_fleet(
         fell_at=np.array(falls),
         leg_room=np.array(rooms),
         robots={
-            "friction": np.array([float(one.friction) for one in drawn]),
-            "latency": np.array([float(one.latency) for one in drawn]),
+            "friction": np.array([float(robot.friction) for robot in drawn]),
+            "latency": np.array([float(robot.latency) for robot in drawn]),
             "mass": np.array(masses),
-            "strength": np.array([float(np.min(one.strength)) for one in drawn]),
+            "strength": np.array([float(np.min(robot.strength)) for robot in drawn]),
         },
         steady_from=schedule.steady_from,
     )

@@ -77,7 +77,7 @@ class PolicyRunner:
         )
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
-            function, weights = _apart(policy)
+            function, weights = _split_policy(policy)
             self._weights = jax.device_put(weights)
             self._control = _compiled_control_step(function, config, noise)
             self._controller = Controller(config)
@@ -120,8 +120,8 @@ class PolicyRunner:
 
     @functools.cached_property
     def _unpacked_reference(self) -> Callable[[Array], Reference]:
-        one = jax.eval_shape(self._controller.reference, jnp.zeros(3), jnp.zeros(()))
-        return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape), one))[1]
+        shapes = jax.eval_shape(self._controller.reference, jnp.zeros(3), jnp.zeros(()))
+        return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape), shapes))[1]
 
     def tick(
         self,
@@ -134,7 +134,7 @@ class PolicyRunner:
         of its milliseconds.
 
         Args:
-            qpos: the positions as the robots and their operators know them.
+            qpos: the positions as measured by the robots and their operators.
             qvel: the velocities that belong to `qpos`.
             scheduled: the commands at the end of the control step, before an operator
                 steers.
@@ -156,10 +156,10 @@ class PolicyRunner:
                 self._state,
                 *(x[self._filled] for x in (inputs, *drawn)),
             )
-        told, position, velocity, self._reference = np.split(
+        commands, position, velocity, self._reference = np.split(
             np.asarray(results), RESULTS, axis=1
         )
-        self.next_command = told[self._each]
+        self.next_command = commands[self._each]
         for issued, new in ((self.position, position), (self.velocity, velocity)):
             issued[:, :-1] = issued[:, 1:]
             issued[:, -1] = new[self._each]
@@ -212,15 +212,15 @@ def control_step(
             )
         state, observation = controller.observe(state, command, measured)
         action = policy(observation)
-        # With the reference, though not everybody asks for it: without it XLA rounds
-        # the targets otherwise.
+        # Always with the reference: without this output XLA rounds the targets
+        # differently.
         told = config.control.tell(command, asked)
         return *controller.act(state, command, action), told
 
     return control
 
 
-def _apart(
+def _split_policy(
     policy: ActionFunction,
 ) -> tuple[Callable[..., Array], tuple[object, ...]]:
     """Split a policy into a network function and its weights; a plain function has no

@@ -2,8 +2,8 @@
 side by side.
 
 The default simulator, C MuJoCo, is an independent implementation in float64 with a
-converged solver, so that nothing that a policy has learnt about the approximations of
-its training helps it here.
+converged solver, so that a policy cannot profit from the approximations of its
+training.
 """
 
 import dataclasses
@@ -57,9 +57,11 @@ Watch = Callable[[Simulator, int, Float[np.ndarray, "12"]], bool]
 
 @dataclasses.dataclass(frozen=True)
 class RunRequest(Bounded):
-    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
+    """A run to simulate: it ends with its schedule, at a fall, at the distance
+    `finish`, or when `watch` returns True.
 
-    Commands are those of the schedule: unlike `rollout`, nothing eases a ramp, but for `Ramp.under`.
+    Commands are those of the schedule: unlike in `rollout`, the controller's limits do
+    not slow down a ramp, except by `Ramp.under`.
 
     Examples:
         >>> RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
@@ -73,7 +75,7 @@ class RunRequest(Bounded):
     gyro_bias: float = 0.0
     """rad/s, bias of the gyro from which the operator integrates the heading"""
     noise_seed: int | None = None
-    """seed of the sensor noise, which is as strong as in the policy's training; None:
+    """seed of the sensor noise, whose strength is that of the policy's training; None:
     sensors without noise"""
     finish: Annotated[float, Within(0.0, infinite=True)] = math.inf
     """m, distance ahead at which the run ends"""
@@ -107,9 +109,10 @@ def rollout(
 ) -> Trajectory:
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
-    A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
-    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them; `hardware` may
-    be a robot's name, such as `ideal`, or its file.
+    A ramp rises within the limits of the policy's controller, so that its hold begins
+    at the full speed. `policy`, `config` and `backend` are as `simulate` takes them,
+    the others as `RunRequest` has them; `hardware` may be a robot's name, such as
+    `ideal`, or its file.
 
     Raises:
         UserError: as `simulate` does, for a schedule that does not last, and where there is no such robot.
@@ -142,8 +145,8 @@ def simulate(
     in the order of the requests.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the
-    policy at 200 Hz in float32 on the CPU, as on the robot. Drake is a second opinion
-    on C MuJoCo's dynamics and contact.
+    policy at 200 Hz in float32 on the CPU, as on the robot. Drake's dynamics and
+    contact are available for comparison.
 
     Args:
         policy: a loaded policy, or a function from an observation to an action, for one
@@ -167,10 +170,10 @@ def simulate(
         Sequence,
         "several requests, such as [RunRequest(Ramp(10.0))]",
     )
-    for each in requests:
+    for request in requests:
         require_kind(
             "each request",
-            each,
+            request,
             RunRequest,
             "a RunRequest, such as RunRequest(Ramp(10.0))",
         )
@@ -269,7 +272,9 @@ class _SideBySide:
         self._recording = Recording.empty(
             config.hardware, len(requests), self._longest * conventions.SUBSTEPS
         )
-        self._finish = np.array([min(one.finish, one.world.end) for one in requests])
+        self._finish = np.array(
+            [min(request.finish, request.world.end) for request in requests]
+        )
         self._grounds = {
             i: _data_on_ground(self._simulator.models[i])
             for i, one in enumerate(requests)
@@ -302,10 +307,13 @@ class _SideBySide:
             )
 
     def _control_step(self, tick: int) -> None:
-        """Let the policy set the joints' targets, and simulate until it does again."""
+        """Compute the joints' targets by the policy, and simulate one control step."""
         time = tick * conventions.CONTROL_STEP
         poses = zip(self._requests, self._simulator.qpos, strict=True)
-        sensed = [sensed_pose(x, one.world, one.gyro_bias, time) for one, x in poses]
+        sensed = [
+            sensed_pose(x, request.world, request.gyro_bias, time)
+            for request, x in poses
+        ]
         targets = self._runner.tick(
             np.stack(sensed),
             self._simulator.qvel,
@@ -328,8 +336,8 @@ class _SideBySide:
         position: Float[np.ndarray, "N 12"],
         velocity: Float[np.ndarray, "N 12"],
     ) -> Bool[np.ndarray, " N"]:
-        """Simulate and record a millisecond of the runs that go on; return which have
-        come far enough, or end by their watch."""
+        """Simulate and record a millisecond of the unfinished runs; return which runs
+        have reached their `finish`, or end by their `watch`."""
         simulator, recording = self._simulator, self._recording
         for robot, push in self._pushes.get(step, ()):
             if not self._ended[robot]:

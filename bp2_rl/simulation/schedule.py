@@ -39,8 +39,7 @@ class Ramp(LaunchLaw):
     """A command that rises from rest to `to` (m/s, or forward, left and yaw rate) at
     `acceleration` (m/s2), then stays for `hold` (s).
 
-    Where a controller tells its policy less, by the `LaunchLaw` of its settings, the
-    speed rises by that law.
+    If a controller limits launches by a `LaunchLaw`, the speed rises by that law.
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
@@ -63,8 +62,8 @@ class Ramp(LaunchLaw):
             )
 
     def under(self, control: CommandLaw) -> "Ramp":
-        """Return this ramp with the launch limits of a controller, as its policy is
-        told the ramp."""
+        """Return this ramp with the launch limits of a controller, as the policy
+        observes the ramp."""
         return dataclasses.replace(
             self, launching=control.launching, launching_speed=control.launching_speed
         )
@@ -139,7 +138,7 @@ class Course(Bounded, path="course."):
 
     @property
     def steady_from(self) -> float:
-        """When the last command is reached, s."""
+        """Time at which the last command is reached, s."""
         last = len(self.legs)
         while last > 0 and self._commands[last - 1] == self._commands[-1]:
             last -= 1

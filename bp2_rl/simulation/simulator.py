@@ -46,7 +46,7 @@ class Numerics:
     """The numerical settings of C MuJoCo's physics, by default as in all benchmarks."""
 
     steps: int = 1  # physics steps
-    # torques and their limits are computed anew at each of them, not held between
+    # torques and their limits are recomputed at each of them, not held between
     motors_each_step: bool = False
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most
@@ -84,7 +84,7 @@ class RobotSetup:
     config: EnvConfig
     world: World = LEVEL
     numerics: Numerics = CONVERGED
-    drawn: Draw | None = None  # what chance makes of the hardware
+    drawn: Draw | None = None  # random changes of the hardware
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
@@ -152,7 +152,7 @@ class RobotBatch:
     ):
         self.robots, self.steps = robots, steps
         self.batch = Batch(models[0], len(models), nthread=1, persistent=False)
-        _give(self.batch, models)
+        _set_models(self.batch, models)
         stands = [model.key("stand").id for model in models]
         self.batch.reset(keyframe=stands, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.state = self.batch.state
@@ -292,7 +292,8 @@ class Simulator:
         mujoco.mj_getState(self.models[robot], self.data[robot], row, STATE)
 
     def _row(self, name: str, robot: int) -> Float[np.ndarray, " _"]:
-        """Return a part of a robot's state; a change of it is the robot's."""
+        """Return a view of a part of a robot's state; writing to the view changes the
+        state."""
         return getattr(self._batches[self._kind[robot]], name)[self._place[robot]]
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
@@ -462,11 +463,12 @@ def settled(
     kinds = [
         (
             RobotSetup(
-                one.config, World(dataclasses.replace(one.world.terrain, seed=0))
+                request.config,
+                World(dataclasses.replace(request.world.terrain, seed=0)),
             ),
             SETTLING_TIME,
         )
-        for one in robots
+        for request in robots
     ]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:
@@ -495,7 +497,7 @@ def _layout(model: mujoco.MjModel) -> tuple[int, ...]:
     return tuple(size for size in sizes if isinstance(size, int))
 
 
-def _give(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
+def _set_models(batch: Batch, models: Sequence[mujoco.MjModel]) -> None:
     """Let a batch simulate these models: one model with the values in which they
     differ, where it can be, as whole models crowd each other out of a processor's
     cache."""

@@ -189,22 +189,22 @@ class Trajectory(RunFacts):
         try:
             content = read_bytes(path)
             text = ArraySpec(np.str_, ())
-            told = read_npz(
+            header = read_npz(
                 path,
                 {"format": text, "facts": text},
                 content=content,
                 largest=len(content),
             )
-            if str(told["format"]) != FORMAT:
+            if str(header["format"]) != FORMAT:
                 raise TrajectoryError(
-                    f"{path} is of format {told['format']}, this version reads {FORMAT}"
+                    f"{path} is of format {header['format']}, this version reads {FORMAT}"
                 )
-            facts = from_json(RunFacts, parse_json(str(told["facts"]), "facts"))
-            wanted = {
+            facts = from_json(RunFacts, parse_json(str(header["facts"]), "facts"))
+            specs = {
                 field: ArraySpec(np.floating, ("N", *shape))
                 for field, shape in shapes_of(facts.hardware).items()
             }
-            arrays = read_npz(path, wanted, content=content, largest=len(content))
+            arrays = read_npz(path, specs, content=content, largest=len(content))
             return cls(**arrays, **vars(facts))
         except TrajectoryError:
             raise

@@ -56,9 +56,9 @@ class World(Bounded, path="world."):
     """Ground and pushes of a run; by default a level, even floor without pushes.
 
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and
-    speeds are those over the slope, and sensors are told where the true vertical is.
-    Rough ground and waves are fields of heights, 240 m long and 12 m wide, and stairs
-    are boxes of this width; a run on them ends before the ground does.
+    speeds are relative to the slope, and sensors measure the true vertical. Rough
+    ground and waves are fields of heights, 240 m long and 12 m wide, and stairs are
+    boxes of this width; a run on them ends before the ground does.
     """
 
     terrain: Terrain = Terrain()
@@ -71,7 +71,8 @@ class World(Bounded, path="world."):
 
     @property
     def end(self) -> float:
-        """Distance ahead at which a run ends, m: a metre before the ground does."""
+        """Distance ahead at which a run ends, m: a metre before the end of the
+        ground."""
         return LENGTH - BEHIND - 1.0 if self.terrain.size else math.inf
 
     def lay(self, spec: mujoco.MjSpec) -> None:
@@ -127,12 +128,12 @@ def shove(
 def sensed_pose(
     qpos: Float[np.ndarray, " nq"], world: World, gyro_bias: float, time: float
 ) -> Float[np.ndarray, " nq"]:
-    """Return the robot's positions as its sensors see them: true vertical on a slope,
-    heading with gyro drift.
+    """Return the robot's positions as measured by its sensors: true vertical on a
+    slope, heading with gyro drift.
 
     Args:
         qpos: the true one, in the frame of the ground.
-        world: what it runs on.
+        world: the ground.
         gyro_bias: rad/s, of the gyro that the heading is integrated from, since the
             start.
         time: s, since then.

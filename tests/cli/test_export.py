@@ -207,7 +207,7 @@ def test_a_report_of_another_policy_or_of_none_is_refused(capsys):
     del report["conditions"]["weights_sha256"]
     path.write_text(json.dumps(report))
     message = refused(capsys, command.main, "run", "--to", "kept", "--report", "report")
-    assert "weights unknown" in message
+    assert "weights are unknown" in message
 
 
 def test_a_damaged_policy_is_not_passed_on(capsys):

@@ -49,11 +49,11 @@ def test_mistakes_are_told(
     for words, complaint in (
         (
             ["new", str(model), "--out", str(tmp_path / "there.toml")],
-            "is there already",
+            "exists already",
         ),
         (
             ["new", str(model), "--out", str(tmp_path / "no" / "x.toml")],
-            "in a folder that is there",
+            "in a folder that exists",
         ),
         (["new", str(tmp_path / "gone.xml")], "cannot be read"),
         (["new", str(tmp_path / "fused.xml")], "base is fixed"),

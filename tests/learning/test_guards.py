@@ -380,7 +380,7 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(
     assert "No space left on device" in error
     kept = latest_step(run)
     assert error.endswith(
-        f"; kept step {kept} of {STEPS}, mend that and go on: python train.py --resume {run}\n"
+        f"; kept step {kept} of {STEPS}, fix that and continue: python train.py --resume {run}\n"
     )
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()

@@ -348,13 +348,16 @@ def test_nobody_has_looked_yet():
     wall = Wall(away=(0.0, 9.0))
     pace = wall.pace()
     play_on(wall.tick, wall.watched, wall.show, pace, seconds=1.0)
-    assert (wall.ticks, wall.frames, str(pace)) == (0, [], "nobody looked")
+    assert (wall.ticks, wall.frames, str(pace)) == (0, [], "no browser was open")
 
 
 def test_what_a_page_says_of_a_stand_a_sprint_and_a_fall(session):
     pace = Wall().pace()
     said = readings(session, pace)
-    assert [said[name] for name in ("100 m", "pace")] == ["ready", "nobody looked"]
+    assert [said[name] for name in ("100 m", "pace")] == [
+        "ready",
+        "no browser was open",
+    ]
     assert said["best"] == "none yet; the paper's robot: 12.2 s"
     session.wish = Wish(2.0)
     run(session, 0.5)

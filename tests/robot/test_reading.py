@@ -108,7 +108,7 @@ STRAIGHT_KNEE = -math.acos(((0.82 * 0.44) ** 2 - 0.21**2 - 0.23**2) / (2 * 0.21 
             "-2.6 0",
             ["0 0 0"] * 4,
             STRAIGHT_KNEE,
-            "no keyframe tells how it stands: ASSUMED",
+            "the model has no keyframe of a stand: ASSUMED",
         ),
         (
             "-2.6 -0.3",
@@ -238,10 +238,10 @@ LEFT_OUT = {
         "joints": ["", 'damping="0.3 0.5"', ""]
     },
     # K^2 / R x gear^2
-    "damping by actuators that are told nothing and have no stiffness, 1.62 Nm s/rad at FR_abad": {
+    "damping by actuators without stiffness, 1.62 Nm s/rad at FR_abad": {
         "actuator": '<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9"/>'
     },
-    "damping by actuators that are told how much, 2 Nm s/rad at FR_abad": {
+    "damping in proportion to an actuator's command, 2 Nm s/rad at FR_abad": {
         "actuator": '<damper joint="{joint}" kv="2" ctrlrange="0 1"/>'
     },
     "forces of a fluid or against gravity": {"extra": '<option density="1.2"/>'},

@@ -74,7 +74,7 @@ def test_knees_that_cannot_stretch_for_the_gait_are_refused_by_name(tmp_path):
     file = robot_of(tmp_path, plain(knee_range="-2.6 -2.5"))
     with pytest.raises(
         UserError,
-        match=r"the knees of plain let its legs reach 0.*mend the knees' range",
+        match=r"the knees of plain let its legs reach 0.*correct the knees' range",
     ):
         presets.preset("imitation", "cpu", robot=str(file))
 

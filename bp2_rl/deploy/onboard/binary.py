@@ -1,8 +1,12 @@
 """Write the file from which the controller in C++ reads its texts and numbers.
 
-docs/deploy.md describes the file byte by byte. Its records have the dotted names and the
-values of `deploy.json`, the arrays of `reference.npz` (`arrays.NAME`), and constants of
-the laws (`constants.NAME`), each with the bounds within which the controller takes it.
+The file is little-endian: `BP2C`, version (uint32), bytes of the network's records
+(uint64), the records, the network's first, and the CRC-32 of the preceding bytes
+(uint64). A record has the length of its name and a kind (uint32 each; 0 text, 4
+float32, 8 float64), a count (uint64), the least and greatest number that the controller
+accepts (float64 each), and the name and the content, both padded with zeros to 8 bytes.
+Names are the dotted names of `deploy.json` (`control.stand`), `arrays.NAME` for arrays
+of `reference.npz`, `network.NAME`, and `constants.NAME` for constants of the laws.
 """
 
 import dataclasses
@@ -132,7 +136,7 @@ def _flat(value: object, name: str) -> Iterator[tuple[str, object]]:
     """Yield the dotted names and the values in `value`, where a list of objects counts
     as an object of lists."""
     if isinstance(value, list) and value and isinstance(value[0], Mapping):
-        value = {key: [one[key] for one in value] for key in value[0]}
+        value = {key: [entry[key] for entry in value] for key in value[0]}
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _flat(inner, f"{name}.{key}" if name else key)

@@ -245,14 +245,14 @@ def with_infinity(values: Settings) -> dict[str, float | np.ndarray]:
 
     def number(value: list[float | None] | float | None) -> float | np.ndarray:
         if isinstance(value, list):
-            return np.array([number(one) for one in value])
+            return np.array([number(entry) for entry in value])
         return math.inf if value is None else value
 
     return {name: number(value) for name, value in values.items()}
 
 
 def command_law(settings: Settings) -> CommandLaw:
-    """Return the limits on the forward command that the policy is told, from
+    """Return the limits on the forward command that the policy observes, from
     `deploy.json`."""
     limits = {name: settings["control"][name] for name in COMMAND_LIMITS}
     return CommandLaw(
@@ -265,7 +265,9 @@ def _numbers(settings: Settings, name: str) -> np.ndarray:
     where there is a list of objects."""
     value = settings
     for part in name.split("."):
-        value = [one[part] for one in value] if isinstance(value, list) else value[part]
+        value = (
+            [entry[part] for entry in value] if isinstance(value, list) else value[part]
+        )
     return np.asarray(value)
 
 

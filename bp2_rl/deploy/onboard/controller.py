@@ -67,7 +67,7 @@ class OnboardController:
 
     Args:
         folder: a bundle that `bp2 export --format onnx` wrote.
-        clock: seconds; only asked where `step` is not told the time.
+        clock: seconds; used if `step` gets no time.
         convention: whose signs and zeros the joint angles have that `step` takes and
             returns: the bundle's, or those of the robot's own model, which
             `model_joints` in `deploy.json` has.

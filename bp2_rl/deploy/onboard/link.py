@@ -45,7 +45,7 @@ class Radio:
         its sender alone.
 
         Raises:
-            BlockingIOError: nobody has said anything.
+            BlockingIOError: no datagram has arrived.
         """
         select.select([self._socket], [], [], wait)
         _, sender = self._socket.recvfrom(1, socket.MSG_PEEK)

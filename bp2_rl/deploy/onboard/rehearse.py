@@ -105,9 +105,9 @@ def _computer(
             if line.startswith("error: "):
                 raise UserError(line.removeprefix("error: "))
             if not line.isdecimal():
-                said = f"{line!r} in the place of its port" if heard else "no port"
+                answer = f"{line!r} in the place of its port" if heard else "no port"
                 raise UserError(
-                    f"{program or 'computer'} printed {said} within {PATIENCE:g} s"
+                    f"{program or 'computer'} printed {answer} within {PATIENCE:g} s"
                 )
             yield process, int(line)
         finally:

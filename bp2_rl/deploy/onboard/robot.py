@@ -147,7 +147,7 @@ class RehearsalWorld:
         self.robot, self.plan = SimulatedRobot(folder, robot), plan
         settings = self.robot.settings
         self._operator = HeadingHold(**settings["operator"])
-        self._law, self._told, self._trim = command_law(settings), np.zeros(3), 0.0
+        self._law, self._command, self._trim = command_law(settings), np.zeros(3), 0.0
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(
             plan.loss, 0.0, plan.seed
         )
@@ -215,8 +215,8 @@ class RehearsalWorld:
         _, y, yaw, speed = self.robot.place
         forward = min(self.plan.acceleration * time, self.plan.speed)
         # as the controller takes it
-        self._told = self._law.tell(self._told, np.array([forward, 0.0, 0.0]))
-        if self._told[0] >= self.plan.speed:
+        self._command = self._law.tell(self._command, np.array([forward, 0.0, 0.0]))
+        if self._command[0] >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)
         asked = np.array([max(forward + self._trim, 0.0), 0.0, 0.0])

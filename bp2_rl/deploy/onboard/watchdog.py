@@ -27,7 +27,7 @@ class SensorReading(NamedTuple):
     # (3) the world's vertical in the body frame (x forward, y left, z up)
     up: np.ndarray
     angular_velocity: np.ndarray  # (3) rad/s, body frame
-    time: float  # s, when it arrived, by the clock whose time `step` is told
+    time: float  # s, arrival time, by the clock of `step`
 
 
 class SensorFault(Exception):
@@ -81,7 +81,7 @@ class Watchdog:
         before the first.
 
         Args:
-            given: what the caller has for a measurement; None where there is none.
+            given: the caller's measurement; None if there is none.
             now: s, by the controller's clock.
             target: rad, the joint targets in force.
 

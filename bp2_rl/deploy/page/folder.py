@@ -65,7 +65,7 @@ def write_page(
         directory: the page's folder.
         policy: runs the robot.
         world: its ground.
-        package: the file of MuJoCo's package, where there is no network.
+        package: the file of MuJoCo's package, for machines without a network.
 
     Raises:
         UserError: the controller in C++ cannot run this policy, MuJoCo's package is not
@@ -79,7 +79,7 @@ def write_page(
     )
     script, code = mujoco_files(package)
     settings, arrays = describe_policy(policy, world)
-    env, told = policy.card.env, {}
+    env, robots = policy.card.env, {}
     files = {file.name: file.read_bytes() for file in (*FROM_PLAYER, *OWN)}
     files |= {
         INDEX: (HERE / "page.html").read_bytes().replace(b"VERSION", VERSION.encode()),
@@ -99,7 +99,7 @@ def write_page(
                 hardware, world.lay, weighed=True
             ).encode(),
         }
-        told[name] = _describe(setup, robot)
+        robots[name] = _describe(setup, robot)
     page = {
         "name": env.hardware.anatomy.name,
         "command": settings["command"],
@@ -108,7 +108,7 @@ def write_page(
         "ripple": RIPPLE,
         "track": TRACK,
         "rivals": RIVALS,
-        "robots": told,
+        "robots": robots,
     }
     files[f"{POLICY}/page.json"] = json.dumps(page, allow_nan=False).encode()
     with replaced(directory, "page", INDEX) as fresh:
@@ -146,7 +146,7 @@ def _at_joints(values: Settings) -> dict[str, np.ndarray]:
 
 
 def _describe(setup: RobotSetup, robot: Settings) -> Settings:
-    """Return what a page's JavaScript is told of a robot."""
+    """Return a robot's settings for a page's JavaScript."""
     options, hardware = setup.model().opt, setup.config.hardware
     path = np.array([[0.0, 0.0], [SHOWN, 0.0]])
     scene = describe_robot(hardware, setup.world, path)

@@ -1,5 +1,4 @@
-"""The motors' part of a physics step, which every engine shares: torque and resistance of
-one robot."""
+"""Motor torque and resistance in a physics step, shared by all physics engines."""
 
 from typing import NamedTuple
 
@@ -15,13 +14,13 @@ from bp2_rl.robot.losses import Resistance
 
 
 class Drive(NamedTuple):
-    """A robot's motors, and what resists its motion, if anything does."""
+    """A robot's motors, and the resistance to its motion, if it has any."""
 
     motors: Actuator
     resistance: Resistance | None
 
     def randomized(self, robot: Randomization) -> "Drive":
-        """Return the drive of a robot that differs from the designed one."""
+        """Return the drive of a robot with random parameters."""
         motors = randomization.randomize_actuator(self.motors, robot)
         resistance = self.resistance
         if resistance is not None:
@@ -37,8 +36,9 @@ class Drive(NamedTuple):
     ) -> tuple[
         Float[Array, "... 12"], Float[Array, "... 12"], Float[Array, "... nv"] | None
     ]:
-        """Return the motors' torque (Nm) and power (W) in a physics step that follows the
-        targets `issued`, and the generalized forces that resist motion, if anything does.
+        """Return the motors' torque (Nm) and power (W) in a physics step that follows
+        the targets `issued`, and the generalized forces of resistance, if the robot has
+        any.
 
         `last` is the torque (Nm) of the physics step before.
         """

@@ -33,12 +33,11 @@ def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
 
 TARGET_AGES = target_ages(3)
 """Ages, s, of the targets in `target_history`, at every physics step."""
-LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remembered
+LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, the longest age of a remembered target
 
 
 class Physics(struct.PyTreeNode):
-    """The simulated robot between two control steps: all that the simulator has to
-    remember, and the motors."""
+    """The state of a simulated robot between two control steps, its motors included."""
 
     qpos: Float[Array, "... nq"]
     qvel: Float[Array, "... nv"]

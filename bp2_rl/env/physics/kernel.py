@@ -33,10 +33,10 @@ class KernelPhysics:
     Args:
         model: the robot on flat ground, with feet as its only contacts.
         motors: its motors at full strength.
-        resistance: of the robot as designed, if anything resists.
+        resistance: of the robot as designed, if it has any.
 
     Raises:
-        UserError: the kernel does not know this robot.
+        UserError: the kernel cannot simulate this robot.
     """
 
     def __init__(
@@ -126,8 +126,8 @@ class KernelPhysics:
 
 
 def randomize_design(design: Design, robot: Randomization) -> Design:
-    """Return the design with springs, rotors and slopes that differ from robot to robot,
-    where they were drawn."""
+    """Return the design with each robot's random springs, rotors and slopes, if they
+    are randomised."""
     if robot.gravity is not None:
         x, y, z = robot.gravity.T
         design = dataclasses.replace(design, gravity=(x, y, z))
@@ -140,8 +140,8 @@ def randomize_design(design: Design, robot: Randomization) -> Design:
 
 
 def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:
-    """Return for each robot the target that `which` says, by selections: a gather would
-    go through them one by one."""
+    """Return each robot's target number `which`, by selections; a gather would be
+    sequential."""
     chosen = among[:, -1]
     for i in reversed(range(among.shape[1] - 1)):
         chosen = jnp.where((which == i)[:, None], among[:, i], chosen)

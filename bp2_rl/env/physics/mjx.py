@@ -42,7 +42,7 @@ class MjxPhysics:
     treats it as `start`, in every engine.
 
     Args:
-        model: the robot on flat ground, without what is only seen.
+        model: the robot on flat ground, without visual geoms.
         motors: its motors at full strength.
         resistance: of the robot as designed, if anything resists.
         impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and
@@ -91,7 +91,7 @@ class MjxPhysics:
             after = data.qpos, data.qvel, data.qacc_warmstart, torque
             return after, (torque, power, data.geom_xpos[self._feet, 2])
 
-        # All else in `mjx.Data` is computed anew at each step, to save memory.
+        # All else in `mjx.Data` is recomputed at each step, to save memory.
         before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
         after, (torques, powers, heights) = jax.lax.scan(
             physics_step, before, jnp.asarray(TARGET_AGES)
@@ -143,8 +143,8 @@ def _put_on_device(
         model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows
     )
     device_model: Any = mjx.put_model(model, impl="warp", device=device)
-    # Training takes a few iterations of the solver, converged or not; Warp would say so
-    # on the console at each step.
+    # Training uses a few solver iterations without convergence; Warp would print a
+    # warning at each step.
     warnings = {
         "opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS
     }

@@ -1,5 +1,5 @@
-"""The conditions of a benchmark: which speed is commanded, which robot runs, and both
-in words for reports."""
+"""The conditions of a benchmark: the commanded speed, the robot, and their description
+for reports."""
 
 import importlib.metadata
 import math
@@ -19,8 +19,8 @@ from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.schedule import Ramp
 
 BEYOND = 0.25, 0.7
-"""Bounds on top speed over the fastest trained command: between them a policy is told
-its own top speed, else the fastest command."""
+"""Bounds on top speed over the fastest trained command; between them the command is the
+policy's own top speed, else the fastest command."""
 LARGEST_RESULT = 1000.0
 """Largest number that a result on a policy's card may have, SI units."""
 CRUISE = 0.6
@@ -28,20 +28,20 @@ CRUISE = 0.6
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
-    """Return the command for a benchmark, m/s: the one under which the result on the
-    policy's card was measured.
+    """Return the command for a benchmark, m/s: the command of the result on the
+    policy's card.
 
-    A robot may run slower than it is told.
+    A robot may run slower than its command.
 
-    A card without a result of this benchmark gives the one of its top speed. One
-    without either gives the judge's fastest command, or, where that fells the robot or
-    is far beyond it, the speed that the judge of the training measured.
+    A card without a result of this benchmark gives the command of its `topspeed`
+    result. A card without both gives the judge's fastest command, or the speed that the
+    judge measured if the robot fell under that command or ran far slower.
     """
     for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
-    fastest = _fastest(policy)
+    fastest = _fastest_command(policy)
     own = top_speed(policy)
     fell = own < fastest and on_card(policy, "judged", "speed") is None
     return round(own, 2) if fell or BEYOND[0] <= own / fastest < BEYOND[1] else fastest
@@ -51,20 +51,20 @@ def top_speed(policy: Policy) -> float:
     """Return a policy's own top speed, m/s: the `topspeed` result on its card, else the
     judge's measurement.
 
-    Of a policy that fell under the fastest command it is the speed held under a slower
-    one. A policy that nobody measured, or that always fell, gives the fastest command
-    of the judge or of its training.
+    If the policy fell under the judge's fastest command, its top speed is the speed
+    held under a slower command. A policy without measurements, or one that always fell,
+    gives the fastest command of the judge or of its training.
     """
-    found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "held"))
-    measured = (on_card(policy, *each) for each in found)
-    return next(filter(None, measured), None) or _fastest(policy)
+    results = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "held"))
+    speeds = (on_card(policy, *result) for result in results)
+    return next(filter(None, speeds), None) or _fastest_command(policy)
 
 
-def _fastest(policy: Policy) -> float:
+def _fastest_command(policy: Policy) -> float:
     """Return the fastest command that the judge gave a policy, m/s, else the fastest of
     its training."""
-    told = on_card(policy, "judged", "told")
-    return round(told, 2) if told else policy.card.env.commands.max_forward
+    judged = on_card(policy, "judged", "told")
+    return round(judged, 2) if judged else policy.card.env.commands.max_forward
 
 
 def cruising_speed(policy: Policy) -> float:
@@ -84,10 +84,11 @@ def cruising_speed(policy: Policy) -> float:
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     """Return a benchmark's positive result from the policy's card; None without one.
 
-    Results stand under their benchmark's name; what another does not say is topspeed's.
+    Results are stored by the benchmark's name. A result that the card lacks for this
+    benchmark is taken from `topspeed`.
 
     Raises:
-        UserError: the card holds something else there.
+        UserError: the value on the card is not a number in the allowed range.
     """
     for name in (benchmark, "topspeed"):
         group = policy.card.results.get(name, {})
@@ -182,10 +183,10 @@ def describe_robot(hardware: HardwareSpec) -> str:
         "solid legs": hardware.solid_legs,
         "legs that pass through each other": not hardware.solid_legs,
     }
-    said = ", ".join(part for part, holds in parts.items() if holds)
+    properties = ", ".join(part for part, holds in parts.items() if holds)
     if name is not None:
-        return f"{name}: {said}"
-    return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {said}; config {config_hash(hardware)}"
+        return f"{name}: {properties}"
+    return f"{title_of(hardware)}, {hardware.mass:.3g} kg: {properties}; config {config_hash(hardware)}"
 
 
 def _by_joint(value: ByJoint) -> str:
@@ -201,7 +202,7 @@ def title_of(hardware: HardwareSpec) -> str:
     if not hardware.is_bp2:
         return hardware.anatomy.name
     name = robot_name(hardware) or "unnamed"
-    return "one of many robots that BP2 may be" if name == "real" else f"{name} robot"
+    return "plausible robot real" if name == "real" else f"{name} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:
@@ -259,17 +260,17 @@ def describe_easing(control: ControlConfig) -> str:
             control.stopping_time
         ),
     }
-    said = ", and ".join(limit for limit, holds in limits.items() if holds)
-    if not said:
-        return "the policy is told the command as it is"
-    return f"the forward command v that the policy is told {said}"
+    limits_in_force = ", and ".join(limit for limit, holds in limits.items() if holds)
+    if not limits_in_force:
+        return "the policy observes the command without limits on its rise and fall"
+    return f"the forward command v that the policy observes {limits_in_force}"
 
 
-def _launching(of: ControlConfig | Ramp) -> str:
+def _launching(law: ControlConfig | Ramp) -> str:
     """Describe the fastest rise of a command v, as a formula."""
-    rate = f"{of.launching:g} m/s²"
-    if math.isfinite(of.launching_speed):
-        return f"{rate} x (1 - v / {of.launching_speed:g} m/s)"
+    rate = f"{law.launching:g} m/s²"
+    if math.isfinite(law.launching_speed):
+        return f"{rate} x (1 - v / {law.launching_speed:g} m/s)"
     return rate
 
 

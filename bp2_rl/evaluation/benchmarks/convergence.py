@@ -94,9 +94,11 @@ def convergence(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
         for name, (how, _) in NUMERICS.items()
     ]
     ran = simulate_all(measure_variant, policy, requests)
-    metrics = compare_numerics([one.metrics for one in ran])
+    metrics = compare_numerics([run.metrics for run in ran])
     first, *finer = metrics.variants
-    fallen = [one.name for one in metrics.variants if one.fell_at is not None]
+    fallen = [
+        variant.name for variant in metrics.variants if variant.fell_at is not None
+    ]
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
         "200 Hz, full strength"
@@ -163,8 +165,8 @@ def convergence_picture(finer: Sequence[NumericsVariant]) -> Picture:
     mean, best = (
         [None if change is None else 100.0 * change for change in changes]
         for changes in (
-            [one.mean_speed_change for one in finer],
-            [one.best_speed_change for one in finer],
+            [variant.mean_speed_change for variant in finer],
+            [variant.best_speed_change for variant in finer],
         )
     )
     panel = Panel(
@@ -179,5 +181,5 @@ def convergence_picture(finer: Sequence[NumericsVariant]) -> Picture:
         "of each millisecond, and is held for the rest of it; in '0.25 ms, motors too' it is computed, and limited, "
         "at every physics step."
     )
-    figure = variants_figure([one.name for one in finer], [panel])
+    figure = variants_figure([variant.name for variant in finer], [panel])
     return Picture("convergence", caption, figure)

@@ -160,7 +160,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
     offset = metrics.offset
     return Evaluation(
         benchmark="robustness",
-        subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
+        subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, at a command of {ramp.target[0]:g} m/s",
         backend=TITLES[setup.backend],
         conditions=conditions(policy, setup, describe_ramp(ramp))
         | {
@@ -227,7 +227,7 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
         f"±{1e3 * drawn.com_offset:.3g} mm, each motor's strength x {strength} and gains x "
         f"{gains}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
         f"x {losses}{design}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
-        f"axis, every {drawn.push_interval:g} s in the mean"
+        f"axis, every {drawn.push_interval:g} s on average"
     )
 
 

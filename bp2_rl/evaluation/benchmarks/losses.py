@@ -1,7 +1,7 @@
 """The losses benchmark: the speed that each loss between the ideal and the built robot
 costs.
 
-A robot of a file is the built one; the ideal one is that robot without its losses.
+For a robot from a file, the built robot has the file's losses and the ideal robot none.
 """
 
 import dataclasses
@@ -149,34 +149,38 @@ def losses(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
     }
     robots = dict.fromkeys([ideal, built, *(x for way in ways.values() for x in way)])
     requests = [RunRequest(ramp, robot, setup.operator) for robot in robots]
-    ran = simulate_all(measure_variant, policy, requests)
-    tried = {
+    runs = simulate_all(measure_variant, policy, requests)
+    results = {
         robot: Tried(one.metrics.mean_speed, one.metrics.fell_at)
-        for robot, one in zip(robots, ran, strict=True)
+        for robot, one in zip(robots, runs, strict=True)
     }
-    found = greatest_speeds() if robot_name(built) else {}
+    optimiser_speeds = greatest_speeds() if robot_name(built) else {}
     priced = [
         PricedLoss(
             part if built.is_bp2 else part.removesuffix(", tracks"),
-            tried[alone],
-            price(tried[ideal], tried[alone]),
-            tried[without],
-            -price(tried[built], tried[without]),
-            tried[added],
-            found.get(f"ideal + {part}"),
+            results[alone],
+            price(results[ideal], results[alone]),
+            results[without],
+            -price(results[built], results[without]),
+            results[added],
+            optimiser_speeds.get(f"ideal + {part}"),
         )
         for part, (alone, without, added) in ways.items()
     ]
-    pair = (found["ideal"], found["built"]) if "built" in found else None
-    still = tried[ways["air"][1] if "air" in ways else built].speed
+    pair = (
+        (optimiser_speeds["ideal"], optimiser_speeds["built"])
+        if "built" in optimiser_speeds
+        else None
+    )
+    still = results[ways["air"][1] if "air" in ways else built].speed
     metrics = LossesMetrics(
         commanded_speed=ramp.target[0],
-        ideal=tried[ideal],
-        built=tried[built],
+        ideal=results[ideal],
+        built=results[built],
         losses=tuple(priced),
         optimiser=pair,
         over_treadmill=still - bp2.TREADMILL_TOP_SPEED if built.is_bp2 else None,
-        over_outdoors=tried[built].speed - bp2.OUTDOOR_TOP_SPEED
+        over_outdoors=results[built].speed - bp2.OUTDOOR_TOP_SPEED
         if built.is_bp2
         else None,
     )

@@ -23,42 +23,43 @@ class BenchmarkOptions(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     robot: RobotFlag = None
-    """built: BP2 with losses and solid legs; ideal: without; real: one that BP2 may be; by
-    default the policy's own robot, and built in place of ideal"""
+    """built: BP2 with losses and solid legs; ideal: without both; real: the most
+    plausible BP2; by default the policy's own robot, but built for the policy ideal"""
     backend: Backend = "mujoco"
-    """mujoco: C MuJoCo. drake: Drake's dynamics and contact, a second opinion."""
+    """mujoco: C MuJoCo. drake: Drake's dynamics and contact, for comparison."""
     speed: Annotated[
         Annotated[float, Within(0.01, 100.0)] | None, tyro.conf.arg(metavar="M/S")
     ] = None
-    """Speed to command; by default the one at which the card's result was measured
-    (robustness: 10.74)."""
+    """Commanded speed; by default as in the result on the policy's card (robustness:
+    10.74)."""
     acceleration: Annotated[
         Annotated[float, Within(0.05, 1000.0)] | None, tyro.conf.arg(metavar="M/S2")
     ] = None
-    """How fast the command rises; by default 2.4, in a sprint what the card says, else
-    3."""
+    """Rate at which the commanded speed rises; by default 2.4, in a sprint the value on
+    the card, else 3."""
     hold: Annotated[
         Annotated[float, Within(LEAST_HOLD, 600.0)] | None, tyro.conf.arg(metavar="S")
     ] = None
-    """How long to hold the speed; by default 20 (robustness: 15, losses: 6,
-    sensitivity: 5). Not of sprint."""
+    """Time at the commanded speed; by default 20 (robustness: 15, losses: 6,
+    sensitivity: 5). Not for sprint."""
     robots: Annotated[
         Annotated[int, Within(1, 2**20)] | None, tyro.conf.arg(metavar="N")
     ] = None
-    """How many robots the benchmarks robustness and posterior draw; by default 200 and
-    32."""
+    """Number of random robots of the benchmarks robustness and posterior; by default
+    200 and 32."""
     seed: Annotated[
         Annotated[int, Within(0, LARGEST_SEED)] | None, tyro.conf.arg(metavar="N")
     ] = None
-    """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn
-    from; by default 0."""
+    """Random seed of the robots, the rough ground of manoeuvres and the sensor noise;
+    by default 0."""
     terrain: TerrainFlag = "flat"
     sensor_noise: bool = False
-    """Let the sensors be as noisy as in training. Of topspeed and sprint."""
+    """Add the sensor noise of training. For topspeed and sprint."""
     operator: HeadingHold = HEADING_HOLD
 
     def __post_init__(self) -> None:
-        """Raise UserError for values out of bounds, and for ground that there is not."""
+        """Raise UserError for values out of bounds, and for an unknown kind of
+        ground."""
         super().__post_init__()
         Terrain.of(self.terrain)
 

@@ -27,14 +27,14 @@ class Evaluation:
 
     benchmark: str
     subject: str  # who ran, for titles
-    conditions: dict[str, str]  # what a reader must know to do it again
+    conditions: dict[str, str]  # the conditions under which it can be repeated
     verdict: str  # in one sentence ...
     good: bool  # ... and whether it is a good one
     rows: tuple[Row, ...]  # the figures of merit, each with what it means
     tiles: tuple[str, ...]  # labels of the rows that are shown large
     pictures: tuple[Picture, ...]
-    metrics: Any  # a dataclass: everything that was measured
-    # what a policy's card says: SI units, shares of 1, None where it was not measured
+    metrics: Any  # a dataclass: all measurements
+    # results for the policy's card: SI units, shares of 1, None if not measured
     results: dict[str, Any]
     tables: tuple[Table, ...] = ()
     backend: str = TITLES["mujoco"]  # the simulator, for titles

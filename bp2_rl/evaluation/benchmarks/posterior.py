@@ -1,5 +1,4 @@
-"""The posterior benchmark: one policy on robots that explain the paper's numbers, on
-treadmill and road."""
+"""The posterior benchmark: one policy on plausible robots, on treadmill and road."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ NUM_ROBOTS = 32
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosteriorMetrics:
-    """Speeds and times of all robots: the median, and between what nine tenths lie."""
+    """Speeds and times of all robots: the median and the 90 % interval."""
 
     belt: Quantiles | None = metric(
         "Treadmill",
@@ -56,7 +55,7 @@ class PosteriorMetrics:
     falls: int = metric(
         "Falls",
         form="d",
-        meaning="robots that fell while the command rose beyond what they can",
+        meaning="robots that fell while the command rose beyond their top speed",
         card=True,
     )
     robots: tuple[PlausibleRun, ...]
@@ -68,17 +67,17 @@ def posterior(policy: Policy, race: Ramp, setup: BenchmarkOptions) -> Evaluation
     count = setup.robots or NUM_ROBOTS
     with keep_workers():  # for belt and road, and for the race after them
         robots = run_plausible(policy, read_posterior(count), race.acceleration)
-    times = [one.time_100m for one in robots if one.time_100m is not None]
+    times = [robot.time_100m for robot in robots if robot.time_100m is not None]
     metrics = PosteriorMetrics(
-        belt=quantiles(np.array([one.belt.speed for one in robots])),
-        road=quantiles(np.array([one.road.speed for one in robots])),
+        belt=quantiles(np.array([robot.belt.speed for robot in robots])),
+        road=quantiles(np.array([robot.road.speed for robot in robots])),
         time_100m=quantiles(np.array(times)),
         arrived=len(times),
-        falls=sum(one.fell for one in robots),
+        falls=sum(robot.fell for robot in robots),
         robots=tuple(robots),
     )
     rows = rows_of(metrics)
-    said = conditions(
+    run_conditions = conditions(
         policy,
         setup,
         f"from a stand to {policy.card.env.commands.max_forward:g} m/s at {RISE:g} m/s², then hold for {HOLD:g} s; "
@@ -86,8 +85,8 @@ def posterior(policy: Policy, race: Ramp, setup: BenchmarkOptions) -> Evaluation
     )
     return Evaluation(
         benchmark=POSTERIOR,
-        subject=f"{policy.card.stage} policy, {count} robots that BP2 may be",
-        conditions=said
+        subject=f"{policy.card.stage} policy, {count} plausible robots",
+        conditions=run_conditions
         | {
             "robot": f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
         },

@@ -75,19 +75,19 @@ def choose(
     """
     if name == ALL:
         return {
-            each: setup.only(benchmark.flags)
-            for each, benchmark in benchmarks.items()
-            if each != POSTERIOR  # of BP2 alone
+            known: setup.only(benchmark.flags)
+            for known, benchmark in benchmarks.items()
+            if known != POSTERIOR  # of BP2 alone
         }
     if name not in benchmarks:
         raise UserError(
             f"--benchmark {name}: there are {', '.join(benchmarks)}, and {ALL}"
         )
-    known = benchmarks[name].flags
+    flags = benchmarks[name].flags
     for flag in setup.chosen:
-        if flag not in known:
-            wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *known))
+        if flag not in flags:
+            wrong, *others = (f"--{each.replace('_', '-')}" for each in (flag, *flags))
             raise UserError(
-                f"{wrong} is not of --benchmark {name}, which takes {', '.join(others)}"
+                f"{wrong} does not apply to --benchmark {name}, which takes {', '.join(others)}"
             )
     return {name: setup}

@@ -66,17 +66,17 @@ def run_once(
 def plausible_rows(
     policy: Policy, setup: BenchmarkOptions, name: str, unit: str
 ) -> tuple[Row, ...]:
-    """Return a report's row with the results of robots that BP2 may be, as they are on
-    the policy's card; none for another robot than the built one, or other ground."""
+    """Return a report's row with the results of plausible robots on the policy's card;
+    none for another robot than the built one, or other ground."""
     results = policy.card.results.get(POSTERIOR)
-    found = isinstance(results, dict) and results.get(name)
-    if not found or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
+    interval = isinstance(results, dict) and results.get(name)
+    if not interval or robot_of(policy, setup) != BUILT or setup.terrain != "flat":
         return ()
     return (
         Row(
             "Plausible robots",
-            "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*found, unit),
-            "median (90 %) of robots that BP2 may be, by --benchmark posterior",
+            "{1:.2f} ({0:.2f} to {2:.2f}) {3}".format(*interval, unit),
+            "median (90 %) of plausible robots, by --benchmark posterior",
         ),
     )
 
@@ -84,7 +84,7 @@ def plausible_rows(
 # --- Top speed ------------------------------------------------------------------------
 
 TOPSPEED_HOLD = 20.0  # s
-# of the commanded speed: a robot that is slower does not run at all as it is told
+# of the commanded speed: a slower robot does not follow its command
 FOLLOWS = 0.5
 
 
@@ -103,9 +103,9 @@ def topspeed(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluation:
         | {
             "good": f"no fall, and a mean speed of {FOLLOWS:.0%} of the commanded one or more"
         },
-        verdict=f"Ran {metrics.mean_speed:.2f} m/s in the mean of {metrics.steady_to - metrics.steady_from:.1f} s, "
+        verdict=f"Ran {metrics.mean_speed:.2f} m/s in the mean over {metrics.steady_to - metrics.steady_from:.1f} s, "
         f"{show(metrics.best_speed, '.2f', 'm/s')} in the best second; "
-        f"told {metrics.commanded_speed:g} m/s; fall: {show_fall(metrics.fell_at)}.",
+        f"command {metrics.commanded_speed:g} m/s; fall: {show_fall(metrics.fell_at)}.",
         good=metrics.fell_at is None
         and metrics.mean_speed >= FOLLOWS * metrics.commanded_speed,
         rows=(*rows_of(metrics), *plausible_rows(policy, setup, "road", "m/s")),
@@ -141,7 +141,7 @@ def ramp_to_topspeed(
 
 # --- Sprint ---------------------------------------------------------------------------
 
-# s; more for another robot than BP2 that is told a speed at which that is short
+# s; longer for robots other than BP2 at slow commands
 TIME_LIMIT = 30.0
 SLOWNESS = 1.5  # times the time that the track takes at the speed commanded
 SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5
@@ -375,14 +375,14 @@ def split_tables(metrics: SprintMetrics) -> tuple[Table, ...]:
     finished split."""
     if not metrics.splits:
         return ()
-    ours = table_of("Splits", metrics.splits)
+    table = table_of("Splits", metrics.splits)
     record = zip(BOLT_SPLITS, np.diff((0.0, *BOLT_SPLITS)), strict=True)
     lines = [
         (*line, f"{bolt:.2f}", f"{10.0 / split:.2f}")
-        for line, (bolt, split) in zip(ours.lines, record, strict=False)
+        for line, (bolt, split) in zip(table.lines, record, strict=False)
     ]
-    head = *ours.head, "Bolt 2009 [s]", "Bolt's mean speed [m/s]"
-    return (Table(ours.title, head, lines),)
+    head = *table.head, "Bolt 2009 [s]", "Bolt's mean speed [m/s]"
+    return (Table(table.title, head, lines),)
 
 
 def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:

@@ -50,14 +50,14 @@ from bp2_rl.simulation.schedule import Ramp
 SENSITIVITY_HOLD = 5.0  # s
 COMMANDS = 1.0, 0.9, 0.8
 """Commands given to each robot, as shares of the commanded speed: a weak robot may run
-faster when told less."""
+faster under a slower command."""
 AS_ASSUMED = "as assumed"
 # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 SLOW = 1.2
 ROBOTS_IN_WORDS = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
-    "the motors' corner and no-load speeds stay where nothing else is said, so that less torque is less power, too; "
-    f"each is told {', '.join(f'{share:.0%}' for share in COMMANDS)} of the speed, and shown at its best; "
+    "the motors' corner and no-load speeds stay unless named, so that less torque is less power, too; "
+    f"each runs at {', '.join(f'{share:.0%}' for share in COMMANDS)} of the commanded speed, and is shown at its best; "
     "one run each: an unlucky landing can cost a stride or not, by chance"
 )
 
@@ -133,7 +133,7 @@ class RobotMetrics:
     m."""
 
     name: str = metric("Robot", form="s")
-    told: float = metric("Told", "m/s")
+    told: float = metric("Command", "m/s")
     # best 1-s mean; None for a run shorter than 1 s
     best_speed: float | None = metric("Best speed", "m/s")
     # while held; None if it fell
@@ -220,7 +220,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
         ],
         ramp.target[0],
     )
-    said = conditions(policy, setup, describe_ramp(ramp))
+    run_conditions = conditions(policy, setup, describe_ramp(ramp))
     best_speeds = {
         r.name: None if r.fell_at is not None else r.best_speed for r in metrics.robots
     }
@@ -228,7 +228,8 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
     return Evaluation(
         benchmark="sensitivity",
         subject=describe_subject(policy, setup),
-        conditions=said | {"sprint": describe_race(race), "robots": ROBOTS_IN_WORDS},
+        conditions=run_conditions
+        | {"sprint": describe_race(race), "robots": ROBOTS_IN_WORDS},
         verdict=f"{metrics.upright} of {len(robots)} robots did not fall: "
         f"{_show_range(metrics.best_speeds, 'm/s')}, {TRACK:g} m in {_show_range(metrics.times_100m, 's')}.",
         good=metrics.upright == len(robots),
@@ -236,12 +237,12 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluati
             *rows_of(metrics),
             *(
                 Row(
-                    one.name,
-                    show(one.best_speed, ".2f", "m/s"),
-                    f"told {one.told:.1f}{', fell' if one.fell_at else ''}; "
-                    f"{TRACK:g} m: {show(one.time_100m, '.2f', 's')}",
+                    robot.name,
+                    show(robot.best_speed, ".2f", "m/s"),
+                    f"at {robot.told:.1f} m/s{', fell' if robot.fell_at else ''}; "
+                    f"{TRACK:g} m: {show(robot.time_100m, '.2f', 's')}",
                 )
-                for one in metrics.robots
+                for robot in metrics.robots
             ),
         ),
         tiles=("Without a fall", "Best speeds", f"{TRACK:g} m"),
@@ -272,20 +273,20 @@ def robot_metrics(
     """Return the measurements of a robot's fastest run without a fall, and of its
     sprint.
 
-    A robot that fell at every command is told of by its run at the first.
+    For a robot that fell at every command, the run at the first command is returned.
 
     Args:
         name: of the robot.
-        commands: m/s, that it was told.
+        commands: the robot's commands, m/s.
         held: its run at each command.
         raced: its run over 100 m.
     """
-    ran = list(zip(commands, (one.metrics for one in held), strict=True))
-    upright = [run for run in ran if run[1].fell_at is None] or ran[:1]
-    told, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
+    runs = list(zip(commands, (run.metrics for run in held), strict=True))
+    upright = [run for run in runs if run[1].fell_at is None] or runs[:1]
+    command, best = max(upright, key=lambda run: run[1].best_speed or 0.0)
     return RobotMetrics(
         name=name,
-        told=told,
+        told=command,
         best_speed=best.best_speed,
         mean_speed=best.mean_speed if best.fell_at is None else None,
         fell_at=best.fell_at,

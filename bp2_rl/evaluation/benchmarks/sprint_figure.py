@@ -40,8 +40,10 @@ def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
         "Bolt's 10-m splits of 2009, his reaction time of 0.146 s included; and the lane seen from above."
     )
     is_bp2 = run.hardware.is_bp2
-    others = "those whom the paper names" if is_bp2 else "people"
-    times = {who: one for who, one in TIMES.items() if is_bp2 or who != PAPER_BP2}
+    athletes = "those whom the paper names" if is_bp2 else "people"
+    times = {
+        who: seconds for who, seconds in TIMES.items() if is_bp2 or who != PAPER_BP2
+    }
     if time is not None:
         times[POLICY] = round(time, 2)
     ranked = sorted(times, key=lambda who: times[who])
@@ -51,7 +53,7 @@ def sprint_pictures(run: Trajectory, time: float | None) -> tuple[Picture, ...]:
         Picture("sprint", race, sprint_figure(run)),
         Picture(
             "times",
-            f"The time over {TRACK:g} m beside those of {others}.",
+            f"The time over {TRACK:g} m beside those of {athletes}.",
             variants_figure([f"{who}, {times[who]:g} s" for who in ranked], [panel]),
         ),
     )

@@ -117,9 +117,9 @@ def read_report(folder: Path) -> Report:
 
 def card_results(evaluation: Evaluation) -> dict[str, Any]:
     """Return the results of a benchmark for a policy's card, with their conditions."""
-    said = evaluation.conditions
+    conditions = evaluation.conditions
     return {
-        name: said[name] for name in _CARD_CONDITIONS if name in said
+        name: conditions[name] for name in _CARD_CONDITIONS if name in conditions
     } | evaluation.results
 
 

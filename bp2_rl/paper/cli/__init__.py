@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from bp2_rl.cli.app import choose, modules
 
 COMMANDS = {
-    "figures": "draw the paper's figures of robots, athletes and pendulums, and the index of all its items",
-    "scaling": "the speeds of many robots beside what their legs and motors allow",
-    "trajectories": "study optimal trajectories: limits, gaits, limbs, schemes, co-design, where torques come from",
-    "posterior": "simulate robots that BP2 may be, and weigh them by the paper's numbers",
-    "eval": "put a policy to the deep benchmarks: endurance, mechanism, efficiency, stability",
+    "figures": "draw the paper's figures, and an index of all its items",
+    "scaling": "compare speeds of many robots with the limits of their legs and motors",
+    "trajectories": "study optimal trajectories: limits, schemes, objective, co-design, figures",
+    "posterior": "infer the unknown parameters of BP2 from the paper's numbers",
+    "eval": "run four more benchmarks: endurance, mechanism, efficiency, stability",
 }
 
 

@@ -1,5 +1,5 @@
-"""`bp2 paper eval`: put a policy to the deep benchmarks, with a table and a report as
-`python eval.py` leaves them."""
+"""`bp2 paper eval`: run a policy on the paper's benchmarks, with a table and a report
+like those of `python eval.py`."""
 
 import dataclasses
 import shlex
@@ -17,66 +17,63 @@ from bp2_rl.simulation.backend import Backend
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
 
-Measure what the paper says of a gait on a policy, and leave a report with table, plots
-and film. Without a policy: the one that ships with bp2_rl.
+Test the paper's claims about a gait on a policy, and write a report with a
+table, plots and a film.
 
-what is run:
-  POLICY_OR_RUN         a policy that ships, by its name, or the folder of a policy
-                        or of a run
-  --benchmark NAME      stability: whether the gait repeats itself under noise, and how
-                        hard it may be pushed [stability]
-                        endurance: how long the motors last
-                        mechanism: whose inertia balances whose, at five speeds
-                        efficiency: what running costs, at eight speeds
-                        all: one after the other
-  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without; real:
-                        one that BP2 may be
-  --quick               the short version, in half a minute
+policy and benchmark:
+  POLICY_OR_RUN         name of a shipped policy (built, gentle, fastest, ideal,
+                        rough), or folder of a policy or a training run [built]
+  --benchmark NAME      stability: return map of the gait under noise, and the
+                        largest push that the robot survives [stability]
+                        endurance: time until a motor is too hot
+                        mechanism: inertial coupling of the limbs, at five speeds
+                        efficiency: cost of transport, at eight speeds
+                        all: all of them
+  --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
+                        both; real: the most plausible BP2
+  --quick               a short version, in half a minute
 
-how:
-  --speed M/S           speed to command [as the card's result was measured]
-  --acceleration M/S2   how fast the command rises
-  --hold S              how long to hold a speed; not of stability
-  --robots N            how many are drawn; of endurance and stability
-  --seed N              what robots and noise are drawn from [0]
+conditions:
+  --speed M/S           commanded speed [as in the result on the policy's card]
+  --acceleration M/S2   rate at which the commanded speed rises
+  --hold S              time at the commanded speed; not for stability
+  --robots N            number of robots with noise; for stability [6]
+  --seed N              random seed of the noise; for stability [0]
 
-what is left:
+output:
   --out DIR             the report's folder [reports/BENCHMARK-DATE-TIME]
-  --no-video            do not film the best seconds
+  --no-video            no film of the best seconds
 
-all flags, with the operator's and the motors' heat: {prog} --help-all"""
+all flags, with --operator.* (steering) and --heat.*: {prog} --help-all"""
 """What `--help` prints."""
 DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
 class DeepEvalConfig(EvalConfig):
-    """Measure what the paper says of a gait on a policy, and leave a report with table,
-    plots and film.
-
-    Without a policy: the one that ships with bp2_rl.
-    """
+    """Test the paper's claims about a gait on a policy, and write a report with a
+    table, plots and a film."""
 
     benchmark: DeepBenchmarkName = "stability"  # pyright: ignore[reportIncompatibleVariableOverride]
-    """endurance: how long the motors last at 10.74 m/s and at the top speed. mechanism:
-    whose inertia balances whose, at five speeds. efficiency: what running costs, at
-    eight speeds, and where the energy goes. stability: whether the gait repeats itself
-    under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all:
-    one after the other."""
+    """endurance: time until a motor is too hot, at 10.74 m/s and at the top speed.
+    mechanism: inertial coupling of the limbs, at five speeds. efficiency: cost of
+    transport and losses, at eight speeds. stability: return map of the gait under noise,
+    and the largest push that the robot survives, at 10.74 m/s and at the top speed.
+    all: all of them."""
     backend: Annotated[Backend, tyro.conf.Suppress] = "mujoco"
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in
-    endurance 180 at most. Not of stability."""
+    """Time at the commanded speed; by default 10 in efficiency and 5 in mechanism, in
+    endurance at most 180. Not for stability."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots run with noise; by default 6. Of stability alone."""
+    """Number of robots with noise; by default 6. For stability."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the sensors' noise is drawn from; by default 0. Of stability alone."""
+    """Random seed of the sensor noise; by default 0. For stability."""
     sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
     heat: MotorHeat = MotorHeat()
     quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs four times as fast
-    as motion. Of mechanism and efficiency: two speeds. Of stability: 30 strides at
-    10.74 m/s, no return map, pushes in four directions."""
+    """A short version, in half a minute. endurance: heat runs four times as fast as
+    motion. mechanism and efficiency: two speeds. stability: 30 strides at 10.74 m/s, no
+    return map, pushes in four directions."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

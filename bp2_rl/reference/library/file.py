@@ -23,7 +23,7 @@ from bp2_rl.base.files import (
     read_npz,
     write_npz,
 )
-from bp2_rl.settings.reference import MEND
+from bp2_rl.settings.reference import REMEDY
 
 FORMAT = 1
 LARGEST = 1e6
@@ -95,16 +95,16 @@ def load_library(path: Path) -> MotionLibrary:
     """
     try:
         content = read_bytes(path)
-        found = read_npz(path, {"format": ArraySpec(np.integer, ())}, content=content)[
-            "format"
-        ]
-        if found != FORMAT:
-            raise broken(path, f"has format {found}, this version reads {FORMAT}")
+        version = read_npz(
+            path, {"format": ArraySpec(np.integer, ())}, content=content
+        )["format"]
+        if version != FORMAT:
+            raise broken(path, f"has format {version}, this version reads {FORMAT}")
         contents = read_npz(
             path, ARRAYS | {"provenance": ArraySpec(np.str_, ())}, content=content
         )
     except BadFileError as error:
-        raise UserError(f"motion library {error}: {MEND}") from error
+        raise UserError(f"motion library {error}: {REMEDY}") from error
     try:
         provenance = parse_json(str(contents.pop("provenance")), "its provenance")
     except BadFileError as error:
@@ -128,7 +128,7 @@ def load_library(path: Path) -> MotionLibrary:
 
 def broken(path: Path, fault: str) -> UserError:
     """Return the error that names a fault of a motion library, in one line."""
-    return UserError(f"motion library {path} {fault}: {MEND}")
+    return UserError(f"motion library {path} {fault}: {REMEDY}")
 
 
 def by_leg(coordinates: ArrayT) -> ArrayT:

@@ -234,10 +234,10 @@ class CollocationGait(CollocationConfig):
         tau = jnp.stack(
             [jnp.where(in_stance, since_touchdown - half, 0.0), half, -half], axis=-2
         )
-        there = turn(-omega * tau, middle) + ground(
+        place = turn(-omega * tau, middle) + ground(
             jnp.zeros_like(stand[:, :2]), v, omega, tau
         )
-        x, y = there[..., 0], there[..., 1]
+        x, y = place[..., 0], place[..., 1]
         drift = jnp.stack(
             [x - middle[..., 0] + library_speed * tau, y - middle[..., 1]], axis=-1
         )
@@ -272,14 +272,16 @@ class CollocationGait(CollocationConfig):
         feet = jnp.stack([x, jnp.broadcast_to(at_rest[:, 1], x.shape), z], axis=-1)
         feet = _mix(stepping[..., None, None], at_rest, feet)
         displaced = jnp.pad(displaced, [(0, 0)] * (displaced.ndim - 1) + [(0, 1)])
-        anyway, wanted = _from_level(
+        undisplaced, wanted = _from_level(
             jnp.stack([feet, feet + displaced]), stepping * moment.pitch
         )
         radius = jnp.asarray(self.hardware.anatomy.geometry.foot_radius, x.dtype)
         # short of the lower leg's end
         centre = _mix(stepping[..., None], stand.sag, moment.spring) + radius
         return kinematics.joint_angles(
-            _within_reach(anyway, wanted, centre, self.hardware), centre, self.hardware
+            _within_reach(undisplaced, wanted, centre, self.hardware),
+            centre,
+            self.hardware,
         )
 
 

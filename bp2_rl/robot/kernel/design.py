@@ -292,7 +292,8 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
         ("unlike legs", model.ntendon == 0 or np.ptp(each) == 0),
         (
             "unlike joints",
-            _alike(model.jnt_solref[limited]) and _alike(model.jnt_solimp[limited]),
+            _rows_equal(model.jnt_solref[limited])
+            and _rows_equal(model.jnt_solimp[limited]),
         ),
         ("margins of joints", not np.any(model.jnt_margin)),
         (
@@ -302,7 +303,7 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
         ),
         ("dry friction in MuJoCo's own joints", not np.any(model.dof_frictionloss)),
         ("equality constraints", model.neq == 0),
-        ("unlike feet", _alike(contact[feet])),
+        ("unlike feet", _rows_equal(contact[feet])),
         ("other contacts", np.array_equal(meeting, on_floor) and model.npair == 0),
         (
             "other contacts",
@@ -313,7 +314,7 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
         _require(known, what)
 
 
-def _alike(x: np.ndarray) -> bool:
+def _rows_equal(x: np.ndarray) -> bool:
     """Return whether all rows of an array are equal."""
     return bool(np.all(x == x[:1]))
 

@@ -1,7 +1,7 @@
-"""The presets, each written as its differences from the defaults of `settings.env` and
-`settings.ppo`; rewards and robots' sizes are in the modules beside.
+"""The presets, each as differences from the defaults of `settings.env` and
+`settings.ppo`; `rewards` and `robots` have rewards and scaling to other robots.
 
-A preset is a config, never a code path. docs/notes/training.md says what was tried.
+A preset is a config, never a code path. docs/notes/training.md has the ablation.
 """
 
 import dataclasses
@@ -72,8 +72,8 @@ EASY: Differences = {
 """Easier commands and less randomisation; the ground is `MILD_GROUND`."""
 
 HISTORY = (5, 10, 15, 20)
-"""Control steps, 25 to 100 ms, over which a policy sees its observation change: a third
-of a stride, in which legs and trunk tell how fast the robot moves."""
+"""Control steps, 25 to 100 ms, over which a policy observes changes of its observation:
+in a third of a stride the motion of legs and trunk shows the robot's speed."""
 GPU: Differences = {
     "control": {"history": HISTORY, "launching": 6.0, "launching_speed": 18.0},
     "ppo": {"dtype": "bfloat16"},
@@ -105,8 +105,7 @@ FIRST: Differences = {
     "ppo": {"num_envs": 512, "policy_layers": (64, 64), "value_layers": (64, 64)},
     "run": {"steps": 2_400_000, "logs": 40, "checkpoints": 4, "judged": 4},
 }
-"""From `CPU`: a first training, in which a robot learns to trot at 2 m/s before one's
-eyes."""
+"""From `CPU`: a short first training, in which a robot learns to trot at 2 m/s."""
 HALF_OF_FIRST: Differences = {
     "commands": {"max_forward": 2.0},
     "ppo": {"num_envs": 256, "critic_steps": 4, "averaging": 0.8},
@@ -115,7 +114,7 @@ HALF_OF_FIRST: Differences = {
 """From `FIRST`: half the robots and half the control steps make as many train steps;
 more policies are judged, so that `--until` ends a run sooner."""
 FINE_TUNING: Differences = {"ppo": {"learning_rate": 1e-4, "entropy_cost": 1e-3}}
-"""A relaxed stage of `CPU` or `FIRST`, which goes on from trained networks."""
+"""A relaxed stage of `CPU` or `FIRST`, which continues with trained networks."""
 
 SMOKE: Differences = {
     "commands": {"max_forward": 3.0, "acceleration": (1.0, 4.0)},
@@ -171,8 +170,7 @@ def preset(
     robot: str | Path | HardwareSpec = "built",
     task: str | Path | Task | TaskSources | None = None,
 ) -> TrainConfig:
-    """Return the training settings of a stage, for the size of machine that a preset is
-    made for.
+    """Return the training settings of a stage in a preset.
 
     Args:
         stage: `imitation`, from random weights, or `relaxed`, on from a run of
@@ -245,10 +243,12 @@ def with_task(
 
 def _changed(config: TrainConfig, differences: tuple[Differences, ...]) -> TrainConfig:
     """Return the settings with the differences applied, in their order."""
-    groups = {group for one in differences for group in one}
+    groups = {group for difference in differences for group in difference}
     merged = {
         group: {
-            name: x for one in differences for name, x in one.get(group, {}).items()
+            name: x
+            for difference in differences
+            for name, x in difference.get(group, {}).items()
         }
         for group in groups
     }

@@ -22,9 +22,8 @@ PAPER: dict[Stage, RewardConfig] = {
 SHAPE = TrackingShape(
     floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3, memory=0.2
 )
-"""A tracking reward with a slope at every error: sharp where motion is slow, wide where
-it is fast, a straight line beyond both, and blind to how the trunk sways and turns
-within a stride."""
+"""A tracking reward with a slope at every error: narrow at low speed, wide at high
+speed, with a linear tail, of errors averaged over the trunk's sway within a stride."""
 
 OURS: dict[Stage, RewardConfig] = {
     "imitation": RewardConfig(tracking=2.0, tracking_shape=SHAPE),
@@ -40,8 +39,8 @@ OURS: dict[Stage, RewardConfig] = {
         tracking_shape=SHAPE,
     ),
 }
-"""Table S4's coefficients with more weight on tracking, in a shape of our own: with the
-paper's, a robot that is 2 m/s too slow has nothing to gain by running faster.
+"""Table S4's coefficients with more weight on tracking, in another shape: with the
+paper's shape a robot that is 2 m/s too slow gains no reward by running faster.
 docs/notes/training.md has the ablation."""
 
 SMALL_SHAPE = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)

@@ -1,5 +1,5 @@
-"""Adapt a preset to another robot: how widely the robot is randomised, and settings
-scaled to its size."""
+"""Adapt a preset to another robot: ranges of its randomisation, and settings scaled to
+its size."""
 
 import dataclasses
 import math
@@ -18,13 +18,12 @@ from bp2_rl.settings.training import TrainConfig
 MOST_REACH = 0.98
 """Share of the legs' reach that the kinematic gait uses."""
 FIRST_COMMANDS = 0.25
-"""Share of the greatest command that a new robot's first commands reach: nobody knows
-how fast the robot can be, and most of a fleet that is told to run faster falls all the
-time."""
+"""Share of the greatest command that a new robot's first commands reach: the robot's
+possible speed is unknown, and most robots under faster commands fall all the time."""
 FADE = 0.02
 """Share of the relaxed stage after which the entropy cost has halved. A robot runs
-faster without the noise that it learned with: Go1, told 1 m/s, by 0.12 m/s at the
-standard deviation of 0.17 that the cost holds up, by 0.05 at 0.1."""
+faster without the noise that it learned with: Go1, at a command of 1 m/s, by 0.12 m/s
+at the standard deviation of 0.17 that the cost holds up, by 0.05 at 0.1."""
 SLOW_FRACTION = 0.4
 """Least share of slow commands in the relaxed stage."""
 
@@ -180,7 +179,7 @@ def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
     if longest <= gait.sweep / 2.0:
         raise UserError(
             f"the knees of {robot.anatomy.name} let its legs reach {reach(hardware=robot)[1]:.3g} m, and the gait "
-            f"needs {0.5 * gait.sweep * size.length / MOST_REACH:.3g} m: mend the knees' range"
+            f"needs {0.5 * gait.sweep * size.length / MOST_REACH:.3g} m: correct the knees' range"
         )
     return dataclasses.replace(
         gait,

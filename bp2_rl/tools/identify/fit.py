@@ -389,8 +389,8 @@ class _Normal(NamedTuple):
     def _eliminated(
         self, power: float, damping: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eliminate the windows' starts; return their share of each column, the motors'
-        matrix, and the motors' gradients by window.
+        """Eliminate the windows' initial states; return their share of each column, the
+        motors' matrix, and the motors' gradients by window.
 
         Residuals r weigh (1 + (r / HUBER)^2)^power: -1/2 makes the steps of iteratively
         reweighted least squares, -3/2 is the loss's own curvature.

@@ -177,7 +177,7 @@ def _log(columns: Columns, anatomy: Anatomy) -> RobotLog:
     mean = np.mean(acceleration, axis=0)
     if not 0.5 * GRAVITY < mean[2] < 1.5 * GRAVITY:
         raise UserError(
-            f"`acceleration` is {mean[2]:.1f} m/s2 along z in the mean: give the specific force, 9.81 of a level trunk at rest"
+            f"`acceleration` is {mean[2]:.1f} m/s2 along z on average: give the specific force, 9.81 of a level trunk at rest"
         )
     return RobotLog(
         time=time - time[0],

@@ -252,9 +252,9 @@ def identified_file(
     head = [
         "# Identified by `bp2 identify`, but for what the log does not tell:",
         *(
-            f"#   {one.name} of {one.joint}: {one.verdict}"
-            for one in found.numbers
-            if one.verdict != "identified"
+            f"#   {number.name} of {number.joint}: {number.verdict}"
+            for number in found.numbers
+            if number.verdict != "identified"
         ),
     ]
     return "\n".join([*head, text])
@@ -266,10 +266,12 @@ def _known(
     """Return abad's, hip's and knee's number where it was identified, else the number
     before; times a factor."""
     values = np.broadcast_to(np.asarray(before, dtype=float), 3).copy()
-    for one in found.numbers:
-        if one.name == name and one.verdict == "identified":
+    for number in found.numbers:
+        if number.name == name and number.verdict == "identified":
             values[:] = np.where(
-                [one.joint in (joint, "all") for joint in JOINTS], one.value, values
+                [number.joint in (joint, "all") for joint in JOINTS],
+                number.value,
+                values,
             )
     return (values * np.asarray(factor, dtype=float)).tolist()
 

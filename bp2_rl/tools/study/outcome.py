@@ -72,7 +72,10 @@ def measure_policies(
     Raises:
         UserError: the task is another.
     """
-    known = {one.weights_sha256: one for one in read_measurements(run_dir)}
+    known = {
+        measurement.weights_sha256: measurement
+        for measurement in read_measurements(run_dir)
+    }
     result: list[PolicyMeasurement] = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
     for name in sorted(names, key=int):

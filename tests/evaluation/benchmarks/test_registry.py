@@ -58,7 +58,7 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
 def test_a_flag_that_a_benchmark_does_not_know_is_refused(name, flag, wrong):
     with pytest.raises(
         UserError,
-        match=f"--{flag} is not of --benchmark {name}, which takes .*--speed",
+        match=f"--{flag} does not apply to --benchmark {name}, which takes .*--speed",
     ):
         choose(name, wrong)
 

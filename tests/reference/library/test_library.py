@@ -771,7 +771,7 @@ def test_a_wrong_library_is_refused_by_its_fault(solved, folder, change, fault):
     with np.load(solved.path) as file:
         np.savez(path, **change({name: file[name] for name in file.files}))
     with pytest.raises(
-        UserError, match=rf"{fault}.*: make it anew with `bp2 trajopt library build`$"
+        UserError, match=rf"{fault}.*: build it again with `bp2 trajopt library build`$"
     ):
         load_library(path)
 

@@ -134,15 +134,15 @@ def outcome_of(one: Try, run: Trajectory) -> TryOutcome:
     """Judge the run of a trial by the trial's rule; a robot that falls fails, and is
     not measured."""
     fell = run.fell_at is not None
-    found = Assessment(False, FELL, {}) if fell else one.assess(run)
+    assessment = Assessment(False, FELL, {}) if fell else one.assess(run)
     return TryOutcome(
         group=one.group,
         asked=one.asked,
         rule=one.rule,
-        did=found.said,
-        passed=found.passed,
+        did=assessment.result,
+        passed=assessment.passed,
         fell_at=run.fell_at,
-        measured=found.measured,
+        measured=assessment.measured,
     )
 
 
@@ -163,9 +163,9 @@ def share_passed(group: Sequence[TryOutcome]) -> str:
 # --- Manoeuvres -----------------------------------------------------------------------
 
 GROUND = (
-    "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
-    f"ground: heights drawn evenly at points {CELL:g} m apart, straight between them, the figure from lowest to "
-    f"highest, even for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
+    "slope: gravity tilts, the robot's sensors measure the true vertical, heights and falls are relative to the slope; "
+    f"rough ground: uniform random heights at points {CELL:g} m apart, planes between them, the number from lowest to "
+    f"highest, flat for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
 )
 MEASURES = (
     f"speeds are {RIPPLE:g}-s means, slower than {STOPPED:g} m/s is at rest; yaw rates are means of "
@@ -185,22 +185,22 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
     asked = all_manoeuvres(ramp, level, robot, setup.operator, seed, sizes)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
     metrics = ManoeuvreMetrics(**vars(tries), level_speed=level, cruise=cruise)
-    told = (
-        f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the "
+    schedule = (
+        f"commands rise at {COMMAND_ACCELERATION:g} m/s² unless stated otherwise; the top is the command of the "
         f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
         f"m/s; straightness, ground and latency: {TRACK:g} m at the top"
     )
-    said = conditions(policy, setup, told)
-    by_itself = " A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+    run_conditions = conditions(policy, setup, schedule)
+    drift = " A gyro bias of 0.5°/s alone leads some 5 m astray in 100 m."
     caption = (
-        "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on "
-        "the left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone "
-        f"failed. Pushes: towards the arrow, ahead is up.{by_itself if robot.is_bp2 else ''}"
+        "One row per manoeuvre, one cell per trial: the task, and below it the result. Red: the trial failed the rule on "
+        "the left. Turns: the commanded speed x yaw rate, and the share of the yaw rate that was reached, or the speed "
+        f"if only the speed failed. Pushes: towards the arrow, ahead is up.{drift if robot.is_bp2 else ''}"
     )
     return Evaluation(
         benchmark="manoeuvres",
         subject=describe_subject(policy, setup),
-        conditions=said
+        conditions=run_conditions
         | {"ground": GROUND, "rough ground's seed": f"{seed}", "measures": MEASURES},
         verdict=f"{share_passed(metrics.outcomes)} manoeuvres passed; {metrics.fell} fell.",
         good=metrics.passed == len(metrics.outcomes),
@@ -211,7 +211,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
             "Hardest stop",
             "Hardest launch",
             "Creep",
-            "Nobody steering",
+            "No steering",
         ),
         pictures=(Picture("manoeuvres", caption, tries_figure(metrics.outcomes)),),
         metrics=metrics,
@@ -261,7 +261,7 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
         Row(
             "Passed",
             share_passed(metrics.outcomes),
-            "tries, each by its rule, as said below",
+            "trials, each by its rule below",
         ),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
         Row("Hardest stop", hardest(groups[f"Brake {from_cruise}"]), from_cruise),
@@ -276,7 +276,7 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
             f"of a stand for {STAND:g} s",
         ),
         Row(
-            "Nobody steering",
+            "No steering",
             show(_measured("reach", metrics), ".1f", "m"),
             f"how far the trunk's edge strays within {TRACK:g} m",
         ),
@@ -290,8 +290,8 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
 def _measured(name: str, tries: Tries) -> float | None:
     """Return a figure of the last trial that measured it; for straightness this is the
     run without steering."""
-    found = [o.measured[name] for o in tries.outcomes if name in o.measured]
-    return found[-1] if found else None
+    values = [o.measured[name] for o in tries.outcomes if name in o.measured]
+    return values[-1] if values else None
 
 
 # --- Disturbances ---------------------------------------------------------------------
@@ -308,24 +308,24 @@ def disturbances(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluat
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
     asked = all_disturbances(speed, stride, robot, setup.operator, seed)
     tries = count_tries(simulate_all(outcome_of, policy, asked))
-    told = (
+    schedule = (
         f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there, of "
         f"{SHOVE * robot.size.speed:.3g} m/s and {TURN * robot.size.rate:.3g} rad/s"
     )
     ground = (
-        "rough ground: heights drawn evenly at points, straight between them, the figure from lowest to highest, even "
+        "rough ground: uniform random heights at points, planes between them, the number from lowest to highest, flat "
         f"for {EVEN:g} m around the start; pushes: the whole robot's velocity and yaw rate jump, in its heading's frame"
     )
     caption = (
-        "A row a phase of the stride, or a kind of ground; a cell a try: where the push goes, ahead is up, and how far "
-        "the robot went off its line. Red: it fell."
+        "One row per phase of the stride or kind of ground, one cell per trial: the direction of the push, ahead is up, "
+        "and the largest distance from the line. Red: the robot fell."
     )
-    said = conditions(policy, setup, told)
+    run_conditions = conditions(policy, setup, schedule)
     seeds = f"{seed} and the next {SEEDS - 1}"
     return Evaluation(
         benchmark="disturbances",
         subject=describe_subject(policy, setup),
-        conditions=said | {"ground": ground, "rough ground's seeds": seeds},
+        conditions=run_conditions | {"ground": ground, "rough ground's seeds": seeds},
         verdict=f"{share_passed(tries.outcomes)} disturbances without a fall.",
         good=tries.fell == 0,
         rows=disturbance_rows(tries),

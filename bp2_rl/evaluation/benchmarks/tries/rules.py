@@ -1,5 +1,5 @@
-"""The pass rules of the manoeuvres and disturbances: what is measured in a run without
-a fall, and what passes."""
+"""The pass rules of the manoeuvres and disturbances: the measurements of a run without
+a fall, and the limits that it must keep."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ CREEP = 0.02  # m, of a stand
 # Nm, of BP2's stand; of another robot as much of its weight times its legs' length
 CHATTER = 1.0
 CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
-ASTRAY = 3.0  # m, of a run that nobody steers
+ASTRAY = 3.0  # m, of a run without steering
 
 Measured = dict[str, float | None]
 """Quantities that a rule measured in a run, by name, SI units; None if not measured."""
@@ -41,7 +41,7 @@ class Assessment:
     measured."""
 
     passed: bool
-    said: str  # what it did, in a word
+    result: str  # the measured quantity, as text
     measured: Measured
 
 
@@ -92,8 +92,8 @@ def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Asse
         "time": time,
         "speed": greatest,
     }
-    said = f"{greatest:.1f} m/s" if time is None else f"{time:.1f} s"
-    return Assessment(time is not None, said, measured)
+    text = f"{greatest:.1f} m/s" if time is None else f"{time:.1f} s"
+    return Assessment(time is not None, text, measured)
 
 
 def assess_turn(
@@ -123,13 +123,17 @@ def assess_turn(
         "wander": wander,
     }
     share = rate / yaw_rate
-    kept = mean >= SPEED_SHARE * speed
-    told = abs(share - 1.0) <= YAW_ERROR
+    kept_speed = mean >= SPEED_SHARE * speed
+    turned_as_commanded = abs(share - 1.0) <= YAW_ERROR
     # what failed
-    said = f"{mean:.1f} m/s" if told and not kept else f"{share:.0%}"
+    text = (
+        f"{mean:.1f} m/s" if turned_as_commanded and not kept_speed else f"{share:.0%}"
+    )
     if math.isfinite(within):
-        said = f"{said}, {wander:.1f} m"
-    return Assessment(told and kept and wander <= within, said, measured)
+        text = f"{text}, {wander:.1f} m"
+    return Assessment(
+        turned_as_commanded and kept_speed and wander <= within, text, measured
+    )
 
 
 def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessment:
@@ -137,22 +141,22 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
     after `since` (s).
 
     Measured: the mean `speed` in the direction commanded (m/s), the trunk's `height`
-    (m), and the electrical `cost_of_transport`, None where it goes nowhere.
+    (m), and the electrical `cost_of_transport`, None if the robot does not move.
     """
-    told = math.hypot(*command[:2])
+    commanded = math.hypot(*command[:2])
     steady = run.between(since, math.inf)
     along = np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])
-    speed = float(along) / told
+    speed = float(along) / commanded
     drag = run.mass * conventions.GRAVITY * speed
     measured: Measured = {
-        "commanded_speed": told,
+        "commanded_speed": commanded,
         "speed": speed,
         "height": float(np.mean(steady.qpos[:, 2])),
         "cost_of_transport": mean_powers(steady)[1] / drag
-        if speed > 0.1 * told
+        if speed > 0.1 * commanded
         else None,
     }
-    passed = abs(speed - told) <= VELOCITY_ERROR * told
+    passed = abs(speed - commanded) <= VELOCITY_ERROR * commanded
     return Assessment(passed, f"{speed:.2f} m/s", measured)
 
 
@@ -170,8 +174,8 @@ def assess_stand(run: Trajectory, *, quiet: bool) -> Assessment:
     if not quiet:
         return Assessment(creep < CREEP, f"{100 * creep:.1f} cm", measured)
     most = CHATTER * run.hardware.size.torque
-    said = f"{chatter:.{1 if most == CHATTER else 2}f} Nm"
-    return Assessment(chatter < most, said, measured)
+    text = f"{chatter:.{1 if most == CHATTER else 2}f} Nm"
+    return Assessment(chatter < most, text, measured)
 
 
 def assess_straightness(
@@ -185,9 +189,9 @@ def assess_straightness(
     distance = float(track_position(run)[0][-1])
     reach = float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
-    said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
+    text = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
     measured: Measured = {"distance": distance, "reach": reach, "allowed": allowed}
-    return Assessment(arrived and reach <= allowed, said, measured)
+    return Assessment(arrived and reach <= allowed, text, measured)
 
 
 def assess_push(run: Trajectory) -> Assessment:

@@ -21,8 +21,8 @@ from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 
-STEADY = 1.5  # s, at a speed before anything else is asked
-AFTERWARDS = 2.0  # s, that a robot must stay up at the end
+STEADY = 1.5  # s, at a steady speed before the manoeuvre begins
+AFTERWARDS = 2.0  # s, for which the robot must stay upright at the end
 BRAKING = 2.0, 4.0, 6.0, 8.0  # m/s2
 LAUNCH_ACCELERATIONS = 2.0, 3.0, 4.0, 6.0, 8.0  # m/s2
 FRICTIONS = 0.6, 0.8, 0.9
@@ -62,7 +62,7 @@ class ManoeuvreSizes:
     spins: tuple[float, ...] = (0.5, 1.0)  # rad/s
     pushes: tuple[float, ...] = (0.5, 1.0, 1.5)  # m/s
     roughness: tuple[float, ...] = (0.01, 0.02, 0.03)  # m
-    most_turning: float = math.inf  # rad/s: turns that ask for more are left out
+    most_turning: float = math.inf  # rad/s: faster turns are left out
 
 
 TURN_SHARES = 0.2, 0.4, 0.65, 0.85
@@ -78,7 +78,8 @@ def sizes_of(
     """Return the speeds and sizes of a robot's manoeuvres, scaled from BP2's for other
     robots.
 
-    Another robot's are shares of its top speed, and what is similar at its size.
+    Speeds of another robot are shares of its top speed; pushes and heights are scaled
+    by its size.
 
     Args:
         robot: the robot that runs.
@@ -112,9 +113,9 @@ def sizes_of(
 class Try(RunRequest):
     """One trial: a run to simulate, and the rule that the robot must keep."""
 
-    group: str  # what is tried ...
-    asked: str  # ... and how hard
-    rule: str  # what passes, in words
+    group: str  # the manoeuvre or disturbance
+    asked: str  # its strength or direction
+    rule: str  # the condition to pass, in words
     assess: Callable[[Trajectory], Assessment]  # applies the rule to the run
 
 
@@ -134,11 +135,11 @@ def all_manoeuvres(
 
     Args:
         top: the launch to the top speed.
-        level: m/s, what the robot reaches of it on level ground.
+        level: m/s, the robot's best speed of that launch on level ground.
         hardware: the robot.
-        operator: who keeps it straight where nothing else is said.
+        operator: the steering controller of all trials but those of straightness.
         seed: of the rough ground.
-        sizes: how fast, how hard and how high.
+        sizes: speeds, pushes and heights.
     """
     of = functools.partial(Try, hardware=hardware, operator=operator)
     dash = dash_of(top, hardware)
@@ -159,9 +160,9 @@ def all_manoeuvres(
         *_standing(of, hardware),
         *_straightness(of, dash, operator),
         *(
-            one
+            trial
             for size in sizes.pushes
-            for one in _pushes(
+            for trial in _pushes(
                 functools.partial(
                     of, cruising.hold(AFTER_PUSH), group=f"Push of {size:g} m/s"
                 ),
@@ -204,14 +205,14 @@ def all_disturbances(
 ) -> tuple[Try, ...]:
     """Return the trials of the disturbances benchmark, in the order of the report.
 
-    Pushes come at eight phases of the stride, for a robot may bear at one touchdown
-    what fells it at the next.
+    Pushes come at eight phases of the stride: a robot may survive a push at one phase
+    and fall at another.
 
     Args:
         speed: m/s, held.
-        stride: s, one at this speed.
+        stride: s, duration of a stride at this speed.
         robot: the robot.
-        operator: who keeps it straight.
+        operator: the steering controller.
         seed: of the first rough ground.
     """
     of = functools.partial(Try, hardware=robot, operator=operator)
@@ -222,10 +223,10 @@ def all_disturbances(
     )
     return (
         *(
-            one
+            trial
             for phase in range(PHASES)
             for way, sign in SIDES
-            for one in _pushes(
+            for trial in _pushes(
                 functools.partial(
                     of,
                     steady.hold(AFTER_PUSH + stride),
@@ -373,7 +374,7 @@ def _standing(of: Make, hardware: HardwareSpec) -> Iterator[Try]:
 
 
 def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Try]:
-    heading_only, nobody = (
+    heading_only, unsteered = (
         dataclasses.replace(operator, **{part: 0.0}) for part in ("lane_gain", "limit")
     )
     biases = [sign * bias for bias in GYRO_BIASES for sign in (1.0, -1.0)]
@@ -381,7 +382,7 @@ def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Try]:
         ("lane seen", operator, 0.0, LANE_WIDTH / 2),
         ("heading", heading_only, 0.0, LANE_WIDTH / 2),
         *((f"gyro {b:+g}°/s", heading_only, b, LANE_WIDTH / 2) for b in biases),
-        ("nobody", nobody, 0.0, rules.ASTRAY),
+        ("nobody", unsteered, 0.0, rules.ASTRAY),
     ):
         yield of(
             dash,

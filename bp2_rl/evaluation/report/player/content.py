@@ -86,7 +86,7 @@ def describe_robot(
     """Return a robot and uneven ground for the player; lengths in m.
 
     Parents come before their children; the ground's geoms have the link -1. Of a field
-    of heights, what is near the path is told.
+    of heights, only the part near the path is included.
     """
     model = load_model(hardware, scene=world.lay)
     links = []

@@ -56,8 +56,7 @@ class Electrical:
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """Powers of the motors of one joint kind, such as the hind hips, left and right
-    together."""
+    """Powers of a pair of motors, such as the hind hips, left and right together."""
 
     name: str = metric("Motors", form="s")  # as in `KINDS`
     peak: float = metric("Peak", "W", ".0f", "greatest power of one motor in a ms")

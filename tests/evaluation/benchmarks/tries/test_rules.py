@@ -67,7 +67,7 @@ def braked(moving, deceleration, floor, seconds=12.0):
 def test_a_stop_is_as_short_as_commanded(moving, deceleration, floor, judged, measured):
     run = braked(moving, 2.0, floor)
     assessed = assess_braking(run, since=1.0, deceleration=deceleration)
-    assert (assessed.passed, assessed.said) == judged
+    assert (assessed.passed, assessed.result) == judged
     names = "speed", "slowest", "distance", "allowed"
     assert tuple(assessed.measured[name] for name in names) == tuple(
         None if value is None else pytest.approx(value, abs=0.05) for value in measured
@@ -83,7 +83,7 @@ def test_a_launch_passes_from_nine_tenths_of_the_speed_on(
 ):
     run = make_run(duration=6.0, speed=9.6, acceleration=3.0)
     assessed = assess_launch(run, speed=speed, acceleration=3.0)
-    assert (assessed.passed, assessed.said) == judged
+    assert (assessed.passed, assessed.result) == judged
     assert assessed.measured["time"] == (time and pytest.approx(time, abs=0.002))
 
 
@@ -96,7 +96,7 @@ def test_a_launch_passes_from_nine_tenths_of_the_speed_on(
 )
 def test_a_turn_is_as_fast_as_told_within_its_error(moving, rate, passed):
     assessed = assess_turn(moving(4.0, 6.0, yaw_rate=rate), yaw_rate=0.5, since=2.0)
-    assert (assessed.passed, assessed.said) == (passed, f"{2.0 * rate:.0%}")
+    assert (assessed.passed, assessed.result) == (passed, f"{2.0 * rate:.0%}")
     assert assessed.measured["yaw_rate"] == pytest.approx(rate, rel=1e-3)
     assert assessed.measured["radius"] == pytest.approx(6.0 / rate, rel=1e-3)
 
@@ -120,7 +120,7 @@ def test_a_turn_keeps_its_side_its_speed_and_its_spot(
 ):
     run = moving(seconds, forward, yaw_rate=rate)
     assessed = assess_turn(run, since=1.0 if "within" in told else 2.0, **told)
-    assert (assessed.passed, assessed.said) == (passed, said)
+    assert (assessed.passed, assessed.result) == (passed, said)
     if "within" in told:
         assert assessed.measured["wander"] == pytest.approx(
             2.0 * forward / rate, abs=0.005
@@ -164,7 +164,7 @@ def test_a_stand_neither_creeps_nor_chatters(moving):
     still, creeping = moving(10.0, 0.0019), moving(10.0, 0.0021)
     assert assess_stand(still, quiet=False).passed
     assessed = assess_stand(creeping, quiet=False)
-    assert (assessed.passed, assessed.said) == (False, "2.1 cm")
+    assert (assessed.passed, assessed.result) == (False, "2.1 cm")
     wave = np.sin(math.tau * 100.0 * still.time)[:, None] * np.ones(12)
     slow = 50.0 * np.sin(math.tau * 0.5 * still.time)[:, None] * np.ones(12)
     for amplitude, passed in ((1.3, True), (1.5, False)):
@@ -196,7 +196,7 @@ def test_a_straight_run_keeps_its_trunk_in_the_lane(moving, left, passed):
 
 def test_a_run_that_does_not_arrive_is_not_straight(moving):
     assessed = assess_straightness(moving(5.0, 10.0), length=100.0)
-    assert (assessed.passed, assessed.said) == (False, "50 m run")
+    assert (assessed.passed, assessed.result) == (False, "50 m run")
 
 
 def test_a_push_leaves_an_offset(moving):
