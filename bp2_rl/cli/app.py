@@ -83,8 +83,7 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
         _print_error(_printable(str(error)))
         return WRONG_INPUT
     except UserError as error:
-        _print_error(f"error: {one_line(str(error))}")
-        return WRONG_INPUT
+        return _refuse(str(error))
     except KeyboardInterrupt:
         _print_error("interrupted")
         return INTERRUPTED
@@ -151,6 +150,12 @@ def _print_error(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
     except OSError:
         _redirect_to_null(sys.stderr)
+
+
+def _refuse(mistake: str) -> int:
+    """Say a user's mistake in one line, and return the exit status."""
+    _print_error(f"error: {one_line(mistake)}")
+    return WRONG_INPUT
 
 
 def _printable(text: str) -> str:
@@ -367,13 +372,11 @@ def run_module(name: str, argv: Sequence[str] | None = None) -> int:
     try:
         module = importlib.import_module(name)
     except UserError as missing:
-        _print_error(f"error: {missing}")
-        return WRONG_INPUT
+        return _refuse(str(missing))
     except ModuleNotFoundError as missing:
-        _print_error(
-            f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
+        return _refuse(
+            f"this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
         )
-        return WRONG_INPUT
     return module.main(argv)
 
 
@@ -391,7 +394,9 @@ def listed(meanings: Mapping[str, str]) -> str:
     )
 
 
-def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
+def choose(
+    prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None = None
+) -> int:
     """Run the command named first in `argv`, or list all commands; return the exit
     status."""
     words = sys.argv[1:] if argv is None else argv
@@ -408,6 +413,5 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
     name, *rest = words
     if name not in commands:
         near = did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
-        _print_error(f"error: no command {name!a}{near}")
-        return WRONG_INPUT
+        return _refuse(f"no command {name!a}{near}")
     return commands[name][1](rest)

@@ -12,17 +12,11 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
-from bp2_rl.cli.train import (
-    EarlyFlags,
-    find_preset,
-    read_early_flags,
-    unused_left_out,
-    use_processors,
-)
+from bp2_rl.cli.train import EarlyFlags, find_preset, read_early_flags, start_jax
 from bp2_rl.settings import presets
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RobotFlag, TrainConfig
+from bp2_rl.settings.training import ClusterConfig, Preset, RobotFlag, TrainConfig
 
 PROG = "bp2 bench"
 Size = Annotated[int, Within(1, 2**24)]
@@ -95,16 +89,13 @@ def _bench(words: list[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
-    with unused_left_out(flags):
-        from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
-    use_processors(flags)
-    from bp2_rl.base.processes import keep_compiled
+    # the flags of a cluster are refused below
+    start_jax(dataclasses.replace(flags, cluster=ClusterConfig()))
+    from bp2_rl.cli.runtime import require_accelerator
     from bp2_rl.tools.bench import run_bench
 
-    keep_compiled()
-    runtime.find_backend()
     arguments = arguments or read_arguments(words, flags)
-    runtime.require_accelerator(arguments.preset)
+    require_accelerator(arguments.preset)
     now = datetime.datetime.now()
     run_bench(
         arguments.config,

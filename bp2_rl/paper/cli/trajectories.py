@@ -5,6 +5,7 @@ is answered at once.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -257,7 +258,7 @@ COMMANDS = {
         f"{PROG} limits",
         LimitsArguments,
         find_limits,
-        problem_of_robot(LimitsArguments),
+        functools.partial(problem_of_robot, LimitsArguments),
         LIMITS_SCREEN,
     ),
     "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
