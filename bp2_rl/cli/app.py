@@ -38,9 +38,9 @@ from bp2_rl.base.errors import (
 from bp2_rl.base.processes import STOPPING, handling
 
 Config = TypeVar("Config")
-Main = Callable[[Sequence[str] | None], int]
-"""Main function of a command: takes the words after its name (None: the process's own)
-and returns the exit status."""
+Main = Callable[[Sequence[str]], int]
+"""Main function of a command: takes the words after its name and returns the exit
+status."""
 Entry = tuple[str, Main]
 """An entry in a list of commands: description and main function."""
 
@@ -247,9 +247,8 @@ class Command(Generic[Config]):
     default: Callable[[Sequence[str]], Config] | None = None
     screen: str = ""
 
-    def __call__(self, argv: Sequence[str] | None = None) -> int:
+    def __call__(self, words: Sequence[str]) -> int:
         """Read the flags, run the command, and return the exit status."""
-        words = sys.argv[1:] if argv is None else argv
 
         def command() -> None:
             show_screen(words, self.prog, self.screen, self.arguments)
@@ -366,7 +365,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
     }
 
 
-def run_module(name: str, argv: Sequence[str] | None = None) -> int:
+def run_module(name: str, words: Sequence[str]) -> int:
     """Run the `main` of a command's module and return the exit status; a package that
     the module needs and Python lacks is told in one line."""
     try:
@@ -377,7 +376,7 @@ def run_module(name: str, argv: Sequence[str] | None = None) -> int:
         return _refuse(
             f"this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
         )
-    return module.main(argv)
+    return module.main(words)
 
 
 def listed(meanings: Mapping[str, str]) -> str:
@@ -394,12 +393,9 @@ def listed(meanings: Mapping[str, str]) -> str:
     )
 
 
-def choose(
-    prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None = None
-) -> int:
-    """Run the command named first in `argv`, or list all commands; return the exit
+def choose(prog: str, commands: Mapping[str, Entry], words: Sequence[str]) -> int:
+    """Run the command named first in `words`, or list all commands; return the exit
     status."""
-    words = sys.argv[1:] if argv is None else argv
     if not words or words[0] in HELP:
         print(
             f"usage: {prog} COMMAND ...",

@@ -2,7 +2,6 @@
 
 import dataclasses
 import datetime
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -79,13 +78,12 @@ class BenchArguments(Bounded, path="--"):
         return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Parse the flags, time the training, and return the exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
     return app.run(lambda: _bench(words))
 
 
-def _bench(words: list[str]) -> None:
+def _bench(words: Sequence[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if known else None
@@ -106,7 +104,7 @@ def _bench(words: list[str]) -> None:
     )
 
 
-def read_arguments(words: list[str], flags: EarlyFlags) -> BenchArguments:
+def read_arguments(words: Sequence[str], flags: EarlyFlags) -> BenchArguments:
     """Return all arguments of the command line; defaults come from its preset and
     robot."""
     preset = find_preset(flags)

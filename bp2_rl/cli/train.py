@@ -245,7 +245,7 @@ def _run(words: list[str], prog: str) -> None:
 
 
 def read_early_flags(
-    words: list[str], prog: str, screen: str, arguments: type[object]
+    words: Sequence[str], prog: str, screen: str, arguments: type[object]
 ) -> EarlyFlags:
     """Return the early flags of a command line; for help, print the first screen and
     exit.

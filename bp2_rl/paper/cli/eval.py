@@ -3,7 +3,6 @@
 
 import dataclasses
 import shlex
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -79,9 +78,8 @@ class DeepEvalConfig(EvalConfig):
     10.74 m/s, no return map, pushes in four directions."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Run the command and return its exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
     again = shlex.join(["bp2", "paper", "eval", *words])
     registry = "bp2_rl.paper.benchmarks.registry"
     return app.run(

@@ -280,8 +280,4 @@ COMMANDS = {
     "figures": Command(f"{PROG} figures", FiguresArguments, draw_figures),
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return
-    its exit status."""
-    return choose(PROG, entries(COMMANDS), argv)
+main = functools.partial(choose, PROG, entries(COMMANDS))
