@@ -121,8 +121,7 @@ class SpeedBenchmark(Generic[Metrics]):
         assert isinstance(ramp, Ramp)
         part, strides = steady_strides(run, ramp, self.most) or (run, 0)
         measured = self.measure(part, strides) if strides else None
-        speed = float(np.mean(part.ground_velocity[:, 0]))
-        return self.at_speed(ramp.target[0], speed, run.fell_at, measured)
+        return self.at_speed(ramp.target[0], part.mean_speed, run.fell_at, measured)
 
 
 def steady_strides(

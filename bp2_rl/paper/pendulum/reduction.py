@@ -11,9 +11,15 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import INK, WIDTH, styled
-from bp2_rl.paper.figures.drawn import DASHES, Drawn, joined, legend_above_panels
+from bp2_rl.paper.figures.drawn import (
+    DASHES,
+    Drawn,
+    drawn_rows,
+    joined,
+    legend_above_panels,
+)
 from bp2_rl.paper.pendulum import exact
 from bp2_rl.paper.pendulum.settings import (
     HIP_AMPLITUDE,
@@ -143,8 +149,7 @@ def map_reduction(settings: PendulumMapSettings) -> Drawn:
     maps = [reduction_maps(ratio, frequency) for ratio in settings.mass_ratio]
     maps.append(reduction_maps(MASS_RATIO, robot))
     rows = tuple(one.reduction for one in maps)
-    table = table_of("", rows)
-    return Drawn({"mass_ratios": rows}, (table,), {"map": reduction_figure(maps)})
+    return drawn_rows("mass_ratios", rows, map=reduction_figure(maps))
 
 
 @styled

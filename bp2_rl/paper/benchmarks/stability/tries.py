@@ -154,7 +154,7 @@ def summarize(
     section = measure_section(noisy)
     landings = measure_landings(noisy, one.period)
     radius = radii[0] if radii else None
-    speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
+    speeds = [robot.run.mean_speed for robot in noisy]
     return SpeedMetrics(
         asked=one.asked,
         commanded=one.speed,
