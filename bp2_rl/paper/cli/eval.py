@@ -11,7 +11,6 @@ import tyro
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.simulation.backend import Backend
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
@@ -49,7 +48,7 @@ DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability",
 
 
 @dataclasses.dataclass(frozen=True)
-class DeepEvalConfig(EvalConfig):
+class DeepEvalConfig(EvalConfig, DeepSetup):
     """Measure what the paper says of a gait on a policy, and leave a report with table,
     plots and film.
 
@@ -71,11 +70,6 @@ class DeepEvalConfig(EvalConfig):
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the sensors' noise is drawn from; by default 0. Of stability alone."""
     sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
-    heat: MotorHeat = MotorHeat()
-    quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs four times as fast
-    as motion. Of mechanism and efficiency: two speeds. Of stability: 30 strides at
-    10.74 m/s, no return map, pushes in four directions."""
 
 
 def main(words: Sequence[str]) -> int:

@@ -208,7 +208,8 @@ def draw_figures(arguments: FiguresArguments) -> None:
     from bp2_rl.paper.trajectories import coupling, decomposition, figures
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
-    accounts = coupling.account_family(solutions)
+    family = decomposition.comparable(solutions)
+    accounts = [coupling.account_coupling(solution) for solution in family]
     for name, figure in (
         ("decomposition", figures.decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),

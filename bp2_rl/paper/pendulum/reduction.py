@@ -95,7 +95,11 @@ def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
     """Return a mass ratio's maps over frequency and, at the W `frequency`, over
     amplitude."""
     phases = np.linspace(0.0, np.pi, PHASES)
-    frequencies, amplitudes = (_between(*ends) for ends in (FREQUENCIES, AMPLITUDES))
+    # the middles of equal parts: none is at W = 1, where the ratio has a pole
+    frequencies, amplitudes = (
+        low + (np.arange(ROWS) + 0.5) * ((high - low) / ROWS)
+        for low, high in (FREQUENCIES, AMPLITUDES)
+    )
     ratio = np.array(mass_ratio)
     over_frequency = peak_ratio(phases, np.array(SMALL), frequencies[:, None], ratio)
     over_amplitude = peak_ratio(phases, amplitudes[:, None], np.array(frequency), ratio)
@@ -115,12 +119,6 @@ def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
     return Maps(
         reduction, phases, frequencies, amplitudes, over_frequency, over_amplitude
     )
-
-
-def _between(low: float, high: float) -> Float[np.ndarray, " rows"]:
-    """Return centres of equal intervals: so none is at W = 1, where the ratio has a
-    pole."""
-    return low + (np.arange(ROWS) + 0.5) * ((high - low) / ROWS)
 
 
 def _boundary(phase: float, mass_ratio: float) -> float:

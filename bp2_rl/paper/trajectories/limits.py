@@ -111,14 +111,9 @@ def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
 
 def _starts(found: list[Solution]) -> list[Solution]:
     """Return the fastest solution that `_search` found, and the start of its first."""
-    best = _best(found)
-    return [] if best is None else [best, *found[1:2]]
-
-
-def _best(found: list[Solution]) -> Solution | None:
-    return max(found, key=lambda solution: solution.problem.speed, default=None)
+    fastest = sorted(found, key=lambda solution: -solution.problem.speed)[:1]
+    return [*fastest, *found[1:2]]
 
 
 def _greatest(found: list[Solution]) -> float | None:
-    best = _best(found)
-    return None if best is None else best.problem.speed
+    return max((solution.problem.speed for solution in found), default=None)

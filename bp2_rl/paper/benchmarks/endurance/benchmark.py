@@ -287,7 +287,8 @@ def draw_temperatures(
         rise = [heat.air, heat.air + RISE]
         axes.plot([0.0, ENDURANCE_TIME], rise, color=PAPER, lw=6.0, alpha=0.35)
         mark_level(axes, heat.limit, f"limit, {heat.limit:g} °C")
-        axes.set(title=f"{_title(end)}: {end.seconds:.0f} s", xlabel="Time [s]")
+        title = f"{end.speed:.1f} m/s ({end.commanded_speed:g} commanded)"
+        axes.set(title=f"{title}: {end.seconds:.0f} s", xlabel="Time [s]")
     panels[0].set_ylabel("Winding [°C]")
     legs = [Line2D([], [], color=color, label=leg) for leg, color in LEG_COLORS.items()]
     joints = [Line2D([], [], color=INK, ls=ls, label=j) for j, ls in DASHES.items()]
@@ -337,7 +338,3 @@ def draw_operating_points(
             figure.colorbar(points, ax=axes, label="Time [s]")
         row[0].set_ylabel("Joint torque [Nm]")
     return figure
-
-
-def _title(end: EnduranceResult) -> str:
-    return f"{end.speed:.1f} m/s ({end.commanded_speed:g} commanded)"
