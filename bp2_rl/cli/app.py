@@ -365,9 +365,12 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
     }
 
 
-def run_module(name: str, words: Sequence[str]) -> int:
+def run_module(name: str, words: Sequence[str] | None = None) -> int:
     """Run the `main` of a command's module and return the exit status; a package that
-    the module needs and Python lacks is told in one line."""
+    the module needs and Python lacks is told in one line.
+
+    The scripts `train.py` and `eval.py` give no `words`: the process's own hold.
+    """
     try:
         module = importlib.import_module(name)
     except UserError as missing:
