@@ -94,10 +94,11 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.running import Resources, run_study, visible_gpus
 
     def tabulate() -> list[Outcome]:
-        found = [
-            outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
+        outcomes = [
+            one
+            for variant in plan.variants
+            if (one := outcome_of(arguments.out, variant, plan.seeds))
         ]
-        outcomes = [one for one in found if one is not None]
         for one in outcomes:
             save_config(arguments.out / f"{label(one.variant)}.json", one)
         if outcomes:
