@@ -237,7 +237,7 @@ def _check(settings: Settings, path: Path) -> None:
         )
 
 
-def with_infinity(values: Settings) -> dict[str, np.ndarray]:
+def with_infinity(values: Settings) -> dict[str, np.float64 | np.ndarray]:
     """Return limits by name, with infinity in the place of JSON's null.
 
     A limit is a number, or an array of twelve where joints differ.
