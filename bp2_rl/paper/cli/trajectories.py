@@ -70,12 +70,12 @@ def find_limits(arguments: LimitsArguments) -> None:
     with own_folder(arguments.out):
         with trajopt.progress_bar() as progress:
             searched = progress.track(search, len(variants), description="variants")
-            found = {one.variant: one for one in searched}
-        speeds = {name: found[name].speed for name in variants}
+            found = dict(searched)
+        speeds = {name: found[name] for name in variants}
         save_config(numbers, limits.GreatestSpeeds(problem, speeds))
     lines: list[Sequence[str]] = []
     for name, speed in speeds.items():
-        base = speeds[found[name].base]
+        base = speeds[variants[name].base]
         change = None if speed is None or base is None else speed - base
         lines.append((name, show(speed, ".2f"), show(change, "+.2f")))
     print_table(Table("", ("Variant", "Greatest speed [m/s]", "Change"), lines))
