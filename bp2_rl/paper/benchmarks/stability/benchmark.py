@@ -195,14 +195,13 @@ def draw_sections(ran: Sequence[SpeedResult]) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.5 + 3.5 * len(ran)), layout="constrained")
     panels = figure.subplots(len(ran), 2, squeeze=False)
     for row, found in zip(panels, ran, strict=True):
-        shown, speed = found.shown, found.metrics.commanded
         for axes, up, name in zip(row, (0, 2), ("Roll", "Yaw"), strict=True):
-            if shown.loop is not None:
-                axes.plot(shown.loop[:, 1], shown.loop[:, up], color=QUIET, lw=0.7)
-            for points in shown.noisy:
+            if found.loop is not None:
+                axes.plot(found.loop[:, 1], found.loop[:, up], color=QUIET, lw=0.7)
+            for points in found.noisy:
                 axes.plot(points[:, 1], points[:, up], ".", color=FRONT, alpha=0.45)
-            if shown.quiet is not None:
-                axes.plot(shown.quiet[:, 1], shown.quiet[:, up], ".", color=FALL)
+            if found.quiet is not None:
+                axes.plot(found.quiet[:, 1], found.quiet[:, up], ".", color=FALL)
             axes.set(xlabel="Pitch rate [rad/s]", ylabel=f"{name} rate [rad/s]")
-        row[0].set_title(f"{speed:.2f} m/s commanded")
+        row[0].set_title(f"{found.metrics.commanded:.2f} m/s commanded")
     return figure

@@ -18,7 +18,7 @@ from bp2_rl.paper.benchmarks.stability.measured import (
     Steady,
     measure_landings,
     measure_section,
-    show_sections,
+    with_sections,
 )
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Coordinates, Orbit
 from bp2_rl.paper.orbits import returns
@@ -134,7 +134,7 @@ def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
         radii = measure_returns(policy, one, last.of([-1]), strides)
         pushes = push_all(policy, one, passed)
     metrics = summarize(one, noisy, radii, pushes)
-    return SpeedResult(metrics, show_sections(noisy, quiet, one.period))
+    return with_sections(metrics, noisy, quiet)
 
 
 def summarize(

@@ -13,11 +13,10 @@ from bp2_rl.paper.benchmarks.stability.benchmark import ramp_to_stability, stabi
 from bp2_rl.paper.benchmarks.stability.measured import (
     PushMetrics,
     RadiusMetrics,
-    SpeedResult,
     Steady,
     measure_landings,
     measure_section,
-    show_sections,
+    with_sections,
 )
 from bp2_rl.paper.benchmarks.stability.tries import summarize
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -98,7 +97,7 @@ def asked(monkeypatch, make_steady):
         extent = dataclasses.replace(one.extent, robots=2)
         one = dataclasses.replace(one, extent=extent)
         metrics = summarize(one, noisy, radii, pushes)
-        return SpeedResult(metrics, show_sections(noisy, quiet, 0.25))
+        return with_sections(metrics, noisy, quiet)
 
     monkeypatch.setattr(module, "try_speed", run)
     monkeypatch.setattr(
@@ -160,7 +159,7 @@ def test_all_may_fall(make_policy, asked, monkeypatch, assert_report):
     def falls(policy, one):
         extent = dataclasses.replace(one.extent, robots=2)
         metrics = summarize(dataclasses.replace(one, extent=extent), [], (), ())
-        return SpeedResult(metrics, show_sections([], None, 0.25))
+        return with_sections(metrics, [], None)
 
     monkeypatch.setattr(module, "try_speed", falls)
     evaluation = evaluate(make_policy, DeepSetup())
