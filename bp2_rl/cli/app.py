@@ -8,6 +8,7 @@ why on standard error. Nothing slow is imported before a command is known, tyro 
 
 import contextlib
 import dataclasses
+import datetime
 import errno
 import functools
 import importlib
@@ -226,6 +227,11 @@ def failures_into(folder: Path | None) -> Generator[None]:
         raise LoggedError(
             f"{type(error).__name__}: {one_line(str(error))}; log: {log.name}"
         ) from error
+
+
+def dated_folder(name: str) -> Path:
+    """Return the folder of a report for which the user named none."""
+    return Path("reports") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
 
 
 @dataclasses.dataclass(frozen=True)

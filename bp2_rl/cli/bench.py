@@ -1,7 +1,6 @@
 """`bp2 bench`: how fast training is on this machine."""
 
 import dataclasses
-import datetime
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -94,13 +93,12 @@ def _bench(words: Sequence[str]) -> None:
 
     arguments = arguments or read_arguments(words, flags)
     require_accelerator(arguments.preset)
-    now = datetime.datetime.now()
     run_bench(
         arguments.config,
         choose_sizes(arguments),
         arguments.parts,
         arguments.seconds,
-        arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
+        arguments.out or app.dated_folder("bench"),
     )
 
 
