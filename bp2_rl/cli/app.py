@@ -7,6 +7,7 @@ why on standard error. Nothing slow is imported before a command is known, tyro 
 
 import contextlib
 import dataclasses
+import datetime
 import errno
 import functools
 import importlib
@@ -37,9 +38,9 @@ from bp2_rl.base.errors import (
 from bp2_rl.base.processes import STOPPING, handling
 
 Config = TypeVar("Config")
-Main = Callable[[Sequence[str] | None], int]
-"""Main function of a command: takes the words after its name (None: the process's own)
-and returns the exit status."""
+Main = Callable[[Sequence[str]], int]
+"""Main function of a command: takes the words after its name and returns the exit
+status."""
 Entry = tuple[str, Main]
 """An entry in a list of commands: description and main function."""
 
@@ -82,8 +83,7 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
         _print_error(_printable(str(error)))
         return WRONG_INPUT
     except UserError as error:
-        _print_error(f"error: {one_line(str(error))}")
-        return WRONG_INPUT
+        return _refuse(str(error))
     except KeyboardInterrupt:
         _print_error("interrupted")
         return INTERRUPTED
@@ -152,6 +152,12 @@ def _print_error(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
     except OSError:
         _redirect_to_null(sys.stderr)
+
+
+def _refuse(mistake: str) -> int:
+    """Say a user's mistake in one line, and return the exit status."""
+    _print_error(f"error: {one_line(mistake)}")
+    return WRONG_INPUT
 
 
 def _printable(text: str) -> str:
@@ -224,6 +230,11 @@ def failures_into(folder: Path | None) -> Generator[None]:
         ) from error
 
 
+def dated_folder(name: str) -> Path:
+    """Return the folder of a report for which the user named none."""
+    return Path("reports") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+
+
 @dataclasses.dataclass(frozen=True)
 class Command(Generic[Config]):
     """A command: its flags as a dataclass, and the function that runs it.
@@ -243,9 +254,8 @@ class Command(Generic[Config]):
     default: Callable[[Sequence[str]], Config] | None = None
     screen: str = ""
 
-    def __call__(self, argv: Sequence[str] | None = None) -> int:
+    def __call__(self, words: Sequence[str]) -> int:
         """Read the flags, run the command, and return the exit status."""
-        words = sys.argv[1:] if argv is None else argv
 
         def command() -> None:
             show_screen(words, self.prog, self.screen, self.arguments)
@@ -364,20 +374,21 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
     }
 
 
-def run_module(name: str, argv: Sequence[str] | None = None) -> int:
+def run_module(name: str, words: Sequence[str] | None = None) -> int:
     """Run the `main` of a command's module and return the exit status; a package that
-    the module needs and Python lacks is reported in one line."""
+    the module needs and Python lacks is reported in one line.
+
+    The scripts `train.py` and `eval.py` give no `words`: the process's own hold.
+    """
     try:
         module = importlib.import_module(name)
     except UserError as missing:
-        _print_error(f"error: {missing}")
-        return WRONG_INPUT
+        return _refuse(str(missing))
     except ModuleNotFoundError as missing:
-        _print_error(
-            f"error: this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
+        return _refuse(
+            f"this Python lacks {missing.name}: activate the environment, `. .venv/bin/activate`"
         )
-        return WRONG_INPUT
-    return module.main(argv)
+    return module.main(words)
 
 
 def listed(meanings: Mapping[str, str]) -> str:
@@ -394,10 +405,9 @@ def listed(meanings: Mapping[str, str]) -> str:
     )
 
 
-def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None) -> int:
-    """Run the command named first in `argv`, or list all commands; return the exit
+def choose(prog: str, commands: Mapping[str, Entry], words: Sequence[str]) -> int:
+    """Run the command named first in `words`, or list all commands; return the exit
     status."""
-    words = sys.argv[1:] if argv is None else argv
     if not words or words[0] in HELP:
         print(
             f"usage: {prog} COMMAND ...",
@@ -411,6 +421,5 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
     name, *rest = words
     if name not in commands:
         near = did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
-        _print_error(f"error: no command {name!a}{near}")
-        return WRONG_INPUT
+        return _refuse(f"no command {name!a}{near}")
     return commands[name][1](rest)

@@ -1,8 +1,6 @@
 """`bp2 bench`: how fast training is on this machine."""
 
 import dataclasses
-import datetime
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -12,17 +10,11 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
-from bp2_rl.cli.train import (
-    EarlyFlags,
-    find_preset,
-    read_early_flags,
-    unused_left_out,
-    use_processors,
-)
+from bp2_rl.cli.train import EarlyFlags, find_preset, read_early_flags, start_jax
 from bp2_rl.settings import presets
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RobotFlag, TrainConfig
+from bp2_rl.settings.training import ClusterConfig, Preset, RobotFlag, TrainConfig
 
 PROG = "bp2 bench"
 Size = Annotated[int, Within(1, 2**24)]
@@ -82,37 +74,32 @@ class BenchArguments(Bounded, path="--"):
         return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Parse the flags, time the training, and return the exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
     return app.run(lambda: _bench(words))
 
 
-def _bench(words: list[str]) -> None:
+def _bench(words: Sequence[str]) -> None:
     flags = read_early_flags(words, PROG, SCREEN, BenchArguments)
     defaults_known = app.HELP_ALL in words or flags.known_without_jax
     arguments = read_arguments(words, flags) if defaults_known else None
-    with unused_left_out(flags):
-        from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
-    use_processors(flags)
-    from bp2_rl.base.processes import keep_compiled
+    # the flags of a cluster are refused below
+    start_jax(dataclasses.replace(flags, cluster=ClusterConfig()))
+    from bp2_rl.cli.runtime import require_accelerator
     from bp2_rl.tools.bench import run_bench
 
-    keep_compiled()
-    runtime.find_backend()
     arguments = arguments or read_arguments(words, flags)
-    runtime.require_accelerator(arguments.preset)
-    now = datetime.datetime.now()
+    require_accelerator(arguments.preset)
     run_bench(
         arguments.config,
         choose_sizes(arguments),
         arguments.parts,
         arguments.seconds,
-        arguments.out or Path("reports") / f"bench-{now:%Y%m%d-%H%M%S}",
+        arguments.out or app.dated_folder("bench"),
     )
 
 
-def read_arguments(words: list[str], flags: EarlyFlags) -> BenchArguments:
+def read_arguments(words: Sequence[str], flags: EarlyFlags) -> BenchArguments:
     """Return all arguments of the command line; defaults come from its preset and
     robot."""
     preset = find_preset(flags)

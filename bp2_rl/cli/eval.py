@@ -3,7 +3,6 @@ a report."""
 
 import contextlib
 import dataclasses
-import datetime
 import importlib
 import os
 import shlex
@@ -180,8 +179,7 @@ def evaluate(
     schedules = {
         name: benchmarks[name].schedule(policy, setup) for name, setup in chosen.items()
     }
-    now = datetime.datetime.now()
-    out = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"
+    out = config.out or app.dated_folder(config.benchmark)
     folders = {name: out / name if config.benchmark == ALL else out for name in chosen}
     folder.open_folder(out, config.benchmark)
 

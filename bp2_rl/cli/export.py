@@ -94,52 +94,47 @@ def export(config: ExportConfig) -> None:
 
     from bp2_rl.evaluation.report.folder import read_report
     from bp2_rl.learning.policy import load_policy, save_policy
+    from bp2_rl.simulation.world import World
 
     policy = load_policy(config.run, task=config.task)
     env = policy.card.env
     # checks the new limits
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
-    if config.format != "policy":
-        from bp2_rl.deploy.bundle import write_bundle
+    world = World(Terrain.of(config.terrain))
+    if config.format == "page":
         from bp2_rl.deploy.page.folder import write_page
-        from bp2_rl.simulation.world import World
 
-        world = World(Terrain.of(config.terrain))
-        if config.format == "page":
-            write_page(config.to, policy, world, config.mujoco_package)
-            lines = [f"see it: python -m http.server --directory {config.to}"]
-        else:
-            write_bundle(config.to, policy, world)
-            lines = _advice(config, policy)
-        print(f"exported {config.run} to {config.to}", *lines, sep="\n")
-        return
-    # Results under the old limits do not hold for the copy; the judge's result is kept
-    # as an estimate.
-    results = {
-        name: found
-        for name, found in policy.card.results.items()
-        if not eased or name == "judged"
-    }
-    for folder in config.report:
-        report = read_report(folder)
-        weights = policy.card.weights_sha256
-        measured = report.conditions.get("weights_sha256", "")
-        if measured != weights:
-            raise UserError(
-                f"report {folder} is of another policy: its weights are {measured[:12] or 'unknown'}, those of "
-                f"{config.run} are {weights[:12]}; make a new report: python eval.py {config.run} --out DIR"
-            )
-        results = results | report.results
-    policy = dataclasses.replace(
-        policy, card=dataclasses.replace(policy.card, results=results)
-    )
-    save_policy(config.to, policy)
-    print(f"exported {config.run} to {config.to}")
-    if eased:
-        print(
-            f"its card has no results yet: python eval.py {config.to} --benchmark all --out DIR"
-        )
+        write_page(config.to, policy, world, config.mujoco_package)
+        lines = [f"see it: python -m http.server --directory {config.to}"]
+    elif config.format == "onnx":
+        from bp2_rl.deploy.bundle import write_bundle
+
+        write_bundle(config.to, policy, world)
+        lines = _advice(config, policy)
+    else:
+        # Results under the old limits do not hold for the copy; the judge's result is
+        # kept as an estimate.
+        results = {
+            name: found
+            for name, found in policy.card.results.items()
+            if not eased or name == "judged"
+        }
+        for folder in config.report:
+            report = read_report(folder)
+            weights = policy.card.weights_sha256
+            measured = report.conditions.get("weights_sha256", "")
+            if measured != weights:
+                raise UserError(
+                    f"report {folder} is of another policy: its weights are {measured[:12] or 'unknown'}, those of "
+                    f"{config.run} are {weights[:12]}; make a new report: python eval.py {config.run} --out DIR"
+                )
+            results = results | report.results
+        card = dataclasses.replace(policy.card, results=results)
+        save_policy(config.to, dataclasses.replace(policy, card=card))
+        again = f"python eval.py {config.to} --benchmark all --out DIR"
+        lines = [f"its card has no results yet: {again}"] if eased else []
+    print(f"exported {config.run} to {config.to}", *lines, sep="\n")
 
 
 def _advice(config: ExportConfig, policy: "Policy") -> Iterator[str]:

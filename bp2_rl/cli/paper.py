@@ -4,6 +4,6 @@ import importlib
 from collections.abc import Sequence
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command of `bp2_rl.paper` that `argv` names; return its exit status."""
-    return importlib.import_module("bp2_rl.paper.cli").main(argv)
+def main(words: Sequence[str]) -> int:
+    """Run the command of `bp2_rl.paper` that `words` name; return its exit status."""
+    return importlib.import_module("bp2_rl.paper.cli").main(words)

@@ -1,8 +1,8 @@
 """`bp2 robot`: write a robot file from an MJCF or URDF model, and check one."""
 
 import dataclasses
+import functools
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -122,7 +122,4 @@ COMMANDS = {
     "check": Command("bp2 robot check", CheckConfig, check),
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` names; return the exit status."""
-    return choose("bp2 robot", entries(COMMANDS), argv)
+main = functools.partial(choose, "bp2 robot", entries(COMMANDS))

@@ -95,10 +95,11 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.tools.study.running import Resources, run_study, visible_gpus
 
     def tabulate() -> list[Outcome]:
-        found_outcomes = [
-            outcome_of(arguments.out, variant, plan.seeds) for variant in plan.variants
+        outcomes = [
+            outcome
+            for variant in plan.variants
+            if (outcome := outcome_of(arguments.out, variant, plan.seeds))
         ]
-        outcomes = [outcome for outcome in found_outcomes if outcome is not None]
         for outcome in outcomes:
             save_config(arguments.out / f"{label(outcome.variant)}.json", outcome)
         if outcomes:

@@ -228,7 +228,7 @@ def _run(words: list[str], prog: str) -> None:
     if app.HELP_ALL in words or flags.known_without_jax:
         arguments = read_arguments(words, prog, flags)
         choose_tracker(flags.track, flags.resume)
-    _start_jax(flags)
+    start_jax(flags)
     from bp2_rl.evaluation import judged_training
     from bp2_rl.learning import cluster
     from bp2_rl.learning.run import replay
@@ -249,7 +249,7 @@ def _run(words: list[str], prog: str) -> None:
 
 
 def read_early_flags(
-    words: list[str], prog: str, screen: str, arguments: type[object]
+    words: Sequence[str], prog: str, screen: str, arguments: type[object]
 ) -> EarlyFlags:
     """Return the early flags of a command line; for help, print the first screen and
     exit.
@@ -264,7 +264,7 @@ def read_early_flags(
     return dataclasses.replace(flags, preset=preset, resume=None, replay=None)
 
 
-def _start_jax(flags: EarlyFlags) -> None:
+def start_jax(flags: EarlyFlags) -> None:
     """Import JAX and find its devices, set up as the flags say, with all processes of a
     cluster."""
     with unused_left_out(flags):

@@ -6,6 +6,7 @@ is answered at once.
 """
 
 import dataclasses
+import functools
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -211,18 +212,11 @@ class _Named:
     robot: Robot = "ideal"
 
 
-def problem_of_robot(
-    arguments: Callable[[], Solving],
-) -> Callable[[Sequence[str]], Solving]:
-    """Return a function that makes a command's default arguments, for the robot that
-    `--robot` names."""
-
-    def default(words: Sequence[str]) -> Solving:
-        ours = arguments()
-        robot = app.parse_known(_Named, words, "bp2 trajopt").robot
-        return dataclasses.replace(ours, problem=ours.problem.sized(find_robot(robot)))
-
-    return default
+def problem_of_robot(arguments: Callable[[], Solving], words: Sequence[str]) -> Solving:
+    """Return the default arguments of a command for the robot that `--robot` names."""
+    ours = arguments()
+    robot = app.parse_known(_Named, words, "bp2 trajopt").robot
+    return dataclasses.replace(ours, problem=ours.problem.sized(find_robot(robot)))
 
 
 def library_of_robot(words: Sequence[str]) -> LibraryArguments:
@@ -231,16 +225,13 @@ def library_of_robot(words: Sequence[str]) -> LibraryArguments:
     robot = app.parse_known(_Named, words, "bp2 trajopt library").robot
     if robot == LibraryArguments.robot:
         return LibraryArguments("build")
-    name = Path(robot).stem
     file = Path(robot)
     return LibraryArguments(
         "build",
         family=FamilyConfig.on(find_robot(robot)),
         robot=robot,
-        out=OUT / f"library-{name}",
-        to=file.with_name(f"{name}_trot.npz")
-        if file.suffix
-        else OUT / f"{name}_trot.npz",
+        out=OUT / f"library-{file.stem}",
+        to=(file.parent if file.suffix else OUT) / f"{file.stem}_trot.npz",
     )
 
 
@@ -329,7 +320,7 @@ COMMANDS = {
         "bp2 trajopt solve",
         SolveArguments,
         _solve,
-        problem_of_robot(SolveArguments),
+        functools.partial(problem_of_robot, SolveArguments),
         SOLVE_SCREEN,
     ),
     "verify": Command("bp2 trajopt verify", VerifyArguments, _verify),
@@ -342,11 +333,7 @@ COMMANDS = {
     ),
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return
-    its exit status."""
-    return choose("bp2 trajopt", entries(COMMANDS), argv)
+main = functools.partial(choose, "bp2 trajopt", entries(COMMANDS))
 
 
 # --- What they show -------------------------------------------------------------------

@@ -36,11 +36,7 @@ def playback(config: EnvConfig) -> Playback:
             "pose": np.asarray(pose.joint_position)
         }
     assert isinstance(motion, KinematicGait)
-    return _kinematic(motion)
-
-
-def _kinematic(gait: KinematicGait) -> Playback:
-    law = dict(vars(gait.law))
+    law = dict(vars(motion.law))
     arrays = {
         **law.pop("legs")._asdict(),
         **{name: law.pop(name) for name in ("nominal", "sole_clearance")},

@@ -15,8 +15,6 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
-import jax
-
 from bp2_rl.base.processes import processors, spawned
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.judged import JudgeResult
@@ -26,7 +24,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.task import TaskConfig
 from bp2_rl.simulation.metrics import HELD
-from bp2_rl.simulation.parallel import compute_here
+from bp2_rl.simulation.parallel import begin_worker
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -278,8 +276,7 @@ def _begin(cache: str | None) -> None:
     os.environ["XLA_FLAGS"] = (
         f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     )
-    compute_here()
-    jax.config.update("jax_compilation_cache_dir", cache)
+    begin_worker(cache)
 
 
 def _warm_up(card: PolicyCard, *, slower: bool) -> None:

@@ -189,18 +189,12 @@ def course(
     motor: MotorHeat, cold_heat: Motors, seconds: float
 ) -> tuple[Float[np.ndarray, " T"], list[Temperatures]]:
     """Return times (s) and temperatures under a constant torque, starting as warm as
-    the air."""
-    steps = int(np.ceil(seconds / _course_step(motor)))
+    the air; a step is half of the shortest time constant, at most `STEP`."""
+    m = motor
+    between = (1.0 / m.winding_capacity + 1.0 / m.case_capacity) / m.to_case
+    rate = between + 1.0 / m.case_to_air / m.case_capacity
+    steps = int(np.ceil(seconds / min(STEP, 0.5 / rate)))
     now = [Temperatures.uniform(motor.air, cold_heat.shape)]
     for _ in range(steps):
         now.append(advance(motor, now[-1], cold_heat, seconds / steps))
     return np.linspace(0.0, seconds, steps + 1), now
-
-
-def _course_step(motor: MotorHeat) -> float:
-    """Return the time step of `course`, s: half of the shortest time constant, at most
-    `STEP`."""
-    m = motor
-    between = (1.0 / m.winding_capacity + 1.0 / m.case_capacity) / m.to_case
-    rate = between + 1.0 / m.case_to_air / m.case_capacity
-    return float(min(STEP, 0.5 / rate))

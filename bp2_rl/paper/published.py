@@ -56,11 +56,8 @@ class PublishedRobot:
     def demand(self, gravity: float = GRAVITY) -> float | None:
         """Return the robot's `power_demand` at its top speed; None without motor
         data."""
-        if self.peak_torque is None or self.no_load_speed is None:
-            return None
-        return power_demand(
-            self.mass, gravity, self.top_speed, self.peak_torque, self.no_load_speed
-        )
+        envelope = self.motor_envelope
+        return envelope and power_demand(self.mass, gravity, self.top_speed, envelope)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -71,11 +71,6 @@ def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
     )
 
 
-def headings(row: type[object]) -> tuple[str, ...]:
-    """Return the column headings that a table of `row` needs."""
-    return tuple(_columns(row).values())
-
-
 def _columns(row: type[object]) -> dict[str, str]:
     """Return the headings of a row's columns by the names of its fields."""
     hints = typing.get_type_hints(row, include_extras=True)

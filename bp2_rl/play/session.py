@@ -4,13 +4,12 @@ without clock or display."""
 import collections
 import dataclasses
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.bounds import Within
 from bp2_rl.env.commands import sideways_limits
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.races import PAPER_BP2, TIMES, TRACK
@@ -35,7 +34,6 @@ from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose, shove
 
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
-Friction = Annotated[float, Within(0.05, 2.0)]
 
 
 class Wish(NamedTuple):

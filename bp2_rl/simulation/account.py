@@ -59,6 +59,13 @@ class Ledger(NamedTuple):
         """Bus power minus losses and the change of stored energy, W."""
         return self.bus - sum(self.lost.values()) - self.stored
 
+    @property
+    def closure(self) -> float:
+        """Greatest error in any millisecond, over the greatest term of that
+        millisecond."""
+        terms = np.abs(np.stack([self.bus, self.stored, *self.lost.values()]))
+        return float(np.max(np.abs(self.error) / np.max(terms, axis=0)))
+
 
 class SoleAccount(NamedTuple):
     """Depth in the ground and velocity of every foot's lowest point, at every
@@ -209,7 +216,6 @@ def on_ground(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray, " 
 
 
 def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
-    terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     beyond = beyond_envelope(run)
     qd = run.joint_velocity
     seconds = (len(run) - 2) * run.dt
@@ -228,7 +234,7 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
         lost={cause: float(np.mean(power)) for cause, power in ledger.lost.items()},
         stored=stored,
         integration=float(np.mean(ledger.stored[:-1])) - stored,
-        closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
+        closure=ledger.closure,
     )
 
 

@@ -167,16 +167,6 @@ class DrakeRobot:
         matrix = self._plant.CalcMassMatrix(self._context)[np.ix_(self._v, self._v)]
         return self._turn.T @ matrix @ self._turn
 
-    def bias(self) -> Float[np.ndarray, " nv"]:
-        """Return MuJoCo's `qfrc_bias` (Coriolis, gyroscopic and gravity forces) of the
-        state last set, N and Nm."""
-        plant = self._plant
-        context = self._context
-        forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(
-            context
-        )
-        return self._turn.T @ forces[self._v]
-
     def set_state(
         self, qpos: Float[np.ndarray, " nq"], qvel: Float[np.ndarray, " nv"]
     ) -> None:

@@ -67,31 +67,6 @@ def numbers_of(
     return np.concatenate([*by_joint, *(np.ravel(np.float64(x)) for x in rest)])
 
 
-def forces(
-    rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]
-) -> Float[np.ndarray, "N _"]:
-    """Return the motors' torques (12, Nm) and the losses' generalised forces (nv).
-
-    Args:
-        rows: the robots' numbers, from `stacked`.
-        arrays: torque before, qpos, qvel, target of joints and its rate.
-    """
-    return _call(_compiled(_forces, tuple(x.shape[-1] for x in arrays)), rows, arrays)
-
-
-def correct(
-    rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]
-) -> Float[np.ndarray, "N _"]:
-    """Return torques (12) and forces (nv) for a step's next trial, and the largest
-    torque beyond the envelope (1), Nm.
-
-    Args:
-        rows: the robots' numbers, from `stacked`.
-        arrays: torque tried, torque before, qpos, qvel, qvel at the end, mobility.
-    """
-    return _call(_compiled(_correct, tuple(x.shape[-1] for x in arrays)), rows, arrays)
-
-
 def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
     """Stack the parameter rows of N robots, filled up to a compiled batch size, on the
     CPU."""
@@ -106,15 +81,25 @@ def filled(robots: int) -> Int[np.ndarray, " P"]:
     return np.minimum(np.arange(places), robots - 1)
 
 
-def _call(
-    law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]
-) -> np.ndarray:
+def apply(
+    law: Callable[..., tuple[Array, ...]],
+    rows: Float[Array, "P _"],
+    *arrays: Float[np.ndarray, "N _"],
+) -> Float[np.ndarray, "N _"]:
+    """Return what a law says of each robot.
+
+    Args:
+        law: `forces` or `correct`.
+        rows: the robots' numbers, from `stacked`.
+        arrays: what the law takes beside these.
+    """
     robots = len(arrays[0])
     values = np.concatenate(arrays, axis=-1)
     if robots < len(rows):
         values = values[filled(robots)]
+    compiled = _compiled(law, tuple(x.shape[-1] for x in arrays))
     with jax.enable_x64(True):
-        return np.asarray(law(rows, values))[:robots]
+        return np.asarray(compiled(rows, values))[:robots]
 
 
 @functools.cache
@@ -146,7 +131,7 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
     return Actuator(**named, bus=Bus(*rest[:bus])), resistance, rest[-1]
 
 
-def _forces(
+def forces(
     motors: Actuator,
     resistance: Resistance,
     seconds: Array,
@@ -156,12 +141,13 @@ def _forces(
     q_target: Array,
     qd_target: Array,
 ) -> tuple[Array, ...]:
+    """Return the motors' torques (12, Nm) and the losses' generalised forces (nv)."""
     q, qd = joint_positions(qpos), joint_velocities(qvel)
     torque = joint_torque(motors, before, q, qd, q_target, qd_target, seconds)
     return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
 
 
-def _correct(
+def correct(
     motors: Actuator,
     resistance: Resistance,
     seconds: Array,
@@ -172,8 +158,8 @@ def _correct(
     qvel_after: Array,
     mobility: Array,
 ) -> tuple[Array, ...]:
-    """Reduce torques that lie outside the limits at the step's end; return torques,
-    loss forces and the largest excess.
+    """Return torques (12) and forces (nv) for a step's next trial, and the largest
+    torque beyond the envelope at the step's end (1), Nm.
 
     Less torque changes the speed at the end, too, and the limit with it: this is
     Newton's step, joint by joint.

@@ -84,7 +84,7 @@ def run_metrics(run: Trajectory) -> RunMetrics:
         mean_speed=float(np.mean(speed)),
         tracking_error=error,
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
-        lateral_drift=float(np.max(np.abs(track_position(run)[1]))),
+        lateral_drift=lateral_drift(run),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
         trunk_height=float(np.mean(over_ground(steady.qpos, ground)[:, 2])),
         mechanical_cost_of_transport=None if cost is None else mechanical * cost,
@@ -139,7 +139,7 @@ def motor_demand(run: Trajectory, speed: float) -> float:
     """Return the `power_demand` of the run's robot at a speed (m/s)."""
     hardware = run.hardware
     power = float(np.mean(hardware.joint_peak_torque * hardware.joint_no_load_speed))
-    return power_demand(run.mass, conventions.GRAVITY, speed, power, 1.0)
+    return power_demand(run.mass, conventions.GRAVITY, speed, power)
 
 
 # --- Motors ---------------------------------------------------------------------------
@@ -202,12 +202,10 @@ def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics,
     )
 
 
-def power_demand(
-    mass: float, gravity: float, speed: float, peak_torque: float, no_load_speed: float
-) -> float:
+def power_demand(mass: float, gravity: float, speed: float, envelope: float) -> float:
     """Return m g v / (tau_max omega_max), the demanded power over the power of one
-    motor (paper, Fig. 1, inset)."""
-    return mass * gravity * speed / (peak_torque * no_load_speed)
+    motor (paper, Fig. 1, inset); `envelope`: a motor's peak torque x no-load speed, W."""
+    return mass * gravity * speed / envelope
 
 
 # --- Track ---
@@ -249,6 +247,12 @@ def track_position(
     return along[:, 0], left[:, 0]
 
 
+def lateral_drift(run: Trajectory) -> float:
+    """Return the greatest distance of the trunk's centre from the track's middle line,
+    m."""
+    return float(np.max(np.abs(track_position(run)[1])))
+
+
 def time_at(run: Trajectory, distance: float) -> float | None:
     """Return the time at which the trunk's centre first was `distance` (m) ahead, s.
 
@@ -270,9 +274,8 @@ def measure_lane(run: Trajectory) -> Lane:
     trunk, feet = (
         float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run))
     )
-    offset = float(np.max(np.abs(track_position(run)[1])))
     used = max(trunk, feet) / (LANE_WIDTH / 2)
-    return Lane(offset, trunk, feet, used, kept=used <= 1.0)
+    return Lane(lateral_drift(run), trunk, feet, used, kept=used <= 1.0)
 
 
 def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:

@@ -122,7 +122,7 @@ def _pool(
     # needed.
     return spawned(
         max(count, 1),
-        functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]),
+        functools.partial(begin_worker, jax.config.values["jax_compilation_cache_dir"]),
         abandon=True,
     )
 
@@ -148,7 +148,7 @@ def compute_here() -> None:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
-def _begin(cache: str | None) -> None:
+def begin_worker(cache: str | None) -> None:
     """Set up JAX in a worker process: the CPU, and the compilation cache of the
     parent."""
     compute_here()

@@ -383,7 +383,9 @@ class Simulator:
             parts = zip(self.motors, self._resistance, self._periods, strict=True)
             self._rows = laws.stacked([laws.numbers_of(*part) for part in parts])
         before, qpos, qvel = self.torque.copy(), self.qpos.copy(), self.qvel.copy()
-        forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
+        forces = laws.apply(
+            laws.forces, self._rows, before, qpos, qvel, position, velocity
+        )
         tried = robots[self._throughout[robots]]
         starts = [batch.state.copy() for batch in self._batches] if len(tried) else []
         self._step(robots, forces)
@@ -391,7 +393,8 @@ class Simulator:
             # of the step's start, which all trials share
             for batch, at, its in self._by_batch(tried) if trial == 0 else ():
                 self._mobility[its] = self._mobilities(batch, at, its)
-            again = laws.correct(
+            again = laws.apply(
+                laws.correct,
                 self._rows,
                 forces[:, :12],
                 before,

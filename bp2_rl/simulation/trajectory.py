@@ -133,6 +133,11 @@ class Trajectory(RunFacts):
         vx, vy = self.qvel[:, 0], self.qvel[:, 1]
         return np.stack((cos * vx + sin * vy, cos * vy - sin * vx), axis=-1)
 
+    @property
+    def mean_speed(self) -> float:
+        """Mean forward speed in the heading frame, m/s."""
+        return float(np.mean(self.ground_velocity[:, 0]))
+
     def between(self, start: float, stop: float) -> "Trajectory":
         """Return the part of the run with start <= time < stop (s); `fell_at` is kept
         if it lies inside."""

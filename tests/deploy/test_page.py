@@ -133,9 +133,9 @@ def test_motors_and_losses_are_pythons_in_random_states(native, name):
     before = rng.uniform(-150.0, 150.0, (ROWS, 12))
     target = np.tile(setup.config.hardware.anatomy.stand, (ROWS, 1))
     mobility = rng.uniform(1.0, 50.0, (ROWS, 12))
-    forces = laws.forces(rows, before, qpos, qvel, target, 0.0 * target)
+    forces = laws.apply(laws.forces, rows, before, qpos, qvel, target, 0.0 * target)
     states = qpos, qvel, after, mobility
-    again = laws.correct(rows, forces[:, :12], before, *states)
+    again = laws.apply(laws.correct, rows, forces[:, :12], before, *states)
     close = functools.partial(np.testing.assert_allclose, rtol=1e-9, atol=1e-9)
     for k in range(ROWS):
         page.code.reset()

@@ -67,7 +67,7 @@ def test_the_papers_ratio_needs_its_own_gravity():
     assert dataclasses.replace(bp2, mass=35.8).demand() == pytest.approx(
         1.469, abs=5e-4
     )
-    assert power_demand(2.0, 10.0, 3.0, 4.0, 5.0) == 3.0
+    assert power_demand(2.0, 10.0, 3.0, 4.0 * 5.0) == 3.0
 
 
 # --- Races ----------------------------------------------------------------------------

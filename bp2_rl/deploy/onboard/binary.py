@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from bp2_rl.base.bounds import Within
-from bp2_rl.base.files import parse_json, read_bytes, read_npz, write_bytes
+from bp2_rl.base.files import read_npz, write_bytes
 from bp2_rl.reference.stepping import TROT
 from bp2_rl.reference.trot_law import FLEXION
 from bp2_rl.robot.anatomy import COSINE_MARGIN, SHORTEST_SQUARED
@@ -31,12 +31,11 @@ from .contents import (
     CPP,
     NUMBERS,
     REFERENCE,
-    SETTINGS,
     Settings,
     WatchdogLimits,
     loading,
+    read_bundle,
 )
-from .contents import LARGEST as LARGEST_FILE
 from .motion import LARGEST, LEAST_LEFT, specs_of
 from .watchdog import HUGE
 
@@ -119,17 +118,13 @@ def repack(folder: Path) -> None:
     Raises:
         BundleError: a file cannot be read or written.
     """
-    with loading(folder):
-        path = folder / BINARY
-        if path.is_file():
-            settings = parse_json(
-                read_bytes(folder / SETTINGS, LARGEST_FILE), str(folder / SETTINGS)
-            )
+    settings, files = read_bundle(folder)
+    if BINARY in files:
+        with loading(folder):
             arrays = read_npz(folder / REFERENCE, specs_of(settings["reference"]))
-            before = read_bytes(path, LARGEST_FILE)
-            _, _, size = HEAD.unpack_from(before)
-            network = before[HEAD.size : HEAD.size + size]
-            write_bytes(path, pack(settings, arrays, network))
+            _, _, size = HEAD.unpack_from(files[BINARY])
+            network = files[BINARY][HEAD.size : HEAD.size + size]
+            write_bytes(folder / BINARY, pack(settings, arrays, network))
 
 
 def _flat(value: object, name: str) -> Iterator[tuple[str, object]]:

@@ -237,18 +237,16 @@ def _check(settings: Settings, path: Path) -> None:
         )
 
 
-def with_infinity(values: Settings) -> dict[str, float | np.ndarray]:
+def with_infinity(values: Settings) -> dict[str, np.float64 | np.ndarray]:
     """Return limits by name, with infinity in the place of JSON's null.
 
     A limit is a number, or an array of twelve where joints differ.
     """
-
-    def number(value: list[float | None] | float | None) -> float | np.ndarray:
-        if isinstance(value, list):
-            return np.array([number(entry) for entry in value])
-        return math.inf if value is None else value
-
-    return {name: number(value) for name, value in values.items()}
+    # NumPy reads None as NaN
+    return {
+        name: np.nan_to_num(np.array(value, float), nan=math.inf, posinf=math.inf)
+        for name, value in values.items()
+    }
 
 
 def command_law(settings: Settings) -> CommandLaw:

@@ -42,17 +42,16 @@ class SimulatedRobot:
 
     def __init__(self, folder: Path | str, name: str):
         self.settings, files = read_bundle(folder)
-        settings = self.settings
-        require_one_of("robot", name, settings["robots"])
+        require_one_of("robot", name, self.settings["robots"])
         with loading(folder):
-            robot = settings["robots"][name]
+            robot = self.settings["robots"][name]
             bus = Bus(**robot["bus"]) if robot["bus"] else None
             self.motors = Actuator(
-                **settings["gains"], **with_infinity(robot["motors"]), bus=bus
+                **self.settings["gains"], **with_infinity(robot["motors"]), bus=bus
             )
             losses = robot["losses"]
             self.resistance = Resistance(**with_infinity(losses)) if losses else None
-            self._fall = settings["fall"]
+            self._fall = self.settings["fall"]
             self.model = mujoco.MjModel.from_xml_string(
                 files[f"{ROBOT_FOLDER}/{name}.xml"].decode()
             )
@@ -60,7 +59,7 @@ class SimulatedRobot:
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
             self._up = self.model.opt.gravity / -GRAVITY  # tilted on a slope
             self.data = mujoco.MjData(self.model)
-            joints = [self.model.joint(joint) for joint in settings["joints"]]
+            joints = [self.model.joint(joint) for joint in self.settings["joints"]]
             self._q = np.array([joint.qposadr[0] for joint in joints])
             self._qd = np.array([joint.dofadr[0] for joint in joints])
             self.data.qpos[:] = robot["stand"]["qpos"]

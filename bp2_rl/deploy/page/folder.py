@@ -22,7 +22,7 @@ from bp2_rl.base.files import require_name, write_bytes
 from bp2_rl.deploy.bundle import describe_policy, replaced, require_terms, robots_of
 from bp2_rl.deploy.network import to_records
 from bp2_rl.deploy.onboard.binary import assemble, pack
-from bp2_rl.deploy.onboard.contents import Settings
+from bp2_rl.deploy.onboard.contents import Settings, with_infinity
 from bp2_rl.deploy.page.mujoco_wasm import VERSION, mujoco_files
 from bp2_rl.evaluation.races import BOLT_SPLITS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.evaluation.report import player
@@ -140,8 +140,8 @@ def robot_numbers(setup: RobotSetup, settings: Settings, robot: Settings) -> byt
 def _at_joints(values: Settings) -> dict[str, np.ndarray]:
     """Return parameters at all twelve joints, by name; None is infinity."""
     return {
-        name: np.broadcast_to(np.float64(np.inf if x is None else x), NUM_MOTORS)
-        for name, x in values.items()
+        name: np.broadcast_to(x, NUM_MOTORS)
+        for name, x in with_infinity(values).items()
     }
 
 

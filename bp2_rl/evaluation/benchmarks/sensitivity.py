@@ -64,66 +64,66 @@ ROBOTS_IN_WORDS = (
 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """Return the assumed robot and variants with one property changed, by name."""
-    changed = assumed.changed
     stop = assumed.spring_stop_stiffness
     rebound = assumed.rebound_stiffness
-    springs = {
-        "spring stops x 2": changed(
-            spring_stop_stiffness=2.0 * stop, rebound_stiffness=2.0 * rebound
-        ),
-        "spring stops x 10": changed(
-            spring_stop_stiffness=10.0 * stop, rebound_stiffness=10.0 * rebound
-        ),
-        "rebound undamped": changed(rebound_damping=0.0),
-        "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
-        "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
+    springs: dict[str, dict[str, object]] = {
+        "spring stops x 2": {
+            "spring_stop_stiffness": 2.0 * stop,
+            "rebound_stiffness": 2.0 * rebound,
+        },
+        "spring stops x 10": {
+            "spring_stop_stiffness": 10.0 * stop,
+            "rebound_stiffness": 10.0 * rebound,
+        },
+        "rebound undamped": {"rebound_damping": 0.0},
+        "spring damping x 2": {"spring_damping": 2.0 * assumed.spring_damping},
+        "spring travel -10 mm": {"spring_travel": assumed.spring_travel - 0.01},
     }
-    others = {
-        "friction 0.6": changed(friction=0.6),
-        "friction 0.8": changed(friction=0.8),
-        "friction 1.1": changed(friction=1.1),
-        "ground's contact 2 ms": changed(contact_time=0.002),
-        "ground's contact 5 ms": changed(contact_time=0.005),
-        "ground that bounces": changed(contact_damping=0.5),
+    changes: dict[str, dict[str, object]] = {
+        "friction 0.6": {"friction": 0.6},
+        "friction 0.8": {"friction": 0.8},
+        "friction 1.1": {"friction": 1.1},
+        "ground's contact 2 ms": {"contact_time": 0.002},
+        "ground's contact 5 ms": {"contact_time": 0.005},
+        "ground that bounces": {"contact_damping": 0.5},
         **(springs if assumed.anatomy.sprung else {}),
-        "joint stops 20 ms": changed(joint_stop_time=0.020),
-        "joint stops 5 ms": changed(joint_stop_time=0.005),
-        "braking as driving": changed(braking_speed=assumed.no_load_speed),
-        "rotor inertia x 0.5": changed(rotor_inertia=times(0.5, assumed.rotor_inertia)),
-        "rotor inertia x 2": changed(rotor_inertia=times(2.0, assumed.rotor_inertia)),
-        "no-load speed -10 %": changed(no_load_speed=times(0.9, assumed.no_load_speed)),
-        "no-load speed -20 %": changed(no_load_speed=times(0.8, assumed.no_load_speed)),
-        "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
-        "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
-        "legs that pass through" if assumed.solid_legs else "solid legs": changed(
-            solid_legs=not assumed.solid_legs
-        ),
-        "no air": changed(drag_area=0.0),
+        "joint stops 20 ms": {"joint_stop_time": 0.02},
+        "joint stops 5 ms": {"joint_stop_time": 0.005},
+        "braking as driving": {"braking_speed": assumed.no_load_speed},
+        "rotor inertia x 0.5": {"rotor_inertia": times(0.5, assumed.rotor_inertia)},
+        "rotor inertia x 2": {"rotor_inertia": times(2.0, assumed.rotor_inertia)},
+        "no-load speed -10 %": {"no_load_speed": times(0.9, assumed.no_load_speed)},
+        "no-load speed -20 %": {"no_load_speed": times(0.8, assumed.no_load_speed)},
+        "mass -10 %": {"mass_scale": 0.9 * assumed.mass_scale},
+        "mass +10 %": {"mass_scale": 1.1 * assumed.mass_scale},
+        "legs that pass through" if assumed.solid_legs else "solid legs": {
+            "solid_legs": not assumed.solid_legs
+        },
+        "no air": {"drag_area": 0.0},
     }
     if assumed.is_bp2:
-        others |= {
-            "spring damping 30 N s/m": changed(spring_damping=30.0),
-            "spring damping 50 N s/m": changed(spring_damping=50.0),
-            "spring damping 100 N s/m": changed(spring_damping=100.0),
-            "no braking at 30 rad/s": changed(braking_speed=30.0),
-            "peak torque 100 Nm": changed(peak_torque=100.0),
-            "bus sag 2.5 %/kW": changed(bus_sag=0.025),
-            "bus sag 5 %/kW": changed(bus_sag=0.05),
-            "bus 6 kW": changed(bus_power_out=6e3),
-            "bus 5 kW": changed(bus_power_out=5e3),
-            "charging 1 kW": changed(bus_power_in=1e3),
-            "drag area 0.3 m²": changed(drag_area=0.3),
-            "drag area 0.4 m²": changed(drag_area=0.4),
-            "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
-            "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
-            "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
+        changes |= {
+            "spring damping 30 N s/m": {"spring_damping": 30.0},
+            "spring damping 50 N s/m": {"spring_damping": 50.0},
+            "spring damping 100 N s/m": {"spring_damping": 100.0},
+            "no braking at 30 rad/s": {"braking_speed": 30.0},
+            "peak torque 100 Nm": {"peak_torque": 100.0},
+            "bus sag 2.5 %/kW": {"bus_sag": 0.025},
+            "bus sag 5 %/kW": {"bus_sag": 0.05},
+            "bus 6 kW": {"bus_power_out": 6000.0},
+            "bus 5 kW": {"bus_power_out": 5000.0},
+            "charging 1 kW": {"bus_power_in": 1000.0},
+            "drag area 0.3 m²": {"drag_area": 0.3},
+            "drag area 0.4 m²": {"drag_area": 0.4},
+            "hind track -20 mm": {"hind_track": assumed.bp2.hind_track - 0.02},
+            "hind track +20 mm": {"hind_track": assumed.bp2.hind_track + 0.02},
+            "fore track +10 mm": {"fore_track": assumed.bp2.fore_track + 0.01},
         }
     else:
-        others["peak torque -20 %"] = changed(
-            peak_torque=times(0.8, assumed.peak_torque)
-        )
+        changes["peak torque -20 %"] = {"peak_torque": times(0.8, assumed.peak_torque)}
+    robots = {name: assumed.changed(**change) for name, change in changes.items()}
     return {AS_ASSUMED: assumed} | {
-        name: robot for name, robot in others.items() if robot != assumed
+        name: robot for name, robot in robots.items() if robot != assumed
     }
 
 

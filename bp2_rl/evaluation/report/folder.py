@@ -131,5 +131,4 @@ _CARD_CONDITIONS = (
     "simulator",
     "sensors",
     "operator",
-    "steering",
 )

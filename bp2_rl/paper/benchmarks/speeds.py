@@ -19,7 +19,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.parallel import simulate_all
@@ -82,11 +82,13 @@ class SpeedBenchmark(Generic[Metrics]):
     # what the policy's card keeps beside the lists over the speeds
     card: Callable[[Metrics], Mapping[str, object]] | None = None
 
-    def ramp(self, policy: Policy, setup: DeepSetup) -> Ramp:
+    def ramp(self, policy: Policy, setup: DeepBenchmarkOptions) -> Ramp:
         """Return the command's ramp to the top speed, held as `holds` says by default."""
         return ramp_to_topspeed(policy, setup, hold=self.holds[setup.quick])
 
-    def evaluate(self, policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
+    def evaluate(
+        self, policy: Policy, ramp: Ramp, setup: DeepBenchmarkOptions
+    ) -> Evaluation:
         """Run a policy at each speed, measure the strides, and evaluate the metrics."""
         robot = robot_of(policy, setup)
         top = ramp.target[0]
@@ -121,8 +123,7 @@ class SpeedBenchmark(Generic[Metrics]):
         assert isinstance(ramp, Ramp)
         part, strides = steady_strides(run, ramp, self.most) or (run, 0)
         measured = self.measure(part, strides) if strides else None
-        speed = float(np.mean(part.ground_velocity[:, 0]))
-        return self.at_speed(ramp.target[0], speed, run.fell_at, measured)
+        return self.at_speed(ramp.target[0], part.mean_speed, run.fell_at, measured)
 
 
 def steady_strides(

@@ -4,7 +4,7 @@ A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are r
 mistake is answered at once.
 """
 
-from collections.abc import Sequence
+import functools
 
 from bp2_rl.cli.app import choose, modules
 
@@ -16,8 +16,4 @@ COMMANDS = {
     "eval": "run four more benchmarks: endurance, mechanism, efficiency, stability",
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return
-    its exit status."""
-    return choose("bp2 paper", modules("bp2_rl.paper.cli", COMMANDS), argv)
+main = functools.partial(choose, "bp2 paper", modules("bp2_rl.paper.cli", COMMANDS))

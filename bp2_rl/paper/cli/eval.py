@@ -3,7 +3,6 @@ like those of `python eval.py`."""
 
 import dataclasses
 import shlex
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -11,8 +10,7 @@ import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
-from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.thermal_specs import MotorHeat
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.simulation.backend import Backend
 
 SCREEN = """usage: {prog} [POLICY_OR_RUN] [FLAGS]
@@ -50,7 +48,7 @@ DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability",
 
 
 @dataclasses.dataclass(frozen=True)
-class DeepEvalConfig(EvalConfig):
+class DeepEvalConfig(EvalConfig, DeepBenchmarkOptions):
     """Test the paper's claims about a gait on a policy, and write a report with a
     table, plots and a film."""
 
@@ -69,22 +67,16 @@ class DeepEvalConfig(EvalConfig):
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Random seed of the sensor noise; by default 0. For stability."""
     sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
-    heat: MotorHeat = MotorHeat()
-    quick: bool = False
-    """A short version, in half a minute. endurance: heat runs four times as fast as
-    motion. mechanism and efficiency: two speeds. stability: 30 strides at 10.74 m/s, no
-    return map, pushes in four directions."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Run the command and return its exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
     again = shlex.join(["bp2", "paper", "eval", *words])
     registry = "bp2_rl.paper.benchmarks.registry"
     return app.run(
         lambda: evaluate(
             app.parse(DeepEvalConfig, words, "bp2 paper eval", screen=SCREEN),
-            DeepSetup,
+            DeepBenchmarkOptions,
             registry,
             again,
         )

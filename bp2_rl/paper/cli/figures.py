@@ -2,7 +2,6 @@
 figures --all`: all of them."""
 
 import dataclasses
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from bp2_rl.base.files import require_name
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.metric import Table
 from bp2_rl.base.serialization import load_config, save_config, to_json
-from bp2_rl.cli.app import Command, Entry, choose
+from bp2_rl.cli.app import Command, choose, entries
 from bp2_rl.cli.printing import print_table
 from bp2_rl.cli.trajopt import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
@@ -82,7 +81,14 @@ def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
     for table in drawn.tables:
         print_table(table)
     if said:
-        rows = [(f"{s.item}: {s.paper}", s.ours, _verdict(s)) for s in said]
+        rows = [
+            (
+                f"{s.item}: {s.paper}",
+                s.ours,
+                ": ".join(filter(None, (s.verdict, s.because))),
+            )
+            for s in said
+        ]
         head = "The paper", "Here", ""
         print_table(Table("What the paper says", head, rows), folded=True)
     settings = to_json(arguments.settings)
@@ -91,20 +97,16 @@ def show_and_leave(arguments: Any, name: str, drawn: "Drawn") -> None:
         save_figure(figure, arguments.out / f"{picture}.{arguments.format}")
 
 
-def _verdict(said: Statement) -> str:
-    return ": ".join(filter(None, (said.verdict, said.because)))
-
-
-def _entry(name: str, settings: type[object]) -> Entry:
-    command = Command(
-        f"bp2 paper figures {name}",
-        with_folder(settings, OUT / name),
-        partial(_figure, name),
-    )
-    return (settings.__doc__ or "").splitlines()[0], command
-
-
-COMMANDS = {name: _entry(name, settings) for name, (settings, _) in FIGURES.items()} | {
+COMMANDS = entries(
+    {
+        name: Command(
+            f"bp2 paper figures {name}",
+            with_folder(settings, OUT / name),
+            partial(_figure, name),
+        )
+        for name, (settings, _) in FIGURES.items()
+    }
+) | {
     FLAG: (
         "every panel that can be made, and a page that says of each item of the paper what is ours",
         make_all,
@@ -112,10 +114,8 @@ COMMANDS = {name: _entry(name, settings) for name, (settings, _) in FIGURES.item
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the figure that `argv` (the process's arguments by default) names; return its
-    exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
+def main(words: Sequence[str]) -> int:
+    """Run the figure that `words` name; return its exit status."""
     # wherever --all stands
     return choose(
         "bp2 paper figures", COMMANDS, sorted(words, key=lambda word: word != FLAG)

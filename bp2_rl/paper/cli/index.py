@@ -178,49 +178,38 @@ def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
     from bp2_rl.paper.index.page import Made, index_page
 
     folders = {
-        source.name: find_folder(chosen.out / source.name)
+        source: find_folder(chosen.out / source.name)
         for source in SOURCES
         if source.name not in missing
     }
+    made = [
+        Made(source, folder, load_config(CommandRun, folder / MADE).seconds)
+        for source, folder in folders.items()
+    ]
     reports = {
-        source.name: read_json(folders[source.name] / source.numbers)
-        for source in SOURCES
-        if source.name in folders
+        source.name: read_json(folder / source.numbers)
+        for source, folder in folders.items()
     }
     groups = {
         heading: [fill(item, reports, missing) for item in items]
         for heading, items in read_items().items()
     }
-    seconds = {
-        name: load_config(CommandRun, folder / MADE).seconds
-        for name, folder in folders.items()
-    }
-    made = [
-        Made(source, folders[source.name], seconds[source.name])
-        for source in SOURCES
-        if source.name in folders
-    ]
     commands = {source.name: source.command for source in SOURCES}
-    said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(chosen)}{', short versions' if chosen.quick else ''}"
+    policy = "that ships" if chosen.policy is None else chosen.policy.name
+    said = f"bp2_rl {bp2_rl.__version__}; policy {policy}{', short versions' if chosen.quick else ''}"
     rows = [row for of_group in groups.values() for row in of_group]
     report = IndexReport(
         version=bp2_rl.__version__,
-        policy=policy_name(chosen),
+        policy=policy,
         quick=chosen.quick,
         commands={each.source.name: each.source.command for each in made},
-        seconds=seconds,
+        seconds={each.source.name: each.seconds for each in made},
         missing=dict(missing),
         verdicts={row.item.id: row.verdict for row in rows},
         numbers={row.item.id: _numbers(row) for row in rows if _numbers(row)},
     )
     write_text(chosen.out / PAGE, index_page(groups, made, commands, missing, said))
     save_config(chosen.out / METRICS, report)
-
-
-def policy_name(chosen: IndexArguments) -> str:
-    """Return the policy's name on the page: its folder's, or "that ships" by
-    default."""
-    return "that ships" if chosen.policy is None else chosen.policy.name
 
 
 def _numbers(row: IndexRow) -> dict[str, Any]:

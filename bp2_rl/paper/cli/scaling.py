@@ -117,7 +117,4 @@ def choose_robots(
     return found or dict(robots)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command on `argv`, the process's arguments by default; return the exit
-    status."""
-    return Command("bp2 paper scaling", with_folder(LimitSettings, OUT), _compare)(argv)
+main = Command("bp2 paper scaling", with_folder(LimitSettings, OUT), _compare)

@@ -5,6 +5,7 @@ is answered at once.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -69,12 +70,12 @@ def find_limits(arguments: LimitsArguments) -> None:
     with own_folder(arguments.out):
         with trajopt.progress_bar() as progress:
             searched = progress.track(search, len(variants), description="variants")
-            found = {one.variant: one for one in searched}
-        speeds = {name: found[name].speed for name in variants}
+            found = dict(searched)
+        speeds = {name: found[name] for name in variants}
         save_config(numbers, limits.GreatestSpeeds(problem, speeds))
     lines: list[Sequence[str]] = []
     for name, speed in speeds.items():
-        base = speeds[found[name].base]
+        base = speeds[variants[name].base]
         change = None if speed is None or base is None else speed - base
         lines.append((name, show(speed, ".2f"), show(change, "+.2f")))
     print_table(Table("", ("Variant", "Greatest speed [m/s]", "Change"), lines))
@@ -207,7 +208,8 @@ def draw_figures(arguments: FiguresArguments) -> None:
     from bp2_rl.paper.trajectories import coupling, decomposition, figures
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
-    accounts = coupling.account_family(solutions)
+    family = decomposition.comparable(solutions)
+    accounts = [coupling.account_coupling(solution) for solution in family]
     for name, figure in (
         ("decomposition", figures.decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),
@@ -257,7 +259,7 @@ COMMANDS = {
         f"{PROG} limits",
         LimitsArguments,
         find_limits,
-        problem_of_robot(LimitsArguments),
+        functools.partial(problem_of_robot, LimitsArguments),
         LIMITS_SCREEN,
     ),
     "schemes": Command(f"{PROG} schemes", SchemesArguments, run_schemes),
@@ -279,8 +281,4 @@ COMMANDS = {
     "figures": Command(f"{PROG} figures", FiguresArguments, draw_figures),
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` (the process's arguments by default) names; return
-    its exit status."""
-    return choose(PROG, entries(COMMANDS), argv)
+main = functools.partial(choose, PROG, entries(COMMANDS))

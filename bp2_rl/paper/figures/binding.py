@@ -179,7 +179,7 @@ def describe_run(run: Trajectory) -> GaitSummary:
     along = cos * part.foot_force[..., 0] + sin * part.foot_force[..., 1]
     force = np.stack([along, part.foot_force[..., 2]], axis=-1).reshape(len(part), -1)
     return GaitSummary(
-        speed=float(np.mean(part.ground_velocity[:, 0])),
+        speed=part.mean_speed,
         period=len(part) * part.dt / strides,
         duty=float(np.mean(contacts(part))),
         peak_torque=float(np.max(np.abs(torque))),

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bp2_rl.base.metric import Table
+from bp2_rl.base.metric import Table, table_of
 from bp2_rl.base.plotting import INK
 
 DASHES = (0, (4, 2))
@@ -27,6 +27,11 @@ class Drawn(NamedTuple):
     results: Any
     tables: tuple[Table, ...]
     pictures: Mapping[str, Figure]  # by name
+
+
+def drawn_rows(name: str, rows: Sequence[object], **picture: Figure) -> Drawn:
+    """Return a figure whose numbers are the rows of one table."""
+    return Drawn({name: rows}, (table_of("", rows),), picture)
 
 
 def joined(form: str, between: str = " / ") -> Callable[[Sequence[float]], str]:

@@ -99,7 +99,7 @@ def measure_points(run: Trajectory) -> RunNumbers:
     steady = steady_window(run)
     near = envelope_use(steady).near
     return RunNumbers(
-        speed=float(np.mean(steady.ground_velocity[:, 0])),
+        speed=steady.mean_speed,
         commanded=float(steady.command[-1, 0]),
         kinds=tuple(_kind(steady, near, name) for name in KINDS),
     )

@@ -67,7 +67,16 @@ class RewardsNumbers:
 def rewards(settings: RewardsFigureSettings) -> Drawn:
     """Draw the weight of velocity tracking over speed, and tabulate the reward
     coefficients."""
-    numbers = read_coefficients()
+    paper, ours = (
+        {
+            stage: {
+                row: float(getattr(column[stage], field)) for row, field in ROWS.items()
+            }
+            for stage in STAGES
+        }
+        for column in (PAPER, OURS)
+    )
+    numbers = RewardsNumbers(paper, ours, _reading("literal"), _reading("text"))
     head = (
         "Term",
         *(f"{whose}, {stage}" for whose in ("paper", "ours") for stage in STAGES),
@@ -77,7 +86,7 @@ def rewards(settings: RewardsFigureSettings) -> Drawn:
             row,
             *(
                 f"{column[stage][row]:g}"
-                for column in (numbers.paper, numbers.ours)
+                for column in (paper, ours)
                 for stage in STAGES
             ),
         )
@@ -88,21 +97,6 @@ def rewards(settings: RewardsFigureSettings) -> Drawn:
         (Table("Table S4, base coefficients", head, lines),),
         {"rewards": rewards_figure(settings)},
     )
-
-
-def read_coefficients() -> RewardsNumbers:
-    """Return the reward coefficients of the paper and ours, and both readings of the
-    schedule."""
-    paper, ours = (
-        {
-            stage: {
-                row: float(getattr(column[stage], field)) for row, field in ROWS.items()
-            }
-            for stage in STAGES
-        }
-        for column in (PAPER, OURS)
-    )
-    return RewardsNumbers(paper, ours, _reading("literal"), _reading("text"))
 
 
 def weights(

@@ -2,6 +2,7 @@
 the compiled model."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -26,6 +27,7 @@ from bp2_rl.simulation.simulator import RobotSetup, settled
 TABLE_S3 = "paper, Table S3"
 CIRCLE = 24  # points
 LOOKS = 2  # group of the geoms that are looks
+PART_COLORS = {"trunk": INK, **LEG_COLORS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,13 +100,12 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
     model, data = standing(hardware)
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     side, front = figure.subplots(1, 2, width_ratios=(1.15, 0.85))
-    colors: dict[str | None, str] = {None: INK, **LEG_COLORS}
     for axes, plane, title, across in (
         (side, (0, 2), f"{numbers.length:.2f} m long", "x"),
         (front, (1, 2), f"{numbers.width:.2f} m wide", "y"),
     ):
         parts = outlines(model, data, plane)
-        draw_outlines(axes, parts, colors)
+        draw_outlines(axes, parts)
         low, high = extent(parts)
         axes.axhline(0.0, color=QUIET, linewidth=0.8)
         axes.set(
@@ -115,17 +116,7 @@ def robot_figure(hardware: HardwareSpec, numbers: RobotNumbers) -> Figure:
         )
         axes.set_xlim(low[0] - 0.06, high[0] + 0.06)
     side.set_ylabel("z [m]")
-    handles = [
-        side.fill([], [], color=color, label=leg or "trunk")[0]
-        for leg, color in colors.items()
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside upper right",
-        ncols=5,
-        handlelength=0.9,
-        columnspacing=1.0,
-    )
+    name_parts(figure, PART_COLORS)
     figure.suptitle(
         f"BP2 as it is modelled: {numbers.mass:.1f} kg, hips {numbers.standing_height:.3f} m high",
         x=0.01,
@@ -143,7 +134,7 @@ class SilhouettePart(NamedTuple):
 
     outline: Float[np.ndarray, "K 2"]  # m
     nearness: float  # m, towards the eye
-    leg: str | None  # FR to RL; None: the trunk
+    name: str  # as in `PART_COLORS`
 
 
 def outlines(
@@ -168,10 +159,12 @@ def outlines(
         )
         flat = points[:, axes]
         body = model.body(model.geom_bodyid[geom]).name
-        leg = body[:2] if body[:2] in LEGS else None
+        name = body[:2] if body[:2] in LEGS else "trunk"
         parts.append(
             SilhouettePart(
-                flat[ConvexHull(flat).vertices], float(data.geom_xpos[geom] @ view), leg
+                flat[ConvexHull(flat).vertices],
+                float(data.geom_xpos[geom] @ view),
+                name,
             )
         )
     return sorted(parts, key=lambda part: part.nearness)
@@ -180,7 +173,6 @@ def outlines(
 def draw_outlines(
     axes: Axes,
     parts: list[SilhouettePart],
-    colors: dict[str | None, str],
     *,
     right: float = 0.0,
     alpha: float = 1.0,
@@ -189,12 +181,27 @@ def draw_outlines(
     for part in parts:
         shape = Polygon(
             part.outline + np.array((right, 0.0)),
-            facecolor=colors[part.leg],
+            facecolor=PART_COLORS[part.name],
             edgecolor="white",
             linewidth=0.3,
             alpha=alpha,
         )
         axes.add_patch(shape)
+
+
+def name_parts(figure: Figure, colors: Mapping[str, str]) -> None:
+    """Name the robot's parts by their colours, above the panels."""
+    handles = [
+        figure.axes[0].fill([], [], color=color, label=name)[0]
+        for name, color in colors.items()
+    ]
+    figure.legend(
+        handles=handles,
+        loc="outside upper right",
+        ncols=len(handles),
+        handlelength=0.9,
+        columnspacing=1.0,
+    )
 
 
 def extent(

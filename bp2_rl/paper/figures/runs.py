@@ -10,7 +10,7 @@ import numpy as np
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report, read_report
-from bp2_rl.robot.conventions import LEGS
+from bp2_rl.paper.benchmarks.speeds import LEG
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory, best_window
 
@@ -65,7 +65,6 @@ def _read(folder: Path, benchmark: str) -> Report:
 
 
 CYCLES = 3
-LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper
 
 
 def cycles(run: Trajectory) -> Trajectory:

@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.metric import metric, table_of
-from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.base.plotting import LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.paper.benchmarks.speeds import LEG
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.robot import draw_outlines, outlines
-from bp2_rl.paper.figures.runs import CYCLES, LEG, cycles, read_runs
+from bp2_rl.paper.figures.robot import draw_outlines, name_parts, outlines
+from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import StridesFigureSettings
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.model import load_model
@@ -58,7 +59,7 @@ def describe_cycles(name: str, part: Trajectory) -> StridesNumbers:
     standing = contacts(part)
     return StridesNumbers(
         name=name,
-        speed=float(np.mean(part.ground_velocity[:, 0])),
+        speed=part.mean_speed,
         frequency=CYCLES / (len(part) * part.dt),
         duty=float(np.mean(standing)),
         aerial=float(np.mean(~np.any(standing, axis=1))),
@@ -71,7 +72,6 @@ def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
     model = load_model(part.hardware)
     data = mujoco.MjData(model)
     figure = Figure(figsize=(1.3 * WIDTH, 5.0), layout="constrained")
-    colors: dict[str | None, str] = {None: INK, **LEG_COLORS}
     samples = (
         np.linspace(0, len(part), CYCLES * FRAMES, endpoint=False)
         .astype(int)
@@ -86,7 +86,6 @@ def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
             draw_outlines(
                 axes,
                 outlines(model, data, (0, 2)),
-                colors,
                 right=SPACE * place,
                 alpha=FADED if place % 2 else 1.0,
             )
@@ -103,17 +102,7 @@ def strides_figure(part: Trajectory, numbers: StridesNumbers) -> Figure:
             aspect="equal", xlim=(-0.75, SPACE * (FRAMES - 1) + 0.75), ylim=(-0.2, 0.8)
         )
         axes.axis("off")
-    handles = [
-        figure.axes[0].fill([], [], color=color, label=leg)[0]
-        for leg, color in LEG_COLORS.items()
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside upper right",
-        ncols=4,
-        handlelength=0.9,
-        columnspacing=1.0,
-    )
+    name_parts(figure, LEG_COLORS)
     title = f"{numbers.name}: {CYCLES} cycles at {numbers.speed:.2f} m/s from touchdown of {LEGS[LEG]}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
     return figure

@@ -98,14 +98,13 @@ def inliers(points: Float[np.ndarray, "N 3"], rounds: int = 20) -> Inliers:
     return Inliers(share, math.sqrt(0.95 * 0.05 / len(points)))
 
 
-def _chi_square_5(x: float) -> float:
-    """Return the cumulative chi-square distribution of five degrees of freedom at x."""
-    return math.erf(math.sqrt(x / 2.0)) - math.sqrt(2.0 * x / math.pi) * math.exp(
-        -x / 2.0
-    ) * (1.0 + x / 3.0)
-
-
-TRIMMED = _chi_square_5(CHI_SQUARE_95) / 0.95
+# the chi-square distribution of five degrees of freedom there, in closed form
+TRIMMED = (
+    math.erf(math.sqrt(CHI_SQUARE_95 / 2.0))
+    - math.sqrt(2.0 * CHI_SQUARE_95 / math.pi)
+    * math.exp(-CHI_SQUARE_95 / 2.0)
+    * (1.0 + CHI_SQUARE_95 / 3.0)
+) / 0.95
 """Covariance of a three-dimensional Gaussian within its 95 % bound, over the whole
 Gaussian's."""
 

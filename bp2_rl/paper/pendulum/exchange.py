@@ -8,11 +8,12 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy.integrate import cumulative_simpson
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.paper.figures.drawn import (
     DASHES,
     Drawn,
+    drawn_rows,
     joined,
     legend_above_panels,
     remark,
@@ -123,8 +124,7 @@ def study_exchange(settings: PendulumExchangeSettings) -> Drawn:
     released."""
     runs = exchanges(settings.amplitude, settings.mass_ratio, settings.periods)
     rows = tuple(run.sharing for run in runs)
-    table = table_of("", rows)
-    return Drawn({"mass_ratios": rows}, (table,), {"exchange": exchange_figure(runs)})
+    return drawn_rows("mass_ratios", rows, exchange=exchange_figure(runs))
 
 
 @styled

@@ -11,9 +11,15 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import INK, WIDTH, styled
-from bp2_rl.paper.figures.drawn import DASHES, Drawn, joined, legend_above_panels
+from bp2_rl.paper.figures.drawn import (
+    DASHES,
+    Drawn,
+    drawn_rows,
+    joined,
+    legend_above_panels,
+)
 from bp2_rl.paper.pendulum import exact
 from bp2_rl.paper.pendulum.settings import (
     HIP_AMPLITUDE,
@@ -89,7 +95,11 @@ def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
     """Return a mass ratio's maps over frequency and, at the W `frequency`, over
     amplitude."""
     phases = np.linspace(0.0, np.pi, PHASES)
-    frequencies, amplitudes = (_between(*ends) for ends in (FREQUENCIES, AMPLITUDES))
+    # the middles of equal parts: none is at W = 1, where the ratio has a pole
+    frequencies, amplitudes = (
+        low + (np.arange(ROWS) + 0.5) * ((high - low) / ROWS)
+        for low, high in (FREQUENCIES, AMPLITUDES)
+    )
     ratio = np.array(mass_ratio)
     over_frequency = peak_ratio(phases, np.array(SMALL), frequencies[:, None], ratio)
     over_amplitude = peak_ratio(phases, amplitudes[:, None], np.array(frequency), ratio)
@@ -109,12 +119,6 @@ def reduction_maps(mass_ratio: float, frequency: float) -> Maps:
     return Maps(
         reduction, phases, frequencies, amplitudes, over_frequency, over_amplitude
     )
-
-
-def _between(low: float, high: float) -> Float[np.ndarray, " rows"]:
-    """Return centres of equal intervals: so none is at W = 1, where the ratio has a
-    pole."""
-    return low + (np.arange(ROWS) + 0.5) * ((high - low) / ROWS)
 
 
 def _boundary(phase: float, mass_ratio: float) -> float:
@@ -143,8 +147,7 @@ def map_reduction(settings: PendulumMapSettings) -> Drawn:
     maps = [reduction_maps(ratio, frequency) for ratio in settings.mass_ratio]
     maps.append(reduction_maps(MASS_RATIO, robot))
     rows = tuple(one.reduction for one in maps)
-    table = table_of("", rows)
-    return Drawn({"mass_ratios": rows}, (table,), {"map": reduction_figure(maps)})
+    return drawn_rows("mass_ratios", rows, map=reduction_figure(maps))
 
 
 @styled

@@ -15,9 +15,15 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.distance import directed_hausdorff
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FALL, FRONT, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above_panels, remark
+from bp2_rl.paper.figures.drawn import (
+    Drawn,
+    drawn_rows,
+    joined,
+    legend_above_panels,
+    remark,
+)
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumSectionsSettings
 
@@ -99,8 +105,7 @@ def cut_sections(settings: PendulumSectionsSettings) -> Drawn:
     paths are."""
     found = sections(settings.amplitude, settings.mass_ratio, settings.periods)
     paths = tuple(section.path for section in found)
-    table = table_of("", paths)
-    return Drawn({"mass_ratios": paths}, (table,), {"sections": sections_figure(found)})
+    return drawn_rows("mass_ratios", paths, sections=sections_figure(found))
 
 
 @styled

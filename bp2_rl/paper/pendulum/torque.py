@@ -14,9 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
-from bp2_rl.paper.figures.drawn import Drawn, joined, legend_above_panels, remark
+from bp2_rl.paper.figures.drawn import (
+    Drawn,
+    drawn_rows,
+    joined,
+    legend_above_panels,
+    remark,
+)
 from bp2_rl.paper.pendulum import beam
 from bp2_rl.paper.pendulum.settings import (
     LEG_LENGTH,
@@ -175,8 +181,7 @@ def compare_torques(settings: PendulumTorqueSettings) -> Drawn:
         settings.frequency,
         settings.length,
     )
-    table = table_of("", case.rows)
-    return Drawn({"lengths": case.rows}, (table,), {"torque": torque_figure(case)})
+    return drawn_rows("lengths", case.rows, torque=torque_figure(case))
 
 
 @styled

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
-from bp2_rl.base.metric import metric, table_of
+from bp2_rl.base.metric import metric
 from bp2_rl.base.plotting import FRONT, INK, WIDTH, styled
-from bp2_rl.paper.figures.drawn import DASHES, Drawn, note
+from bp2_rl.paper.figures.drawn import DASHES, Drawn, drawn_rows, note
 from bp2_rl.paper.pendulum import exact
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, swing
 from bp2_rl.paper.pendulum.settings import PendulumTrappingSettings
@@ -78,8 +78,7 @@ def are_trapped(
 def find_trapping(settings: PendulumTrappingSettings) -> Drawn:
     """Draw and tabulate the mass ratio above which a swing stays with its pendulum."""
     found = tuple(thresholds(sorted(settings.thresholds)))
-    table = table_of("", found)
-    return Drawn({"thresholds": found}, (table,), {"trapping": trapping_figure(found)})
+    return drawn_rows("thresholds", found, trapping=trapping_figure(found))
 
 
 @styled

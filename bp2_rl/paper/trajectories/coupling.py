@@ -3,7 +3,6 @@ of hips and knees by source (`sources`), and what the motors save.
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +19,6 @@ from bp2_rl.paper.trajectories.decomposition import (
     Decomposition,
     TermMeans,
     Trends,
-    comparable,
     coupling_opposes,
     decompose,
     peak_velocity_force,
@@ -189,16 +187,6 @@ def account_coupling(solution: Solution) -> CouplingAccount:
         reversal=float(since[np.argmax(hip_angle)]),  # where the hip is furthest back
         velocity_force=_velocity_force(terms),
     )
-
-
-def account_family(solutions: Sequence[Solution]) -> list[CouplingAccount]:
-    """Return the effects of inertial coupling in each solution, by ascending speed.
-
-    Raises:
-        UserError: there are no solutions, or they differ in more than speed, scheme and
-            mesh.
-    """
-    return [account_coupling(solution) for solution in comparable(solutions)]
 
 
 def _cut(terms: Decomposition, most: int) -> Cutoff:

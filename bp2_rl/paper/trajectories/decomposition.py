@@ -29,7 +29,6 @@ from scipy.signal import find_peaks
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.cycle import Cycle, whole_cycle
-from bp2_rl.optimiser.problem import Stride
 from bp2_rl.optimiser.solution import Solution
 
 TERMS = (
@@ -179,23 +178,10 @@ def decompose(solution: Solution) -> Decomposition:
     impulses[-1] = np.einsum(
         "kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse
     )
-    return Decomposition(
-        cycle, coordinate_names(cycle.problem.stride), mass, forces, impulses
-    )
-
-
-def coordinate_names(stride: Stride) -> tuple[str, ...]:
-    """Return the names of the sagittal model's coordinates, such as "FR hip"."""
-    return (
-        "x",
-        "z",
-        "pitch",
-        *(
-            f"{leg} {joint}"
-            for leg in stride.legs
-            for joint in ("hip", "knee", "spring")[: stride.per_leg]
-        ),
-    )
+    stride = cycle.problem.stride
+    joints = ("hip", "knee", "spring")[: stride.per_leg]
+    of_legs = (f"{leg} {joint}" for leg in stride.legs for joint in joints)
+    return Decomposition(cycle, ("x", "z", "pitch", *of_legs), mass, forces, impulses)
 
 
 def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:

@@ -9,17 +9,10 @@ from collections.abc import Iterator, Mapping
 from bp2_rl.base.processes import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
-from bp2_rl.paper.trajectories.variants import LossVariant
+from bp2_rl.paper.trajectories.variants import ProblemVariant
 
-
-@dataclasses.dataclass(frozen=True)
-class FastestVariant:
-    """A variant's greatest speed, m/s, and the variant it is compared with; None where
-    IPOPT found no trajectory."""
-
-    variant: str
-    base: str
-    speed: float | None
+FastestVariant = tuple[str, float | None]
+"""Name and greatest speed of a variant, m/s; None where IPOPT found no trajectory."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,25 +24,24 @@ class GreatestSpeeds:
 
 
 def greatest_speeds(
-    variants: Mapping[str, Problem], workers: int = 2
+    variants: Mapping[str, ProblemVariant], workers: int = 2
 ) -> Iterator[FastestVariant]:
-    """Yield the greatest speeds of variants as they are found; the first variant is the
-    base.
+    """Yield the greatest speeds of variants as they are found.
 
     Each is the better of two searches: from the problem's own solution and from one of
     another speed.
     """
-    base = next(iter(variants))
     with spawned(workers) as pool:
         searches = {
-            pool.submit(_search, variant): name for name, variant in variants.items()
+            pool.submit(_search, variant.problem): name
+            for name, variant in variants.items()
         }
         for search in concurrent.futures.as_completed(searches):
-            yield FastestVariant(searches[search], base, _greatest(search.result()))
+            yield searches[search], _greatest(search.result())
 
 
 def greatest_speeds_by_loss(
-    variants: Mapping[str, LossVariant], workers: int = 2
+    variants: Mapping[str, ProblemVariant], workers: int = 2
 ) -> Iterator[FastestVariant]:
     """Yield the greatest speeds of `loss_variants`, as they are found.
 
@@ -67,17 +59,16 @@ def greatest_speeds_by_loss(
             variants["built"].problem, _starts(found["ideal"])
         )
         for name, solutions in found.items():
-            yield FastestVariant(name, variants[name].base, _greatest(solutions))
+            yield name, _greatest(solutions)
         searches = {
-            pool.submit(_fastest_from, variant.problem, _starts(found[variant.base])): (
-                name,
-                variant.base,
-            )
+            pool.submit(
+                _fastest_from, variant.problem, _starts(found[variant.base])
+            ): name
             for name, variant in variants.items()
             if name not in found
         }
         for search in concurrent.futures.as_completed(searches):
-            yield FastestVariant(*searches[search], _greatest(search.result()))
+            yield searches[search], _greatest(search.result())
 
 
 def _search(problem: Problem) -> list[Solution]:
@@ -111,14 +102,9 @@ def _fastest_from(problem: Problem, starts: list[Solution]) -> list[Solution]:
 
 def _starts(found: list[Solution]) -> list[Solution]:
     """Return the fastest solution that `_search` found, and the start of its first."""
-    best = _best(found)
-    return [] if best is None else [best, *found[1:2]]
-
-
-def _best(found: list[Solution]) -> Solution | None:
-    return max(found, key=lambda solution: solution.problem.speed, default=None)
+    fastest = sorted(found, key=lambda solution: -solution.problem.speed)[:1]
+    return [*fastest, *found[1:2]]
 
 
 def _greatest(found: list[Solution]) -> float | None:
-    best = _best(found)
-    return None if best is None else best.problem.speed
+    return max((solution.problem.speed for solution in found), default=None)

@@ -36,25 +36,24 @@ KNOWN_PARTS = (
 """The parts of a robot that the model in the plane knows."""
 
 
-class LossVariant(NamedTuple):
-    """A robot with some of its losses, and the name of the variant it is compared
-    with."""
+class ProblemVariant(NamedTuple):
+    """A problem, and the name of the variant that it is compared with."""
 
     base: str
     problem: Problem
 
 
-def hardware_variants(problem: Problem) -> dict[str, Problem]:
+def hardware_variants(problem: Problem) -> dict[str, ProblemVariant]:
     """Return the problem, and variants with one thing about the robot changed, by
     name."""
-    changed = {name: problem.on(**change) for name, change in HARDWARE_CHANGES.items()}
-    return {
-        **changed,
-        "joints faster than no-load": dataclasses.replace(problem, speed_margin=2.0),
-    }
+    problems = {name: problem.on(**change) for name, change in HARDWARE_CHANGES.items()}
+    faster = dataclasses.replace(problem, speed_margin=2.0)
+    problems |= {"joints faster than no-load": faster}
+    base = next(iter(problems))
+    return {name: ProblemVariant(base, one) for name, one in problems.items()}
 
 
-def loss_variants(problem: Problem) -> dict[str, LossVariant]:
+def loss_variants(problem: Problem) -> dict[str, ProblemVariant]:
     """Return the problem by name: on the robot without losses, with each loss alone,
     with all, and with all but one.
 
@@ -81,6 +80,6 @@ def loss_variants(problem: Problem) -> dict[str, LossVariant]:
         },
     }
     return {
-        name: LossVariant(base, dataclasses.replace(problem, hardware=variant))
+        name: ProblemVariant(base, dataclasses.replace(problem, hardware=variant))
         for name, (base, variant) in variants.items()
     }

@@ -107,8 +107,7 @@ def read_log(path: Path, anatomy: Anatomy) -> RobotLog:
         UserError: the file is no log, or a column is missing, misnamed or impossible.
     """
     try:
-        columns = _columns(path)
-        return _log(columns, anatomy)
+        return _log(_columns(path), anatomy)
     except UserError as error:
         raise UserError(f"{path}: {one_line(str(error))}") from error
     except (

@@ -81,10 +81,7 @@ def measure_policies(
     for name in sorted(names, key=int):
         folder = run_dir / POLICIES / name
         policy = load_policy(folder, layout_of=layout_of, task=task)
-        measurement = known.get(policy.card.weights_sha256)
-        if measurement is None:
-            measurement = _measure(policy)
-        result.append(measurement)
+        result.append(known.get(policy.card.weights_sha256) or _measure(policy))
     save_config(run_dir / MEASURED, _Measured(LADDER, tuple(result)))
     return result
 

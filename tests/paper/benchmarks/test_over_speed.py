@@ -22,7 +22,7 @@ from bp2_rl.paper.benchmarks.mechanism.forces import (
     MechanismMetrics,
     measure_forces,
 )
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.paper.benchmarks.registry import BENCHMARKS
 
 
@@ -94,7 +94,7 @@ def evaluate(monkeypatch, make_policy, case):
         return case.fallen if fell else case.at(speed)
 
     def evaluate(seed=0, **setup):
-        policy, chosen = make_policy(seed=seed), DeepSetup(**setup)
+        policy, chosen = make_policy(seed=seed), DeepBenchmarkOptions(**setup)
         benchmark = BENCHMARKS[case.name]
         ramp = benchmark.schedule(policy, chosen)
         return benchmark.run(policy, ramp, chosen), asked

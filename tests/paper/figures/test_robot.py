@@ -43,7 +43,7 @@ def test_a_wider_robot_is_measured_to_be_wider():
 
 
 @pytest.mark.parametrize(
-    ("plane", "near"), [((0, 2), {"FR", "RR"}), ((1, 2), {"FR", "FL", None})]
+    ("plane", "near"), [((0, 2), {"FR", "RR"}), ((1, 2), {"FR", "FL", "trunk"})]
 )
 def test_what_is_nearest_is_drawn_last(plane, near):
     """From the right (y < 0) the right legs, from the front (x > 0) the fore legs and
@@ -52,8 +52,8 @@ def test_what_is_nearest_is_drawn_last(plane, near):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     parts = outlines(model, data, plane)
-    assert {part.leg for part in parts} == {None, *LEGS}
-    assert {part.leg for part in parts[-5:]} <= near
+    assert {part.name for part in parts} == {"trunk", *LEGS}
+    assert {part.name for part in parts[-5:]} <= near
     low, high = extent(parts)
     # Straight legs of 0.7 m, the keyframe aside, from the trunk at 0.55 m; hull points
     # lie on the shapes themselves.

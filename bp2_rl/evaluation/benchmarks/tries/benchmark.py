@@ -213,7 +213,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
             "Creep",
             "No steering",
         ),
-        pictures=(Picture("manoeuvres", caption, tries_figure(metrics.outcomes)),),
+        pictures=(Picture("manoeuvres", caption, tries_figure(metrics)),),
         metrics=metrics,
         results=rounded(
             {
@@ -330,7 +330,7 @@ def disturbances(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluat
         good=tries.fell == 0,
         rows=disturbance_rows(tries),
         tiles=("Without a fall", "Pushes", "Rough ground"),
-        pictures=(Picture("disturbances", caption, tries_figure(tries.outcomes)),),
+        pictures=(Picture("disturbances", caption, tries_figure(tries)),),
         metrics=tries,
         results={
             "of": len(tries.outcomes),
@@ -371,21 +371,17 @@ LONG = 9  # characters: what is longer is written smaller
 
 
 @styled
-def tries_figure(outcomes: Sequence[TryOutcome]) -> Figure:
+def tries_figure(tries: Tries) -> Figure:
     """Draw the outcomes of all trials as a chart with one row for each group."""
-    groups = [
-        list(group)
-        for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)
-    ]
+    groups = tries.groups.values()
     figure = Figure(figsize=(WIDTH, ROW * (len(groups) + 1.2)))
     axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, WIDTH), ylim=(len(groups) + 0.2, -1.0))
     axes.set_axis_off()
-    passed = sum(outcome.passed for outcome in outcomes)
     axes.text(
         0.1,
         -0.5,
-        f"{passed} of {len(outcomes)} passed; red: failed",
+        f"{share_passed(tries.outcomes)} passed; red: failed",
         va="center",
         weight="bold",
         size=12,

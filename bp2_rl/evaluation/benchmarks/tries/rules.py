@@ -11,6 +11,7 @@ from bp2_rl.base.plotting import moving_mean
 from bp2_rl.robot import conventions
 from bp2_rl.simulation.measuring import (
     LANE_WIDTH,
+    lateral_drift,
     mean_powers,
     track_position,
     trunk_edges,
@@ -197,7 +198,7 @@ def assess_straightness(
 def assess_push(run: Trajectory) -> Assessment:
     """Measure a pushed robot's greatest `offset` from the line, m; every robot that
     stays upright passes."""
-    offset = float(np.max(np.abs(track_position(run)[1])))
+    offset = lateral_drift(run)
     return Assessment(True, f"{offset:.1f} m", {"offset": offset})
 
 

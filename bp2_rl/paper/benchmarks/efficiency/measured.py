@@ -138,7 +138,7 @@ class EfficiencyMetrics:
 def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | None:
     """Return a run's energy balance over whole strides; None if the robot hardly
     moves."""
-    speed = float(np.mean(run.ground_velocity[:, 0]))
+    speed = run.mean_speed
     if speed <= SLOWEST:
         return None
     weight_speed = run.mass * conventions.GRAVITY * speed
@@ -156,7 +156,6 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
     duration = (len(ledger.energy) - 1) * run.dt
     stored = float(ledger.energy[-1] - ledger.energy[0]) / duration / weight_speed
     resisted = sum(lost.values()) - copper
-    terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
     return Energy(
         strides=strides,
         weight_speed=weight_speed,
@@ -172,7 +171,7 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
         lost=lost,
         stored=stored,
         integration=cost(ledger.motors) - resisted - stored,
-        closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
+        closure=ledger.closure,
         spring=spring,
         spring_share=spring / (spring + positive),
         efficiency=_efficiency(ledger.motors, ledger.copper),

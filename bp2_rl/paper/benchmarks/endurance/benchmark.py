@@ -44,7 +44,7 @@ from bp2_rl.paper.benchmarks.endurance.heating import (
     HeatingTry,
     run_hot,
 )
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.paper.benchmarks.speeds import table_over_speed
 from bp2_rl.paper.motor_heat import RISE, Temperatures, calibrated, heated
 from bp2_rl.paper.thermal_specs import MotorHeat
@@ -113,7 +113,7 @@ class EnduranceMetrics:
     held: tuple[HeldSpeed, ...]  # the paper's speed, then the top
 
 
-def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
+def endurance(policy: Policy, ramp: Ramp, setup: DeepBenchmarkOptions) -> Evaluation:
     """Calibrate the motor heat model, then measure how long the paper's speed and the
     top speed can be held."""
     robot = robot_of(policy, setup)
@@ -179,7 +179,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     )
 
 
-def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
+def ramp_to_endurance(policy: Policy, setup: DeepBenchmarkOptions) -> Ramp:
     """Return the command's ramp to the top speed, held until the run ends, at most
     `LONGEST` s by default."""
     return ramp_to_topspeed(policy, setup, hold=LONGEST)
@@ -287,7 +287,8 @@ def draw_temperatures(
         rise = [heat.air, heat.air + RISE]
         axes.plot([0.0, ENDURANCE_TIME], rise, color=PAPER, lw=6.0, alpha=0.35)
         mark_level(axes, heat.limit, f"limit, {heat.limit:g} °C")
-        axes.set(title=f"{_title(end)}: {end.seconds:.0f} s", xlabel="Time [s]")
+        title = f"{end.speed:.1f} m/s ({end.commanded_speed:g} commanded)"
+        axes.set(title=f"{title}: {end.seconds:.0f} s", xlabel="Time [s]")
     panels[0].set_ylabel("Winding [°C]")
     legs = [Line2D([], [], color=color, label=leg) for leg, color in LEG_COLORS.items()]
     joints = [Line2D([], [], color=INK, ls=ls, label=j) for j, ls in DASHES.items()]
@@ -337,7 +338,3 @@ def draw_operating_points(
             figure.colorbar(points, ax=axes, label="Time [s]")
         row[0].set_ylabel("Joint torque [Nm]")
     return figure
-
-
-def _title(end: EnduranceResult) -> str:
-    return f"{end.speed:.1f} m/s ({end.commanded_speed:g} commanded)"

@@ -92,12 +92,6 @@ class Heating:
                 simulator.set_motors(robot, self._warm_up())
         return self.over is not None
 
-    @property
-    def cold_speed(self) -> float:
-        """Mean speed over the last seconds before heating starts, m/s; 0 if the run is
-        too short."""
-        return self._made_good(self._places[: self.start // UPDATE], WINDOW_STEPS)
-
     def _warm_up(self) -> Actuator:
         """Warm the motors by the heat since the last update; return them with their new
         envelope."""
@@ -106,9 +100,11 @@ class Heating:
         )
         self.history.append(now)
         self._heat[:] = 0.0
+        before = self._places[: self.start // UPDATE]
+        cold_speed = self._made_good(before, WINDOW_STEPS)
         if np.max(now.winding) >= self.motor.limit:
             self.over = "winding"
-        elif self._made_good(self._places, SECOND) < MARGIN * self.cold_speed:
+        elif self._made_good(self._places, SECOND) < MARGIN * cold_speed:
             self.over = "torque margin"
         return heated(self.cold, self.motor, now)
 

@@ -26,7 +26,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.run import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.paper.benchmarks.speeds import table_over_speed
 from bp2_rl.paper.benchmarks.stability.measured import (
     SpeedMetrics,
@@ -60,7 +60,7 @@ DEFINITIONS = (
 )
 
 
-def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
+def stability(policy: Policy, ramp: Ramp, setup: DeepBenchmarkOptions) -> Evaluation:
     """Measure a policy's stability at the paper's speed and its top speed, or at one
     chosen speed."""
     tries = plan_tries(policy, ramp, setup)
@@ -94,7 +94,9 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     )
 
 
-def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTry]:
+def plan_tries(
+    policy: Policy, ramp: Ramp, setup: DeepBenchmarkOptions
+) -> list[StabilityTry]:
     """Return the tests to run, one for each speed, at strides of whole control steps.
 
     Raises:
@@ -130,7 +132,7 @@ def plan_tries(policy: Policy, ramp: Ramp, setup: DeepSetup) -> list[StabilityTr
     return list(tries.values())
 
 
-def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
+def ramp_to_stability(policy: Policy, setup: DeepBenchmarkOptions) -> Ramp:
     """Return the command's ramp to the top speed or, in the quick version, to the
     paper's speed."""
     if setup.quick:
@@ -195,14 +197,13 @@ def draw_sections(ran: Sequence[SpeedResult]) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.5 + 3.5 * len(ran)), layout="constrained")
     panels = figure.subplots(len(ran), 2, squeeze=False)
     for row, found in zip(panels, ran, strict=True):
-        shown, speed = found.shown, found.metrics.commanded
         for axes, up, name in zip(row, (0, 2), ("Roll", "Yaw"), strict=True):
-            if shown.loop is not None:
-                axes.plot(shown.loop[:, 1], shown.loop[:, up], color=QUIET, lw=0.7)
-            for points in shown.noisy:
+            if found.loop is not None:
+                axes.plot(found.loop[:, 1], found.loop[:, up], color=QUIET, lw=0.7)
+            for points in found.noisy:
                 axes.plot(points[:, 1], points[:, up], ".", color=FRONT, alpha=0.45)
-            if shown.quiet is not None:
-                axes.plot(shown.quiet[:, 1], shown.quiet[:, up], ".", color=FALL)
+            if found.quiet is not None:
+                axes.plot(found.quiet[:, 1], found.quiet[:, up], ".", color=FALL)
             axes.set(xlabel="Pitch rate [rad/s]", ylabel=f"{name} rate [rad/s]")
-        row[0].set_title(f"{speed:.2f} m/s commanded")
+        row[0].set_title(f"{found.metrics.commanded:.2f} m/s commanded")
     return figure

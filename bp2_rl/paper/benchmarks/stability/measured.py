@@ -155,22 +155,15 @@ class StabilityMetrics:
 
 
 @dataclasses.dataclass(frozen=True)
-class ShownSection:
-    """Trunk angular velocities at one speed that the figure of sections shows,
-    rad/s."""
+class SpeedResult:
+    """Stability metrics at one speed, and the trunk's angular velocities that the
+    figure of sections shows, rad/s."""
 
+    metrics: SpeedMetrics
     noisy: tuple[Float[np.ndarray, "n 3"], ...]  # a robot each
     quiet: Float[np.ndarray, "n 3"] | None
     # the robot without noise all along a few strides
     loop: Float[np.ndarray, "m 3"] | None
-
-
-@dataclasses.dataclass(frozen=True)
-class SpeedResult:
-    """Stability metrics at one speed, and the points that the figure shows."""
-
-    metrics: SpeedMetrics
-    shown: ShownSection
 
 
 @dataclasses.dataclass(frozen=True)
@@ -256,13 +249,14 @@ def measure_landings(
     return tuple(found)
 
 
-def show_sections(
-    noisy: Sequence[Steady], quiet: Steady | None, period: float
-) -> ShownSection:
-    """Return the trunk's angular velocities at the gait clock's phase 0 for the figure,
-    rad/s."""
-    return ShownSection(
+def with_sections(
+    metrics: SpeedMetrics, noisy: Sequence[Steady], quiet: Steady | None
+) -> SpeedResult:
+    """Return the metrics with the angular velocities at the gait clock's phase 0."""
+    return SpeedResult(
+        metrics,
         noisy=tuple(one.at_phase_zero() for one in noisy),
         quiet=quiet and quiet.at_phase_zero(),
-        loop=quiet and quiet.angular_velocity[-round(LOOPS * period / quiet.run.dt) :],
+        loop=quiet
+        and quiet.angular_velocity[-round(LOOPS * metrics.period / quiet.run.dt) :],
     )

@@ -18,7 +18,7 @@ from bp2_rl.paper.benchmarks.stability.measured import (
     Steady,
     measure_landings,
     measure_section,
-    show_sections,
+    with_sections,
 )
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Coordinates, Orbit
 from bp2_rl.paper.orbits import returns
@@ -134,7 +134,7 @@ def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
         radii = measure_returns(policy, one, last.of([-1]), strides)
         pushes = push_all(policy, one, passed)
     metrics = summarize(one, noisy, radii, pushes)
-    return SpeedResult(metrics, show_sections(noisy, quiet, one.period))
+    return with_sections(metrics, noisy, quiet)
 
 
 def summarize(
@@ -154,7 +154,7 @@ def summarize(
     section = measure_section(noisy)
     landings = measure_landings(noisy, one.period)
     radius = radii[0] if radii else None
-    speeds = [np.mean(robot.run.ground_velocity[:, 0]) for robot in noisy]
+    speeds = [robot.run.mean_speed for robot in noisy]
     return SpeedMetrics(
         asked=one.asked,
         commanded=one.speed,

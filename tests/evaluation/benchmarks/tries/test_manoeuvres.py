@@ -227,7 +227,7 @@ def test_the_figure_is_red_where_a_manoeuvre_failed(assert_drawn):
         outcome(False, did="no stop"),
         outcome(False, 2.0, group="b", did="fell"),
     ]
-    figure = tries_figure(tries)
+    figure = tries_figure(count_tries(tries))
     (axes,) = figure.axes
     red = [
         patch for patch in axes.patches if to_hex(patch.get_facecolor()).upper() == FALL

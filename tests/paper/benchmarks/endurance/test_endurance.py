@@ -15,7 +15,7 @@ from bp2_rl.paper.benchmarks.endurance.heating import (
     HeatedRun,
     HeatingCourse,
 )
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.paper.motor_heat import course
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import conventions
@@ -109,7 +109,7 @@ def evaluate(policy, setup):
 def test_the_papers_86_s_are_put_in_and_the_top_speeds_are_predicted(
     make_policy, ran, assert_report
 ):
-    evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
+    evaluation = evaluate(make_policy(), DeepBenchmarkOptions(speed=15.0))
     metrics = evaluation.metrics
     assert metrics.is_input
     slow, top = metrics.held
@@ -135,7 +135,7 @@ def test_the_quick_version_runs_both_speeds_fast_and_nothing_else(
     make_policy, ran, assert_report
 ):
     evaluation = evaluate(
-        make_policy(), DeepSetup(speed=15.0, quick=True, robot="ideal")
+        make_policy(), DeepBenchmarkOptions(speed=15.0, quick=True, robot="ideal")
     )
     assert ran == [(10.74, 1.0), (10.74, module.PACE), (15.0, module.PACE)]
     assert all(held.full is None for held in evaluation.metrics.held)
@@ -145,7 +145,9 @@ def test_the_quick_version_runs_both_speeds_fast_and_nothing_else(
 
 def test_with_a_motor_given_nothing_is_put_in(make_policy, ran):
     motor = MotorHeat(winding_capacity=300.0, winding_to_case=0.4, air=40.0)
-    evaluation = evaluate(make_policy(), DeepSetup(speed=15.0, quick=True, heat=motor))
+    evaluation = evaluate(
+        make_policy(), DeepBenchmarkOptions(speed=15.0, quick=True, heat=motor)
+    )
     assert evaluation.metrics.heat == motor
     assert not evaluation.metrics.is_input
     assert evaluation.rows[0].value == "predicted"
@@ -153,13 +155,13 @@ def test_with_a_motor_given_nothing_is_put_in(make_policy, ran):
 
 
 def test_a_motor_that_lasts_is_said_to(make_policy, ran):
-    evaluation = evaluate(make_policy(), DeepSetup(speed=12.0, hold=20.0))
+    evaluation = evaluate(make_policy(), DeepBenchmarkOptions(speed=12.0, hold=20.0))
     assert [held.result.seconds for held in evaluation.metrics.held] == [20.0, 20.0]
     assert evaluation.verdict == "10.74 m/s: 20 s, not ended; 12 m/s: 20 s, not ended"
 
 
 def test_a_policy_whose_top_is_the_papers_speed_is_run_at_it_once(make_policy, ran):
-    evaluation = evaluate(make_policy(), DeepSetup(speed=10.74))
+    evaluation = evaluate(make_policy(), DeepBenchmarkOptions(speed=10.74))
     assert len(evaluation.metrics.held) == 1
 
 
@@ -180,6 +182,6 @@ def test_a_robot_that_falls_on_its_way_up_has_endured_nothing(make_policy, monke
     monkeypatch.setattr(
         module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries]
     )
-    evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
+    evaluation = evaluate(make_policy(), DeepBenchmarkOptions(speed=15.0))
     assert not evaluation.good
     assert evaluation.verdict == "10.74 m/s: 0 s, fell; 15 m/s: 0 s, fell"

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.benchmarks.options import DeepBenchmarkOptions
 from bp2_rl.paper.benchmarks.stability import benchmark as module
 from bp2_rl.paper.benchmarks.stability.benchmark import ramp_to_stability, stability
 from bp2_rl.paper.benchmarks.stability.measured import (
     PushMetrics,
     RadiusMetrics,
-    SpeedResult,
     Steady,
     measure_landings,
     measure_section,
-    show_sections,
+    with_sections,
 )
 from bp2_rl.paper.benchmarks.stability.tries import summarize
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -98,7 +97,7 @@ def asked(monkeypatch, make_steady):
         extent = dataclasses.replace(one.extent, robots=2)
         one = dataclasses.replace(one, extent=extent)
         metrics = summarize(one, noisy, radii, pushes)
-        return SpeedResult(metrics, show_sections(noisy, quiet, 0.25))
+        return with_sections(metrics, noisy, quiet)
 
     monkeypatch.setattr(module, "try_speed", run)
     monkeypatch.setattr(
@@ -117,7 +116,7 @@ def evaluate(make_policy, setup):
 def test_the_papers_speed_and_the_top_are_run_at_whole_strides(
     make_policy, asked, assert_report
 ):
-    evaluation = evaluate(make_policy, DeepSetup(robot="ideal", seed=3))
+    evaluation = evaluate(make_policy, DeepBenchmarkOptions(robot="ideal", seed=3))
     assert [one.asked for one in asked] == [10.74, 15.5]
     assert all(one.robot == IDEAL and one.seed == 3 for one in asked)
     assert all(abs(one.speed - one.asked) < 1.5 for one in asked)
@@ -132,7 +131,7 @@ def test_the_papers_speed_and_the_top_are_run_at_whole_strides(
 def test_the_quick_version_runs_the_papers_speed_alone_and_faster(
     make_policy, asked, assert_report
 ):
-    evaluation = evaluate(make_policy, DeepSetup(quick=True, robots=3))
+    evaluation = evaluate(make_policy, DeepBenchmarkOptions(quick=True, robots=3))
     (one,) = asked
     assert (one.asked, one.rise.acceleration, one.robot) == (10.74, 5.0, BUILT)
     assert one.extent == dataclasses.replace(module.QUICK, robots=3)
@@ -140,7 +139,7 @@ def test_the_quick_version_runs_the_papers_speed_alone_and_faster(
 
 
 def test_a_speed_that_is_named_is_the_only_one(make_policy, asked):
-    evaluate(make_policy, DeepSetup(speed=6.0))
+    evaluate(make_policy, DeepBenchmarkOptions(speed=6.0))
     assert [one.asked for one in asked] == [6.0]
 
 
@@ -153,17 +152,17 @@ def test_a_map_that_may_not_contract_is_no_good_result(make_policy, asked, monke
         return dataclasses.replace(found, metrics=wide)
 
     monkeypatch.setattr(module, "try_speed", grows)
-    assert not evaluate(make_policy, DeepSetup()).good
+    assert not evaluate(make_policy, DeepBenchmarkOptions()).good
 
 
 def test_all_may_fall(make_policy, asked, monkeypatch, assert_report):
     def falls(policy, one):
         extent = dataclasses.replace(one.extent, robots=2)
         metrics = summarize(dataclasses.replace(one, extent=extent), [], (), ())
-        return SpeedResult(metrics, show_sections([], None, 0.25))
+        return with_sections(metrics, [], None)
 
     monkeypatch.setattr(module, "try_speed", falls)
-    evaluation = evaluate(make_policy, DeepSetup())
+    evaluation = evaluate(make_policy, DeepBenchmarkOptions())
     assert not evaluation.good
     assert evaluation.verdict.startswith("10.74 m/s: 2 of 2 fell; ")
     assert_report(evaluation)
@@ -171,6 +170,6 @@ def test_all_may_fall(make_policy, asked, monkeypatch, assert_report):
 
 def test_a_policy_without_a_stride_is_refused_in_a_line(make_policy, asked):
     policy = make_policy(env=EnvConfig(reference="none"))
-    setup = DeepSetup(speed=5.0)
+    setup = DeepBenchmarkOptions(speed=5.0)
     with pytest.raises(UserError, match="no command near 5 m/s has a stride"):
         stability(policy, ramp_to_stability(policy, setup), setup)
