@@ -106,7 +106,7 @@ def _entry(name: str, settings: type[object]) -> Entry:
 
 COMMANDS = {name: _entry(name, settings) for name, (settings, _) in FIGURES.items()} | {
     FLAG: (
-        "every panel that can be made, and a page that says of each item of the paper what is ours",
+        "every figure, and a page with our result for each item of the paper",
         make_all,
     )
 }
