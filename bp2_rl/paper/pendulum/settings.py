@@ -148,8 +148,7 @@ class PendulumTrappingSettings(PendulumSettings):
 
 @dataclasses.dataclass(frozen=True)
 class PendulumGaitsSettings(DrivenSettings):
-    """Figure of the torque that a free beam saves four legs, by gait (beyond the
-    paper)."""
+    """Figure of torque saved by a free beam, four legs, by gait (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (MASS_RATIO, 1.0)
     """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
