@@ -1,5 +1,5 @@
-"""What `mkdocs` builds beside the pages of this folder: files of the repository's root,
-every command's help."""
+"""Hooks of `mkdocs`, which add pages to those of this folder: files of the repository's
+root, and every command's help."""
 
 import contextlib
 import importlib
@@ -26,13 +26,13 @@ PAGES = {
 COLUMNS = "80"  # of the terminal in which the help is printed
 INTRODUCTION = """# Commands
 
-This page is made by the commands themselves: it is what `--help-all` prints on a machine without a GPU, where
-`bp2 train` takes the preset `cpu`. `python train.py` is `bp2 train`, and `python eval.py` is `bp2 eval`.
+This page is the output of `--help-all` on a machine without a GPU, where `bp2 train` takes the preset `cpu`.
+`python train.py` is `bp2 train`, and `python eval.py` is `bp2 eval`.
 """
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are no files in `docs/`."""
+    """Add the pages that are not files in `docs/`."""
     for source, page in PAGES.items():
         files.append(File.generated(config, page, content=_linked(ROOT / source)))
     files.append(File.generated(config, "reference/commands.md", content=_commands()))
@@ -40,10 +40,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let links to files of the root, which work where the repository is browsed, lead
-    to their pages.
+    """Redirect links to files of the root, which work when browsing the repository, to
+    their pages.
 
-    A public name is headed as users type it: `bp2.rollout`.
+    Give public names the heading that users type, such as `bp2.rollout`.
     """
     markdown = re.sub(
         r"^::: bp2_rl(\.\w+)$",
@@ -54,14 +54,14 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     names = "|".join(map(re.escape, PAGES))
     return re.sub(
         rf"\]\(\.\./((?:\.\./)*)({names})",
-        lambda found: f"]({found[1]}{PAGES[found[2]]}",
+        lambda match: f"]({match[1]}{PAGES[match[2]]}",
         markdown,
     )
 
 
 def _linked(source: Path) -> str:
-    """The text of a file of the root, with its links as they are within `docs/`; code
-    is not on the site."""
+    """Return the text of a file of the root, with links relative to `docs/`; links to
+    code become plain text."""
 
     def link(found: re.Match[str]) -> str:
         text, target, anchor = found["text"], found["target"], found["anchor"] or ""
@@ -86,8 +86,8 @@ def _commands() -> str:
 
 
 def _sections(heading: str, package: str, words: list[str]) -> list[str]:
-    """The help of a command whose module lies in this package, and of all commands
-    below it, a section each."""
+    """Return the help of a command of this package, and of its subcommands, with a
+    section for each."""
     sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help-all"])]
     below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
     if (
@@ -100,8 +100,8 @@ def _sections(heading: str, package: str, words: list[str]) -> list[str]:
 
 
 def _block(words: list[str]) -> str:
-    said = io.StringIO()
-    with _terminal(), contextlib.redirect_stdout(said):
+    output = io.StringIO()
+    with _terminal(), contextlib.redirect_stdout(output):
         try:
             status = bp2.main(words)
         except SystemExit as end:
@@ -110,15 +110,15 @@ def _block(words: list[str]) -> str:
         raise RuntimeError(f"bp2 {' '.join(words)} ended with status {status}")
     lines = [
         line.rstrip()
-        for line in said.getvalue().replace(str(Path.home()), "~").splitlines()
+        for line in output.getvalue().replace(str(Path.home()), "~").splitlines()
     ]
     return "\n".join(["```text", *lines, "```\n"])
 
 
 @contextlib.contextmanager
 def _terminal() -> Iterator[None]:
-    """As wide as a page, without colours; what commands set in the environment ends
-    with them."""
+    """Context manager for a terminal as wide as a page and without colours, which
+    restores the environment."""
     with mock.patch.dict(
         os.environ, {"COLUMNS": COLUMNS, "NO_COLOR": "1", "JAX_PLATFORMS": "cpu"}
     ):

@@ -160,7 +160,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: BenchmarkOptions) -> Evaluatio
     offset = metrics.offset
     return Evaluation(
         benchmark="robustness",
-        subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, at a command of {ramp.target[0]:g} m/s",
+        subject=f"{count} x {title_of(robot)}, {policy.card.stage} policy, command {ramp.target[0]:g} m/s",
         backend=TITLES[setup.backend],
         conditions=conditions(policy, setup, describe_ramp(ramp))
         | {

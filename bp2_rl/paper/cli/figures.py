@@ -108,7 +108,7 @@ COMMANDS = entries(
     }
 ) | {
     FLAG: (
-        "every panel that can be made, and a page that says of each item of the paper what is ours",
+        "every figure, and a page with our result for each item of the paper",
         make_all,
     )
 }

@@ -73,35 +73,33 @@ class OperatingFigureSettings:
 
 @dataclasses.dataclass(frozen=True)
 class IdentifiabilityFigureSettings(Bounded, path="--"):
-    """Figure of what the paper's numbers leave of what was assumed, and of what they
-    predict.
+    """Figure of the posterior of BP2's unknown parameters, and of its predictions.
 
     Takes some minutes, and the extra `posterior`.
     """
 
     runs: Path | None = None
-    """runs.csv of `bp2 paper posterior`; by default the one that ships"""
+    """runs.csv of `bp2 paper posterior`; by default the shipped file"""
     draws: Annotated[int, Within(100, 10**7)] = 40_000
-    """from the prior"""
+    """number of samples from the prior"""
 
 
 @dataclasses.dataclass(frozen=True)
 class BindingFigureSettings:
-    """Figure of what holds back the optimiser's trots, beside policies' gaits.
+    """Figure of the limits that bind optimised trots, beside policies' gaits.
 
-    Shown is, too, what a little more of each limit would bring. Takes some minutes:
-    trajectories are solved.
+    The figure also shows the speed gained by raising each limit. It takes some minutes,
+    because trajectories are solved.
     """
 
     speeds: tuple[Annotated[float, Within(0.5, 30.0)], ...] = (10.0, 13.0, 15.0, 17.0)
-    """m/s; one that has no trajectory is said to have none"""
+    """speeds of the trajectories, m/s"""
     robot: RobotName = "ideal"
-    """of the trajectories; reports have to be of it, too"""
+    """robot of the trajectories and of the reports"""
     intervals: Annotated[int, Within(4, 100)] = 8
     """of each segment"""
     runs: tuple[Path, ...] = ()
-    """folders of reports of eval.py --benchmark topspeed, one a speed: what the policy
-    does there"""
+    """folders of reports of eval.py --benchmark topspeed, one for each speed"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""

@@ -128,26 +128,27 @@ class PendulumTorqueSettings(DrivenSettings):
 
 @dataclasses.dataclass(frozen=True)
 class PendulumMapSettings(DrivenSettings):
-    """Figure of where a free beam lowers two pendulums' peak torque, and BP2's.
+    """Figure of the peak torque that a free beam saves two pendulums, and BP2.
 
     Frequency and length are those of the maps over amplitudes, but BP2's.
     """
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
-    """the beam's mass over one pendulum's; a column each beside BP2's"""
+    """the beam's mass over one pendulum's, a column for each; another column is
+    BP2's"""
 
 
 @dataclasses.dataclass(frozen=True)
 class PendulumTrappingSettings(PendulumSettings):
-    """Figure of how heavy a beam keeps a swing in its pendulum (beyond the paper)."""
+    """Figure of the beam mass that traps a swing in its pendulum (beyond the paper)."""
 
     thresholds: tuple[Swing, ...] = (0.5, 0.6, 0.8, math.pi / 3.0, 1.2, 1.4)
-    """amplitudes whose threshold is searched for"""
+    """amplitudes of the thresholds, rad"""
 
 
 @dataclasses.dataclass(frozen=True)
 class PendulumGaitsSettings(DrivenSettings):
-    """Figure of torque that a free beam saves four legs, by gait (beyond the paper)."""
+    """Figure of torque saved by a free beam, four legs, by gait (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (MASS_RATIO, 1.0)
     """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by
