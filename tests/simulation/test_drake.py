@@ -72,9 +72,9 @@ def test_inertia_and_bias_forces_are_mujocos(name, rng):
         np.testing.assert_allclose(
             robot.mass_matrix(), inertia, atol=1e-12 * np.max(inertia)
         )
-        plant, context = robot._plant, robot._context
-        forces = plant.CalcBiasTerm(context)
-        forces -= plant.CalcGravityGeneralizedForces(context)
+        forces = robot._plant.CalcBiasTerm(
+            robot._context
+        ) - robot._plant.CalcGravityGeneralizedForces(robot._context)
         np.testing.assert_allclose(
             robot._turn.T @ forces[robot._v],
             data.qfrc_bias,
