@@ -130,13 +130,14 @@ def test_height_and_falls_are_measured_from_the_ground_below(rough, starts):
         observations.PrivilegedInputs(episode, jnp.zeros(3), jnp.zeros(4), jnp.ones(()))
     )
     assert float(seen) == pytest.approx(float(episode.q[2]) - below, abs=1e-6)
+    step = jax.jit(rough.step)
+    physics = episode.physics
     for over, fallen in ((0.25, 1.0), (0.45, 0.0)):
-        physics = episode.physics
         moved = physics.replace(qpos=physics.qpos.at[2].set(below + over))
         there = dataclasses.replace(
             state, pipeline_state=episode.replace(physics=moved)
         )
-        assert jax.jit(rough.step)(there, jnp.zeros(12)).done == fallen
+        assert step(there, jnp.zeros(12)).done == fallen
 
 
 def test_the_critic_sees_the_ground_under_and_ahead_of_the_robot(rough, starts):
@@ -154,7 +155,7 @@ def test_the_critic_sees_the_ground_under_and_ahead_of_the_robot(rough, starts):
 def test_on_a_slope_kernel_and_mjx_take_the_same_step():
     """Accelerations to 1e-3: MJX's solver takes few iterations."""
     kernel, mjx = (env_on("flat", 0.0, impl, slope=0.2) for impl in ("kernel", "jax"))
-    start = jax.vmap(kernel.reset)(KEYS[:8])
+    start = jax.jit(jax.vmap(kernel.reset))(KEYS[:8])
     ours, theirs = (
         jax.jit(jax.vmap(env.step))(start, jnp.zeros((8, 12))) for env in (kernel, mjx)
     )
