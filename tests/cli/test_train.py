@@ -175,7 +175,8 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
     """So what the preset asks of robots that run already is asked of them."""
     parent = presets.preset("imitation", preset, robot="ideal")
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
-    mine = dataclasses.replace(parent.env, commands=commands)
+    hardware = parent.env.hardware.changed(friction=0.9)
+    mine = dataclasses.replace(parent.env, commands=commands, hardware=hardware)
     parent = dataclasses.replace(parent, env=mine, impl="jax")
     save_config(tmp_path / "config.json", parent)
     words = ["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]
@@ -188,7 +189,8 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
         == app.parse_known(train.EarlyFlags, words, "train").physics
         == "jax"
     )
-    assert child == dataclasses.replace(relaxed, commands=asked)
+    # The robot goes on; the stage's rewards are its own.
+    assert child == dataclasses.replace(relaxed, commands=asked, hardware=hardware)
     assert child != dataclasses.replace(mine, reward=relaxed.reward)
     moved = train.read_arguments([*words, "--robot", "built"]).env
     assert moved.hardware == presets.preset("relaxed", preset).env.hardware

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from brax.envs.wrappers.training import wrap
 from mujoco import mjx
 
 from bp2_rl.env import commands, observations, randomization, rewards
@@ -102,16 +101,6 @@ def test_sizes_are_what_reset_and_step_return(env, start, step):
     assert jax.tree.structure(start) == jax.tree.structure(after)
 
 
-def test_brax_wrappers_run_it():
-    wrapped = wrap(BP2Env(EnvConfig(), impl="kernel"), episode_length=5)
-    state = jax.jit(wrapped.reset)(KEYS[:2])
-    step = jax.jit(wrapped.step)
-    for _ in range(6):
-        state = step(state, ZERO[:2])
-    assert float(state.info["steps"][0]) == 1.0  # the fifth step ended the episode
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.obs))
-
-
 def test_running_starts_are_on_the_reference_with_its_velocities(env):
     config = EnvConfig(
         # the library's knees are almost straight at times, where float32 is coarse
@@ -169,19 +158,18 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
         commands=CommandConfig(stand_fraction=0.0),
     )
     env = BP2Env(config)
-    start = jax.vmap(env.starts.draw, in_axes=(0, None))(
-        jax.vmap(lambda key: jax.random.split(key, NUM_KEYS))(
-            jax.random.split(KEYS[0], 3000)
-        ),
-        jnp.zeros(()),
-    )[0]
+    drawn = jax.random.split(KEYS[0], (3000, NUM_KEYS))
+    start = jax.jit(jax.vmap(env.starts.draw, in_axes=(0, None)))(drawn, jnp.zeros(()))[
+        0
+    ]
 
     def step(state, key):
         state, _ = commands.advance(state, jnp.zeros(()), jnp.zeros(()), key, config)
         return state, state.current[0]
 
     keys = jax.random.split(KEYS[1], 200)
-    forward = jax.vmap(lambda state: jax.lax.scan(step, state, keys)[1])(start.command)
+    told = jax.jit(jax.vmap(lambda state: jax.lax.scan(step, state, keys)[1]))
+    forward = told(start.command)
     waited = np.argmax(np.asarray(forward) > 0.0, axis=1) * conventions.CONTROL_STEP
     assert np.quantile(waited, [1 / 3, 2 / 3]) == pytest.approx(
         [1 / 3, 2 / 3], abs=0.04
@@ -287,29 +275,27 @@ def test_numbers_of_the_design_that_are_not_drawn_are_left_untouched(env):
     assert drawn.joint_hold is resistance.joint_hold
 
 
-def test_a_robot_drawn_with_slower_motors_is_rewarded_as_one_built_so():
+def test_a_robot_drawn_with_slower_motors_is_rewarded_as_one_built_so(start):
     slower = IDEAL.changed(
         **{n: 0.5 * IDEAL.parameter(n) for n in ("no_load_speed", "corner_speed")}
     )
-    reward = RewardConfig(overspeed=3.0)
-    drawn, built = (
-        BP2Env(
-            EnvConfig(hardware=hardware, reward=reward, randomization=ranges),
-            impl="kernel",
-        )
-        for hardware, ranges in (
-            (IDEAL, RandomizationConfig(no_load_speed=(0.5, 0.5))),
-            (slower, RandomizationConfig()),
-        )
+    robots = start.pipeline_state.randomization.replace(
+        no_load_speed=jnp.full(ROBOTS, 0.5)
     )
-    start = jax.jit(jax.vmap(drawn.reset))(KEYS)
-    as_built = start.replace(
-        pipeline_state=start.pipeline_state.replace(
-            randomization=start.pipeline_state.randomization.replace(no_load_speed=None)
-        )
+    as_drawn = start.replace(
+        pipeline_state=start.pipeline_state.replace(randomization=robots)
     )
-    ours = jax.jit(jax.vmap(drawn.step))(start, ZERO)
-    theirs = jax.jit(jax.vmap(built.step))(as_built, ZERO)
+    ours, theirs = (
+        jax.jit(
+            jax.vmap(
+                BP2Env(
+                    EnvConfig(hardware=hardware, reward=RewardConfig(overspeed=3.0)),
+                    impl="kernel",
+                ).step
+            )
+        )(before, ZERO)
+        for hardware, before in ((IDEAL, as_drawn), (slower, start))
+    )
     np.testing.assert_allclose(
         ours.metrics["reward/overspeed"], theirs.metrics["reward/overspeed"], rtol=1e-4
     )

@@ -245,7 +245,7 @@ def test_time_limits_truncate_and_do_not_terminate():
 
 def test_stock_brax_trains_bp2(monkeypatch):
     """`brax.training.agents.ppo.train` on BP2Env, unchanged but for two calls that JAX
-    has removed since."""
+    has removed since; episodes end within a training's steps."""
 
     def device_put_replicated(tree, devices):
         return jax.tree.map(
@@ -259,7 +259,7 @@ def test_stock_brax_trains_bp2(monkeypatch):
     _, params, _ = brax_ppo.train(
         BP2Env(EnvConfig(), impl="kernel", num_robots=8),
         num_timesteps=64,
-        episode_length=20,
+        episode_length=5,
         num_envs=8,
         unroll_length=4,
         batch_size=8,

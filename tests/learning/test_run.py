@@ -3,7 +3,9 @@ behind."""
 
 import dataclasses
 import functools
+import os
 import shutil
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -207,6 +209,17 @@ def test_a_child_counts_its_parents_steps(run, tmp_path):
         np.array_equal(a, b) and np.ndim(a) == 2
         for a, b in zip(at_birth, at_death, strict=True)
     )
+
+
+def test_the_relaxed_stage_goes_on_from_the_newest_finished_imitation_run(
+    run, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for age, name in enumerate(("unfinished", "newest", "older")):
+        config = shutil.copytree(run, Path("runs") / name) / "config.json"
+        os.utime(config, (1e9 - age, 1e9 - age))
+    shutil.rmtree("runs/unfinished/policies/256")
+    assert command._newest_imitation_run() == Path("runs/newest")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from landing import DT, converged, random_states
 from mujoco import mjx
 
-from bp2_rl.robot.model import load_model
+from bp2_rl.robot.model import SPRING_QPOS, load_model
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def states() -> list[np.ndarray]:
 @functools.cache
 def stepped():
     """One robot's step on MJX from rest's warm start: (acceleration, velocity after,
-    position after)."""
+    position after, passive force)."""
     model = mjx.put_model(load_model(visual=False, feet_only=True))
     blank = mjx.make_data(model)
 
@@ -33,7 +33,7 @@ def stepped():
     @jax.vmap
     def run(qpos, qvel, torque):
         data = mjx.step(model, blank.replace(qpos=qpos, qvel=qvel, ctrl=torque))
-        return data.qacc, data.qvel, data.qpos
+        return data.qacc, data.qvel, data.qpos, data.qfrc_passive
 
     return run
 
@@ -42,7 +42,8 @@ def test_one_step_is_that_of_c_mujoco(states):
     """Accelerations to 1e-4 of each state's largest, then the step, with the model's
     own few iterations."""
     with jax.default_matmul_precision("highest"):
-        accelerations, velocities, positions = map(np.asarray, stepped()(*states))
+        found = map(np.asarray, stepped()(*states))
+    accelerations, velocities, positions, passive = found
     model = converged(load_model(visual=False, feet_only=True))
     data, feet, limits = mujoco.MjData(model), [], []
     for i, (qpos, qvel, torque) in enumerate(zip(*states, strict=True)):
@@ -59,5 +60,9 @@ def test_one_step_is_that_of_c_mujoco(states):
             velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * DT + 1e-5
         )
         np.testing.assert_allclose(positions[i], data.qpos, rtol=0, atol=1e-6)
+        # 36 kN/m x float32's 1e-8 m, damping's 1e-6
+        np.testing.assert_allclose(passive[i], data.qfrc_passive, rtol=0, atol=0.02)
     assert all(np.bincount(feet, minlength=5) > 5)
     assert np.sum(limits) > 20
+    compressions = states[0][:, SPRING_QPOS]  # beyond both stops
+    assert np.min(compressions) < 0.0 < 0.13 < np.max(compressions)

@@ -122,11 +122,12 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     make_policy, make_run, simulated, assert_fits
 ):
     asked = []
+    sprinted = make_run(duration=25.0, speed=10.0, acceleration=5.0)
+    held = sprinted.between(0.0, 7.0)
 
     def run(one):
         asked.append((one.name, one.hardware, one.finish, one.schedule))
-        fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
-        return fast if one.finish == 100.0 else fast.between(0.0, 7.0)
+        return sprinted if one.finish == 100.0 else held
 
     simulated(module, run)
     policy, setup = (

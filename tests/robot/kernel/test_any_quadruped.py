@@ -135,16 +135,17 @@ def test_one_step_is_that_of_c_mujoco(name, stopped):
     assert np.mean(stops) > 10 * stopped
 
 
-@pytest.mark.parametrize("name", ["built", "go1", "random-1", "random-2"])
+@pytest.mark.parametrize("name", ["go1", "random-1", "random-2"])
 def test_newtons_steps_settle_before_the_last(name, monkeypatch):
     """In 2000 states with every third joint in its stop: twice as many steps at most
     change nothing."""
     model, *state = case(name, 0.33, 2000)
-    accelerations = stepped(model, *state)[0]
+    parts = [[x[i : i + STATES] for x in state] for i in range(0, 2000, STATES)]
+    accelerations = [stepped(model, *part)[0] for part in parts]
     monkeypatch.setattr(constraints, "MOST_STEPS", 2 * constraints.MOST_STEPS)
     traced_anew = jax.jit(lambda *state: advance(*state))
     np.testing.assert_array_equal(
-        stepped(model, *state, program=traced_anew)[0], accelerations
+        [stepped(model, *part, program=traced_anew)[0] for part in parts], accelerations
     )
 
 
@@ -155,6 +156,6 @@ def test_a_robots_step_does_not_depend_on_the_robots_beside_it():
     together = stepped(model, *state)[0]
     reordered = stepped(model, *(x[::-1] for x in state))[0][::-1]
     np.testing.assert_array_equal(together, reordered)
-    for number in (1, 3, 50):
+    for number in (1, 50):
         alone = stepped(model, *(x[:number] for x in state))[0]
         assert apart(alone, together[:number]).max() < 1e-5
