@@ -40,7 +40,7 @@ NPROC_IS_OURS = "NPROC" not in os.environ
 parent process has set it."""
 _DEVICES = "xla_force_host_platform_device_count"
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
-# Windows has but the latter, to the same end
+# Windows has no SIGKILL; its SIGTERM ends a process as surely
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)
 
 
@@ -316,7 +316,7 @@ def end_with_caller() -> None:
 
 def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
     end_with_parent(parent, _AT_ONCE)
-    # which the parent answers, though a terminal sends them to the whole group
+    # A terminal sends these signals to all processes; the parent alone answers them.
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     if initializer is not None:

@@ -44,7 +44,7 @@ policy and benchmark:
   --benchmark NAME      a benchmark of the list below [topspeed]
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
                         both; real: the most plausible BP2; go1, ...; or a robot
-                        file [the policy's own robot; built for the policy ideal]
+                        file [the policy's own; built for one trained on ideal]
   --task FILE[:NAME]    the policy's task, if the task adds observations
   --backend {mujoco,drake}
                         simulator: C MuJoCo, or Drake for comparison [mujoco]
@@ -160,10 +160,10 @@ def evaluate(
     from rich.console import Console
 
     from bp2_rl.env.observations import layout_of
+    from bp2_rl.evaluation.benchmarks.conditions import robot_of
     from bp2_rl.evaluation.benchmarks.registry import ALL, choose
     from bp2_rl.evaluation.report import folder, page, terminal
     from bp2_rl.learning.policy import load_policy
-    from bp2_rl.robot.named import find_robot
     from bp2_rl.simulation.parallel import compute_here, keep_workers
 
     if config.backend == "drake":
@@ -174,8 +174,7 @@ def evaluate(
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)
     policy = load_policy(path, layout_of=layout_of, task=config.task)
-    if config.robot is not None:
-        find_robot(config.robot)
+    robot_of(policy, setup)  # refuses another robot than the policy's
     schedules = {
         name: benchmarks[name].schedule(policy, setup) for name, setup in chosen.items()
     }

@@ -39,7 +39,7 @@ class PlayConfig(Bounded, path="--"):
     policy built."""
     robot: RobotFlag = None
     """built: BP2 with losses and solid legs; ideal: without both; by default the
-    policy's own robot, but built for the policy ideal"""
+    policy's own robot, but built for a policy trained on ideal"""
     task: TaskFlag = None
     """the policy's task, if the task adds observations; its code is run"""
     terrain: TerrainFlag = "flat"

@@ -119,7 +119,7 @@ def torque_regularization(
 def power_regularization(power: Float[Array, "12"]) -> Scalar:
     """Return r_P / c_P for the actuators' mechanical power, W.
 
-    Braking is punished five times as much as driving.
+    The reward decays five times as fast with braking power as with driving power.
     """
     # Both exponents are kept <= 0 so that the branch not taken cannot overflow.
     phi = jnp.where(

@@ -54,7 +54,7 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
     standard deviation.
 
     They are symmetric if `config.symmetric` is set and the environment has `mirrors`,
-    the `Mirror` of each entry of its observation and of its `action`.
+    the `Mirror` of each observation and of the `action`.
     """
     sizes = env.observation_size
     mirrors = mirrors_of(env, config)

@@ -361,8 +361,8 @@ def _check_layout(
     for i, (theirs, ours) in enumerate(pairs):
         if theirs != ours:
             raise PolicyError(
-                f"policy {directory} was trained on other observations: entry {i} is {_show_entry(theirs)} there and "
-                f"{_show_entry(ours)} here; use the bp2_rl that trained it "
+                f"policy {directory} was trained on other observations: term {i} is {_show_term(theirs)} there and "
+                f"{_show_term(ours)} here; use the bp2_rl that trained it "
                 f"({card.versions.get('bp2_rl', 'version unknown')})"
             )
 
@@ -433,5 +433,5 @@ def _float32(array: object) -> np.ndarray:
     return np.array(array, dtype=np.float32)
 
 
-def _show_entry(entry: tuple[str, int] | None) -> str:
-    return "absent" if entry is None else f"{entry[0]!r} of size {entry[1]}"
+def _show_term(term: tuple[str, int] | None) -> str:
+    return "absent" if term is None else f"{term[0]!r} of size {term[1]}"

@@ -192,7 +192,7 @@ def _motor_lines(robot: RobotFile) -> list[str]:
         lines.append(f"{what:22} {abad:8.4g} {hip:8.4g} {knee:8.4g}{assumed}")
     if np.min(hardware.reflected_inertia) == 0.0:
         lines.append(
-            "! no motor's rotor has an inertia of 0: give armature in [motors], rotor x gear ratio^2"
+            "! a motor has no rotor inertia: give armature in [motors], rotor inertia x gear ratio^2"
         )
     return lines
 

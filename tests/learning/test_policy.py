@@ -568,19 +568,19 @@ def test_numbers_that_no_action_can_come_of_are_refused_by_name(
     [
         (
             [("command", 3), ("joint_position", 12), ("up", 2)],
-            "entry 2 is 'up' of size 3 there and 'up' of size 2 here",
+            "term 2 is 'up' of size 3 there and 'up' of size 2 here",
         ),
         (
             [("command", 3), ("phase", 2)],
-            "entry 1 is 'joint_position' of size 12 there and 'phase' of size 2 here",
+            "term 1 is 'joint_position' of size 12 there and 'phase' of size 2 here",
         ),
         (
             [("command", 3), ("joint_position", 12)],
-            "entry 2 is 'up' of size 3 there and absent here",
+            "term 2 is 'up' of size 3 there and absent here",
         ),
         (
             [*LAYOUT, ("last_action", 12)],
-            "entry 3 is absent there and 'last_action' of size 12 here",
+            "term 3 is absent there and 'last_action' of size 12 here",
         ),
     ],
 )

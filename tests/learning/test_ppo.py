@@ -214,7 +214,7 @@ def test_devices_that_cannot_share_a_minibatch_evenly_are_refused(devices):
         PPO(Aim(), TINY, devices=jax.devices()[:1] * devices)
 
 
-def test_a_fleet_selects_the_bank_where_an_episode_ends():
+def test_the_fresh_episode_is_taken_where_an_episode_ends():
     fleet = BatchedEnv(Aim(ends_after=2), episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
     fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), 4))

@@ -116,11 +116,9 @@ class OnboardController:
         self.reset()
 
     def _load_observation(self) -> None:
-        """Find how each observation entry is computed; `NAME@K` is an entry's change
-        over K ticks."""
-        known = {
-            entry.name: entry for entry in (*OBSERVATION_TERMS, *TASK_OBSERVATIONS)
-        }
+        """Find how each observation term is computed; `NAME@K` is a term's change over
+        K ticks."""
+        known = {term.name: term for term in (*OBSERVATION_TERMS, *TASK_OBSERVATIONS)}
         places, end = {}, 0
         names = [name.partition("@") for name, _ in self.settings["observation"]]
         for name, _, _ in names:
@@ -128,9 +126,9 @@ class OnboardController:
                 raise BundleError(
                     f"the policy sees {name}, which the bundle's own code computes: run it in the bundle's folder"
                 )
-        self._entries = [known[name] for name, at, _ in names if not at]
-        for entry in self._entries:
-            places[entry.name] = slice(end, end := end + entry.size)
+        self._terms = [known[name] for name, at, _ in names if not at]
+        for term in self._terms:
+            places[term.name] = slice(end, end := end + term.size)
         self._changes = [(int(ticks), places[name]) for name, at, ticks in names if at]
         longest = max((ticks for ticks, _ in self._changes), default=0)
         self._past: deque[np.ndarray] = deque(maxlen=longest)
@@ -240,7 +238,7 @@ class OnboardController:
             self._last_action,
             self._stand,
         )
-        read = [np.reshape(entry.read(now), -1) for entry in self._entries]
+        read = [np.reshape(term.read(now), -1) for term in self._terms]
         frame: np.ndarray = np.concatenate(read, dtype=np.float32)
         changes = [
             frame[place] - self._past[-ticks][place]

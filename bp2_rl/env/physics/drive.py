@@ -27,7 +27,7 @@ class Drive(NamedTuple):
             resistance = randomization.randomize_resistance(resistance, robot)
         return Drive(motors, resistance)
 
-    def push(
+    def forces(
         self,
         last: Float[Array, "... 12"],
         qpos: Float[Array, "... nq"],

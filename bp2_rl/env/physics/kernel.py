@@ -100,7 +100,7 @@ class KernelPhysics:
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = moving.qpos.T, moving.qvel.T
-            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
+            torque, power, resisting = drive.forces(torque, qpos, qvel, issued)
             applied = with_legs(
                 jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4])
             )

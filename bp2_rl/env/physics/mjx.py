@@ -81,7 +81,7 @@ class MjxPhysics:
             qpos, qvel, warmstart, torque = state
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: x[now], history)
-            torque, power, resisting = drive.push(torque, qpos, qvel, issued)
+            torque, power, resisting = drive.forces(torque, qpos, qvel, issued)
             data = self._template.replace(
                 qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque
             )

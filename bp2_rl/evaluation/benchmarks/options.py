@@ -24,7 +24,8 @@ class BenchmarkOptions(Bounded, path="--"):
 
     robot: RobotFlag = None
     """built: BP2 with losses and solid legs; ideal: without both; real: the most
-    plausible BP2; by default the policy's own robot, but built for the policy ideal"""
+    plausible BP2; by default the policy's own robot, but built for a policy trained on
+    ideal"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo. drake: Drake's dynamics and contact, for comparison."""
     speed: Annotated[

@@ -106,8 +106,11 @@ def read_log(path: Path, anatomy: Anatomy) -> RobotLog:
     Raises:
         UserError: the file is no log, or a column is missing, misnamed or impossible.
     """
+    if path.suffix not in (".npz", ".csv"):
+        raise UserError(f"{path}: a log is an .npz or a .csv file")
+    content = read_bytes(path, LARGEST)
     try:
-        return _log(_columns(path), anatomy)
+        return _log(_columns(content, path.suffix), anatomy)
     except UserError as error:
         raise UserError(f"{path}: {one_line(str(error))}") from error
     except (
@@ -223,15 +226,10 @@ def _lateness(log: RobotLog) -> tuple[float | None, float | None]:
     return min(fits)[1:]
 
 
-def _columns(path: Path) -> Columns:
+def _columns(content: bytes, suffix: str) -> Columns:
     """Return the columns of a log by name."""
-    if path.suffix not in (".npz", ".csv"):
-        raise UserError("a log is an .npz or a .csv file")
-    content = read_bytes(path, LARGEST)
     return (
-        _of_npz(content)
-        if path.suffix == ".npz"
-        else _of_csv(content.decode("utf-8-sig"))
+        _of_npz(content) if suffix == ".npz" else _of_csv(content.decode("utf-8-sig"))
     )
 
 
