@@ -248,9 +248,8 @@ def read_task(where: Path | str) -> TaskSources:
 
 def _gather(file: Path, texts: dict[str, str]) -> None:
     """Add to `texts` a source, after the modules beside it that it imports."""
-    source = read_bytes(file, 1 << 20)
     with user_code(str(file)):
-        text = source.decode("utf-8-sig")
+        text = read_bytes(file, 1 << 20).decode("utf-8-sig")
         nodes = [*ast.walk(ast.parse(text, file.name))]
     names = {
         a.name for node in nodes if isinstance(node, ast.Import) for a in node.names

@@ -5,11 +5,10 @@ and remarks go to the terminal.
 """
 
 import dataclasses
-import functools
 import itertools
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -87,12 +86,8 @@ def run_bench(
     for robots, devices in sizes:
         if robots >= full.get(devices, robots + 1):
             continue
-        ppo = dataclasses.replace(config.ppo, num_envs=robots)
-        used = jax.devices()[:devices]
         try:
-            for timing in time_parts(
-                functools.partial(make_env, config), ppo, used, parts, seconds
-            ):
+            for timing in measure(config, robots, devices, parts, seconds):
                 _tell(console, in_a_line(timing))
                 report = dataclasses.replace(report, timings=(*report.timings, timing))
                 save_config(folder / NUMBERS, report)
@@ -126,6 +121,24 @@ def empty_report(config: TrainConfig, seconds: float) -> Bench:
         cpu_cores=os.cpu_count() or 1,
         config=config,
         seconds=seconds,
+    )
+
+
+def measure(
+    config: TrainConfig,
+    robots: int,
+    devices: int,
+    parts: Sequence[PartName],
+    seconds: float,
+) -> Iterator[PartTiming]:
+    """Measure the parts of a training with `robots` robots on the first `devices`."""
+    ppo = dataclasses.replace(config.ppo, num_envs=robots)
+    return time_parts(
+        lambda most: make_env(config, most),
+        ppo,
+        jax.devices()[:devices],
+        parts,
+        seconds,
     )
 
 
