@@ -43,7 +43,7 @@ policy and benchmark:
                         rough), or folder of a policy or a training run [built]
   --benchmark NAME      a benchmark of the list below [topspeed]
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
-                        both; real: the most plausible BP2; go1, ...; or a robot
+                        both; real: a plausible BP2; go1, ...; or a robot
                         file [the policy's own; built for one trained on ideal]
   --task FILE[:NAME]    the policy's task, if the task adds observations
   --backend {mujoco,drake}
@@ -174,7 +174,7 @@ def evaluate(
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)
     policy = load_policy(path, layout_of=layout_of, task=config.task)
-    robot_of(policy, setup)  # refuses another robot than the policy's
+    robot_of(policy, setup)  # raises for another kind of robot, before any folder
     schedules = {
         name: benchmarks[name].schedule(policy, setup) for name, setup in chosen.items()
     }

@@ -1,5 +1,5 @@
-"""`bp2 export`: copy a run's policy to a folder of its own, or write the bundle that
-runs on a robot."""
+"""`bp2 export`: copy a policy to a folder, or write the bundle that runs on a robot,
+or a web page."""
 
 import dataclasses
 from collections.abc import Iterator

@@ -30,7 +30,8 @@ class NewConfig(Bounded, path="--"):
     """The robot file; by default beside the model, with the model's name. An existing
     file is not replaced."""
     numbers: bool = False
-    """Write the numbers of the left legs instead of a link to the model."""
+    """Write all numbers, those of the left legs for both sides, instead of a link to the
+    model."""
     joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
     """The twelve leg joints, FR FL RR RL x abad hip knee, if they are not found
     automatically; all other joints are welded."""

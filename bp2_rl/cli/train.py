@@ -154,7 +154,9 @@ class EarlyFlags:
             preset = "cpu" if self.preset == "auto" else self.preset
             return presets.preset(self.stage, preset).impl
         if run is None:
-            return next((config.impl for _, config in _imitation_runs()), None)
+            # which of them has finished is not known yet; Warp must be importable
+            engines = [config.impl for _, config in _imitation_runs()]
+            return "warp" if "warp" in engines else next(iter(engines), None)
         with contextlib.suppress(UserError):  # reported later
             return load_run_config(run).impl
         return None

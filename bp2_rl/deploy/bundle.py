@@ -196,7 +196,7 @@ def describe_policy(policy: Policy, world: World = LEVEL) -> Playback:
         UserError: the controller of a bundle cannot run this policy.
     """
     card, env = policy.card, policy.card.env
-    known = [entry.name for entry in OBSERVATION_TERMS]
+    known = [term.name for term in OBSERVATION_TERMS]
     if isinstance(env.task.code, TaskSources):
         known += dict(env.task.observations)
     require_terms(

@@ -247,7 +247,7 @@ def load_policy(
         layout_of: the observation's (name, size) pairs that the caller will feed in an
             environment; None takes any.
         task: the task that the policy was trained with, as `preset` takes it, whose
-            code computes entries of the observation. Without it no code of a policy's
+            code computes terms of the observation. Without it no code of a policy's
             task is run.
 
     Raises:

@@ -197,7 +197,7 @@ class WandbRun(Writer):
         # no failure of a server may stop a training
         except Exception as error:
             raise TrackerError(
-                f"wandb has failed, and is told no more of this run: {_line(error)}"
+                f"wandb has failed; no more metrics of this run are sent to it: {_line(error)}"
             ) from error
 
     def close(self) -> None:

@@ -86,12 +86,12 @@ def apply(
     rows: Float[Array, "P _"],
     *arrays: Float[np.ndarray, "N _"],
 ) -> Float[np.ndarray, "N _"]:
-    """Return what a law says of each robot.
+    """Return the outputs of a law for each robot, joined along the last axis.
 
     Args:
         law: `forces` or `correct`.
         rows: the robots' numbers, from `stacked`.
-        arrays: what the law takes beside these.
+        arrays: the law's other arguments, in its order.
     """
     robots = len(arrays[0])
     values = np.concatenate(arrays, axis=-1)

@@ -95,7 +95,7 @@ def main(folder: Path | str) -> None:
     except BundleError as error:
         print(f"error: {error}")
         sys.exit(2)
-    gc.freeze()  # a collection looks at what comes later alone
+    gc.freeze()  # later collections skip all objects that exist now
     print(radio.port, flush=True)
     radio.answer_first(PATIENCE)
     for ends in (signal.SIGINT, signal.SIGTERM):

@@ -242,7 +242,7 @@ def with_infinity(values: Settings) -> dict[str, np.float64 | np.ndarray]:
 
     A limit is a number, or an array of twelve where joints differ.
     """
-    # NumPy reads None as NaN
+    # NumPy reads null as NaN; the bounds were checked before
     return {
         name: np.nan_to_num(np.array(value, float), nan=math.inf, posinf=math.inf)
         for name, value in values.items()

@@ -105,10 +105,9 @@ def _computer(
             if line.startswith("error: "):
                 raise UserError(line.removeprefix("error: "))
             if not line.isdecimal():
-                answer = f"{line!r} in the place of its port" if heard else "no port"
-                raise UserError(
-                    f"{program or 'computer'} printed {answer} within {PATIENCE:g} s"
-                )
+                silent = "no port, and ended" if heard else "no port in time"
+                answer = f"{line!r} instead of its port" if line else silent
+                raise UserError(f"{program or 'computer'} printed {answer}")
             yield process, int(line)
         finally:
             process.kill()
@@ -119,7 +118,7 @@ def _run_robot(world: RehearsalWorld, radio: Radio) -> dict[str, float]:
     ticks had no answer in time."""
     answers = np.zeros(-(-world.milliseconds // TICK))  # heard in each tick
     heard = waited = 0  # ms of the robot's time, and ms
-    gc.freeze()  # a collection looks at what comes later alone
+    gc.freeze()  # later collections skip all objects that exist now
     start = time.monotonic()
     for k in range(world.milliseconds):
         due = start + k * DT

@@ -1,4 +1,4 @@
-"""The entries of the observation that a task adds: none here, a policy's in its
+"""The observation terms that a task adds: none here, a policy's in its
 bundle."""
 
 from bp2_rl.robot.observation import ObservationInputs, ObservationTerm

@@ -74,7 +74,7 @@ def write_page(
     require_name(directory)
     require_terms(
         policy,
-        [entry.name for entry in OBSERVATION_TERMS],
+        [term.name for term in OBSERVATION_TERMS],
         "Python code of its task computes and a page cannot; --format onnx writes a bundle that can",
     )
     script, code = mujoco_files(package)

@@ -23,8 +23,8 @@ class BenchmarkOptions(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     robot: RobotFlag = None
-    """built: BP2 with losses and solid legs; ideal: without both; real: the most
-    plausible BP2; by default the policy's own robot, but built for a policy trained on
+    """built: BP2 with losses and solid legs; ideal: without both; real: a plausible
+    BP2; by default the policy's own robot, but built for a policy trained on
     ideal"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo. drake: Drake's dynamics and contact, for comparison."""

@@ -88,7 +88,7 @@ def posterior(policy: Policy, race: Ramp, setup: BenchmarkOptions) -> Evaluation
         subject=f"{policy.card.stage} policy, {count} plausible robots",
         conditions=run_conditions
         | {
-            "robot": f"{count} that explain the paper's numbers, by `bp2 paper posterior`; on the treadmill without air"
+            "robot": f"{count} plausible robots, by `bp2 paper posterior`; on the treadmill without air"
         },
         verdict=f"{', '.join(f'{row.label} {row.value}' for row in rows[:3])}: median and 90 % of {count} robots.",
         good=len(times) == count,

@@ -28,7 +28,7 @@ policy and benchmark:
                         efficiency: cost of transport, at eight speeds
                         all: all of them
   --robot NAME|FILE     built: BP2 with losses and solid legs; ideal: without
-                        both; real: the most plausible BP2
+                        both; real: a plausible BP2
   --quick               a short version, in half a minute
 
 conditions:

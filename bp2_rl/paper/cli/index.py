@@ -45,7 +45,7 @@ class IndexArguments:
     video: bool = True
     """film the runs, where a GL library exists"""
     fresh: bool = False
-    """make everything anew"""
+    """make everything again"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = OUT
     """the page's folder, with a folder for each command"""
 

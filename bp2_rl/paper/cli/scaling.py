@@ -34,7 +34,7 @@ class LimitSettings(Bounded, path="--"):
     """
 
     simulate: bool = False
-    """find the limits anew, by the optimiser"""
+    """find the limits again, by the optimiser"""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...")] = ()
     """with --simulate: only robots whose names have one of these words; bp2: BP2 and
     its variants"""
@@ -68,7 +68,7 @@ def _compare(arguments: Any) -> None:
     settings, out = arguments.settings, arguments.out
     require_name(out)
     if settings.robots and not settings.simulate:
-        raise UserError("--robots chooses whose limits to find anew: add --simulate")
+        raise UserError("--robots chooses whose limits to find again: add --simulate")
     robots = choose_robots(find_robots(), settings.robots)
     if not (out / SEARCH).is_file():
         open_figure_folder(out, FIGURE)
