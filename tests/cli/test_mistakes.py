@@ -45,6 +45,7 @@ IN_TAKEN = f"train {' '.join(aim_run.SMALL)} --impl kernel --out taken/run"
         (f"{TRAIN} --resume nowhere extra", ["extra"]),
         (f"{TRAIN} --impl warp", ["warp"]),
         (IN_TAKEN, ["taken/run", "cannot write"]),
+        ("eval built --robot go1", ["--robot go1", "trained for BP2, another robot"]),
         (f"{BENCH} --robots 0", ["--robots"]),
         (f"{BENCH} --robots many", ["--robots"]),
         (f"{BENCH} --devices 64", ["--devices 64", "JAX sees"]),
