@@ -272,9 +272,10 @@ def paths_of_the_api():
             ]
             own = [getattr(method, "__func__", method) for method in methods]
         for function in filter(inspect.isfunction, own):
-            # names that a task's settings know without importing JAX
-            known = vars(observations) | vars(training)
-            for parameter, kind in typing.get_type_hints(function, None, known).items():
+            # a task's settings name types that they do not import
+            for parameter, kind in typing.get_type_hints(
+                function, None, vars(observations) | vars(training)
+            ).items():
                 if parameter != "return" and Path in (kind, *typing.get_args(kind)):
                     assert str in typing.get_args(kind), (
                         f"{function.__qualname__} takes no text as {parameter}"

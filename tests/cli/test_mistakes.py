@@ -109,3 +109,4 @@ def test_a_mistake_is_told(
     Path("taken").write_text("a file, not a folder")
     error = refused(capsys, main, *line.split())
     assert [word for word in words if word not in error] == []
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
