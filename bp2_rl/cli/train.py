@@ -155,7 +155,7 @@ class EarlyFlags:
             return presets.preset(self.stage, preset).impl
         if run is None:
             # which of them has finished is not known yet; Warp must be importable
-            engines = [config.impl for _, config in _imitation_runs()]
+            engines: list[Impl] = [config.impl for _, config in _imitation_runs()]
             return "warp" if "warp" in engines else next(iter(engines), None)
         with contextlib.suppress(UserError):  # reported later
             return load_run_config(run).impl
